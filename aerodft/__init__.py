@@ -10,18 +10,38 @@ from typing import TYPE_CHECKING, Final
 from aerodft.version import VERSION
 
 if TYPE_CHECKING:
-    from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError
+    from aerodft.app.calibrate import CalibrationResult, calibrate
+    from aerodft.app.calibrate_lens import LensCalibration, calibrate_lens, print_board
+    from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined
 
 __version__ = VERSION
 
 _ROOM_OF: Final = {
     "AerodftError": "aerodft.errors",
+    "CalibrationResult": "aerodft.app.calibrate",
     "ConfigError": "aerodft.errors",
     "InputError": "aerodft.errors",
+    "LensCalibration": "aerodft.app.calibrate_lens",
     "NoAnswerError": "aerodft.errors",
+    "NotDetermined": "aerodft.errors",
+    "calibrate": "aerodft.app.calibrate",
+    "calibrate_lens": "aerodft.app.calibrate_lens",
+    "print_board": "aerodft.app.calibrate_lens",
 }
 
-__all__ = ["AerodftError", "ConfigError", "InputError", "NoAnswerError", "__version__"]
+__all__ = [
+    "AerodftError",
+    "CalibrationResult",
+    "ConfigError",
+    "InputError",
+    "LensCalibration",
+    "NoAnswerError",
+    "NotDetermined",
+    "__version__",
+    "calibrate",
+    "calibrate_lens",
+    "print_board",
+]
 
 
 def __getattr__(name: str) -> object:

@@ -71,6 +71,10 @@ class NoAnswerError(AerodftError):
     exit_code = 4
 
 
+class NotDetermined(NoAnswerError):  # noqa: N818 - what users catch, by what it says
+    """The evidence of a calibration does not determine what is asked for, or contradicts itself (exit 4)."""
+
+
 @contextmanager
 def located(where: object) -> Iterator[None]:
     """Errors that do not say where they are say that it is there."""

@@ -42,12 +42,12 @@ from aerodft.model import (
 )
 from aerodft.service import CameraMotionSettings, PipelineSettings
 
-_LEAST_AGREEING: Final = 8
-_LEAST_SHARE: Final = 0.2  # of the points: strays agree by chance
+_MIN_AGREEING: Final = 8
+_MIN_SHARE: Final = 0.2  # of the points: strays agree by chance
 _FINE: Final = 0.25  # of the limit: a turn that is known less well tells nothing
 _STAY: Final = 0.4  # of the points: so many in the wrong place, and staying there, are no passers-by
 _OFF: Final = 0.5  # of the limit, at the principal point: what counts as the wrong place
-_LEAST_OFF_PX: Final = 2.0
+_MIN_OFF_PX: Final = 2.0
 _WINDOW: Final = 10
 _MEMORY: Final = 60  # looks
 _EXPECTED_LOOKS: Final = 4  # that the expectation counts for, against what is seen
@@ -97,7 +97,7 @@ class KnownTurn:
         return np.asarray(np.sqrt(np.diagonal(self.cov + by_lens, axis1=-2, axis2=-1)))
 
 
-def turned_pose(pose: Pose, turn: KnownTurn) -> Pose:
+def rotated_pose(pose: Pose, turn: KnownTurn) -> Pose:
     """The poses ``(...)`` after the turn.
 
     A small rotation of the reference's camera axes becomes one of today's. The same errors of the lens are in the pose
@@ -120,7 +120,7 @@ def turned_pose(pose: Pose, turn: KnownTurn) -> Pose:
     )
 
 
-def turned_std(std: FloatArray, turn: KnownTurn) -> FloatArray:
+def rotated_std(std: FloatArray, turn: KnownTurn) -> FloatArray:
     """The poses' stds in people's words, ``(n, 7)`` in the order of ``PoseStd``, after the turn."""
     added = np.zeros_like(std)
     added[:, :2], added[:, 2:5] = turn.shift_m, turn.std_rad
@@ -142,7 +142,7 @@ class Look:
     is_unknown_view: bool = False
 
 
-class Looker:
+class LookJudge:
     """Judges looks one after the other; remembers where strays were.
 
     Args:
@@ -153,7 +153,7 @@ class Looker:
     def __init__(self, camera: Camera, limit_rad: float) -> None:
         self._camera = camera
         self._fine_rad = _FINE * limit_rad
-        self._off_px = max(_OFF * limit_rad * camera.fx_px, _LEAST_OFF_PX)
+        self._off_px = max(_OFF * limit_rad * camera.fx_px, _MIN_OFF_PX)
         self._strays: dict[tuple[float, ...], FloatArray] = {}
 
     def judge(self, seen: Observation) -> Look:
@@ -161,13 +161,13 @@ class Looker:
         pairs = np.array(seen.pixels, dtype=np.float64).reshape(-1, 2, 2)
         turn = find_turn(self._camera, pairs[:, 0], pairs[:, 1])
         staying = self._staying(pairs, turn)
-        if len(pairs) >= _LEAST_AGREEING and staying >= _STAY * len(pairs):
+        if len(pairs) >= _MIN_AGREEING and staying >= _STAY * len(pairs):
             return Look(None, len(pairs), is_unknown_view=True)
         return Look(turn if turn is not None and self._tells(turn) else None, len(pairs))
 
     def _tells(self, turn: Turn) -> bool:
         agreeing = int(np.count_nonzero(turn.agreeing))
-        enough = agreeing >= max(_LEAST_AGREEING, _LEAST_SHARE * len(turn.agreeing))
+        enough = agreeing >= max(_MIN_AGREEING, _MIN_SHARE * len(turn.agreeing))
         return enough and float(np.max(np.diag(turn.cov))) <= self._fine_rad**2
 
     def _staying(self, pairs: FloatArray, turn: Turn | None) -> int:
@@ -198,7 +198,7 @@ class Scatter:
         self.variance_rad2 = (_EXPECTED * limit_rad) ** 2
 
     @property
-    def most_rad2(self) -> float:
+    def max_rad2(self) -> float:
         """What the variance may be, about each axis."""
         is_known = self._weight >= _EXPECTED_LOOKS + _WINDOW
         return self.variance_rad2 if is_known else max(self.variance_rad2, self._strong_rad2)
@@ -209,7 +209,7 @@ class Scatter:
         self.variance_rad2 += (float(np.mean(np.square(off_rad))) - self.variance_rad2) / self._weight
 
 
-class Level:
+class RestAttitude:
     """The mean over the last looks of a camera that rests."""
 
     def __init__(self, first: Turn) -> None:
@@ -218,12 +218,12 @@ class Level:
         self._mean_rad = np.zeros(3)
 
     @classmethod
-    def over(cls, turns: list[Turn]) -> "Level":
+    def over(cls, turns: list[Turn]) -> "RestAttitude":
         """Over some looks, at least one."""
-        level = cls(turns[0])
+        rest = cls(turns[0])
         for turn in turns[1:]:
-            level.add(turn)
-        return level
+            rest.add(turn)
+        return rest
 
     @property
     def wxyz(self) -> FloatArray:
@@ -254,7 +254,7 @@ class Level:
         return list(self._turns)[-count:]
 
     def step(self, count: int) -> FloatArray:
-        """From all looks but the last ``count`` to these, ``(3,)``; zero where that leaves none."""
+        """Mean rotation ``(3,)`` from all looks but the last ``count`` to these; zero where that leaves none."""
         offs = [_between(self._base_wxyz, each) for each in self._turns]
         if len(offs) <= count:
             return np.zeros(3)
@@ -274,7 +274,7 @@ def _between(wxyz: FloatArray, turn: Turn) -> FloatArray:
     return to_rotation_vector(multiply(turn.wxyz, inverse(wxyz)))
 
 
-class SteadyState:
+class CameraMotionState:
     """A function of the looks that it was given, in their order.
 
     Args:
@@ -284,9 +284,9 @@ class SteadyState:
         state: What the looks so far come to.
         since_ns: The first look that came to that.
         moved_ns: The first look that saw the camera where it rests by now, beyond the limit; None if it is within.
-        told_ns: The last look that told by how much the camera has turned.
+        determined_ns: The last look that told by how much the camera has turned.
         has_looked: Whether there were looks enough to say that none tells.
-        level: Where the camera looks; None before the first look that told.
+        rest: Where the camera looks; None before the first look that determined it.
         off_rad: How far the last look was ``(3,)`` from there; zero where that may be chance.
     """
 
@@ -294,9 +294,9 @@ class SteadyState:
         self.state = Steadiness.UNCHECKED
         self.since_ns = 0
         self.moved_ns: int | None = None
-        self.told_ns: int | None = None
+        self.determined_ns: int | None = None
         self.has_looked = False
-        self.level: Level | None = None
+        self.rest: RestAttitude | None = None
         self.off_rad: FloatArray = np.zeros(3)
         self._settings = settings
         self._scatter = Scatter(settings.limit_rad)
@@ -306,7 +306,7 @@ class SteadyState:
 
     @property
     def variance_rad2(self) -> float:
-        """Of single images about each axis."""
+        """Variance of single images about each axis."""
         return self._scatter.variance_rad2
 
     def take(self, stamp_ns: int, look: Look) -> None:
@@ -314,8 +314,8 @@ class SteadyState:
         before = self.state
         if look.turn is not None:
             self._strange = self._nothing = 0
-            self.told_ns = stamp_ns
-            self.state = self._told(stamp_ns, look.turn)
+            self.determined_ns = stamp_ns
+            self.state = self._with_turn(stamp_ns, look.turn)
         elif look.is_unknown_view:
             self._strange, self._nothing = self._strange + 1, 0
             self.state = Steadiness.UNKNOWN_VIEW if self._strange >= self._settings.confirm else Steadiness.MOVING
@@ -328,30 +328,30 @@ class SteadyState:
         if self.state is not before or not self.since_ns:
             self.since_ns = stamp_ns
 
-    def _told(self, stamp_ns: int, turn: Turn) -> Steadiness:
-        if self.level is None:
-            self.level = Level(turn)
-        elif np.linalg.norm(off_rad := self.level.off(turn)) > max(self._settings.limit_rad, self._chance_rad(1.0)):
-            return self._jumped(stamp_ns, turn, off_rad)
+    def _with_turn(self, stamp_ns: int, turn: Turn) -> Steadiness:
+        if self.rest is None:
+            self.rest = RestAttitude(turn)
+        elif np.linalg.norm(off_rad := self.rest.off(turn)) > max(self._settings.limit_rad, self._chance_rad(1.0)):
+            return self._after_jump(stamp_ns, turn, off_rad)
         else:
-            self.level = self._followed(self.level, turn, off_rad)
+            self.rest = self._followed(self.rest, turn, off_rad)
         self._elsewhere = []
-        return self._within(stamp_ns, self.level)
+        return self._within(stamp_ns, self.rest)
 
-    def _followed(self, level: Level, turn: Turn, off_rad: FloatArray) -> Level:
+    def _followed(self, rest: RestAttitude, turn: Turn, off_rad: FloatArray) -> RestAttitude:
         """Where the camera looks, with a look that is near; where the last few agree on a step, by these alone."""
         is_chance = np.linalg.norm(off_rad) <= self._chance_rad(1.0) * _NOTED / _RARE
         self.off_rad = np.zeros(3) if is_chance else off_rad
         self._scatter.learn(off_rad)
-        level.add(turn)
+        rest.add(turn)
         few = self._settings.confirm
-        stepped = np.linalg.norm(level.step(few)) > self._chance_rad(1 / few + 1 / max(level.looks - few, 1))
-        return Level.over(level.newest(few)) if stepped else level
+        stepped = np.linalg.norm(rest.step(few)) > self._chance_rad(1 / few + 1 / max(rest.looks - few, 1))
+        return RestAttitude.over(rest.newest(few)) if stepped else rest
 
-    def _jumped(self, stamp_ns: int, turn: Turn, off_rad: FloatArray) -> Steadiness:
+    def _after_jump(self, stamp_ns: int, turn: Turn, off_rad: FloatArray) -> Steadiness:
         """A look far from where the camera was: believed once enough in a row agree with each other."""
         close_rad = max(self._settings.limit_rad / 2, self._chance_rad(2.0))
-        if self._elsewhere and np.linalg.norm(Level.over(self._elsewhere).off(turn)) > close_rad:
+        if self._elsewhere and np.linalg.norm(RestAttitude.over(self._elsewhere).off(turn)) > close_rad:
             self._elsewhere = []
         if not self._elsewhere:
             self._left_ns = stamp_ns
@@ -359,13 +359,13 @@ class SteadyState:
         self.off_rad = off_rad
         if len(self._elsewhere) < self._settings.confirm:
             return Steadiness.MOVING
-        self.level, self.off_rad = Level.over(self._elsewhere), np.zeros(3)
+        self.rest, self.off_rad = RestAttitude.over(self._elsewhere), np.zeros(3)
         self._elsewhere, self._beyond, self.moved_ns = [], self._settings.confirm, None
-        return self._within(stamp_ns, self.level)
+        return self._within(stamp_ns, self.rest)
 
-    def _within(self, stamp_ns: int, level: Level) -> Steadiness:
+    def _within(self, stamp_ns: int, rest: RestAttitude) -> Steadiness:
         """Whether the camera has moved: by where it looks now, against where it looked at first."""
-        angle_rad = float(np.linalg.norm(to_rotation_vector(level.wxyz)))
+        angle_rad = float(np.linalg.norm(to_rotation_vector(rest.wxyz)))
         limit_rad = self._settings.limit_rad * (1.0 if self.moved_ns is None else _BACK)
         if angle_rad <= limit_rad:
             self._beyond, self.moved_ns = 0, None
@@ -381,7 +381,7 @@ class SteadyState:
 
     def _chance_rad(self, variances: float) -> float:
         """What chance does not reach, where so many times a look's variance adds up."""
-        return float(_RARE * np.sqrt(variances * self._scatter.most_rad2))
+        return float(_RARE * np.sqrt(variances * self._scatter.max_rad2))
 
 
 class CameraMotionCalibrator:
@@ -391,16 +391,16 @@ class CameraMotionCalibrator:
     they would be without it.
 
     Args:
-        watch: What counts as moved.
+        settings: What counts as moved.
         pipeline: The station.
     """
 
-    def __init__(self, watch: CameraMotionSettings, pipeline: PipelineSettings) -> None:
-        self._watch = watch
+    def __init__(self, settings: CameraMotionSettings, pipeline: PipelineSettings) -> None:
+        self._settings = settings
         self._camera = pipeline.camera
         self._lens_cov = intrinsics_covariance(pipeline.camera)
-        self._looker = Looker(pipeline.camera, watch.limit_rad)
-        self._state = SteadyState(watch)
+        self._judge = LookJudge(pipeline.camera, settings.limit_rad)
+        self._state = CameraMotionState(settings)
         self._looks = 0
         self._id = f"watch:{hashlib.sha256((pipeline.config_id or '').encode()).hexdigest()[:16]}"
 
@@ -423,12 +423,12 @@ class CameraMotionCalibrator:
             moved = poses.map_variants(lambda each: replace(each, status=Status.CAMERA_MOVED, reasons=(reason,)))
             return moved.without_poses()
         turn, calibration = self._turn(poses.stamp_ns), self._calibration
-        said = self._said(poses.stamp_ns, turn)
-        told = poses.with_variants(said, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
+        remarks = self._remarks(poses.stamp_ns, turn)
+        remarked = poses.with_variants(remarks, lambda each, own: replace(each, reasons=(*each.reasons, *own)))
         if turn is None:
-            return told
-        pose, std = turned_pose(poses.pose, turn), turned_std(poses.std, turn)
-        return replace(told.map_variants(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
+            return remarked
+        pose, std = rotated_pose(poses.pose, turn), rotated_std(poses.std, turn)
+        return replace(remarked.map_variants(lambda each: replace(each, calibration=calibration)), pose=pose, std=std)
 
     def observes(self, name: str) -> bool:
         """Whether that is what observations of steady points are called."""
@@ -440,7 +440,7 @@ class CameraMotionCalibrator:
 
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CameraMotionEstimate:
         """Learn from an image's steady points; of several looks at one image the first counts."""
-        look = self._looker.judge(observations[0])
+        look = self._judge.judge(observations[0])
         self._state.take(sample.stamp_ns, look)
         self._looks += look.turn is not None
         return self._estimate(sample.stamp_ns, look)
@@ -450,44 +450,46 @@ class CameraMotionCalibrator:
         return f"{self._id}:{self._looks}" if self._looks else None
 
     def _turn(self, stamp_ns: IntArray) -> KnownTurn | None:
-        """Where the camera looks in images, against where it looked; None before the first look that told.
+        """Where the camera looks in images, against where it looked; None before the first look that determined it.
 
         Args:
             stamp_ns: ``(n,)``; the turn's covariance is ``(n, 3, 3)``.
         """
-        state, level = self._state, self._state.level
-        if level is None:
+        state, rest = self._state, self._state.rest
+        if rest is None:
             return None
-        half_rad = float(np.linalg.norm(to_rotation_vector(level.wxyz))) / 2
-        cov = level.covariance(self._camera.fx_px, state.variance_rad2) + np.outer(state.off_rad, state.off_rad)
+        half_rad = float(np.linalg.norm(to_rotation_vector(rest.wxyz))) / 2
+        cov = rest.covariance(self._camera.fx_px, state.variance_rad2) + np.outer(state.off_rad, state.off_rad)
         return KnownTurn(
-            wxyz=level.wxyz,
+            wxyz=rest.wxyz,
             cov=cov + self._unwatched_rad2(stamp_ns)[:, None, None] * np.eye(3),
-            by_intrinsics=level.last.by_intrinsics,
+            by_intrinsics=rest.last.by_intrinsics,
             lens_cov=self._lens_cov,
-            shift_m=2 * self._watch.lever_arm_m * math.sin(half_rad),  # of what is at the end of a lever
+            shift_m=2 * self._settings.lever_arm_m * math.sin(half_rad),  # of what is at the end of a lever
         )
 
     def _unwatched_rad2(self, stamp_ns: IntArray) -> FloatArray:
         """Variances ``(n,)`` about each axis since the camera was last recognised: a random walk of 1 limit an hour."""
-        told_ns = self._state.told_ns
-        if self._state.state is not Steadiness.UNCHECKED or told_ns is None:
+        determined_ns = self._state.determined_ns
+        if self._state.state is not Steadiness.UNCHECKED or determined_ns is None:
             return np.zeros(len(stamp_ns))
-        return np.asarray(self._watch.limit_rad**2 * np.maximum(stamp_ns - told_ns, 0) / _HOUR_NS)
+        return np.asarray(self._settings.limit_rad**2 * np.maximum(stamp_ns - determined_ns, 0) / _HOUR_NS)
 
-    def _said(self, stamp_ns: IntArray, turn: KnownTurn | None) -> list[tuple[str, ...]]:
+    def _remarks(self, stamp_ns: IntArray, turn: KnownTurn | None) -> list[tuple[str, ...]]:
         """What people should know of poses that have numbers, for each stamp ``(n,)``."""
-        state, said = self._state, []
+        state, remarks = self._state, []
         if turn is not None and state.moved_ns is not None:
             angle_deg = math.degrees(np.linalg.norm(turn.rotvec_rad))
-            said.append(f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)}; corrected")
+            remarks.append(
+                f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)}; corrected"
+            )
         if state.state is not Steadiness.UNCHECKED or not state.has_looked:
-            return [tuple(said)] * len(stamp_ns)
+            return [tuple(remarks)] * len(stamp_ns)
         whens = ["yet"] * len(stamp_ns)
-        if state.told_ns is not None:
-            whens = [f"for {max(each - state.told_ns, 0) / SECOND_NS:.0f} s" for each in stamp_ns.tolist()]
+        if state.determined_ns is not None:
+            whens = [f"for {max(each - state.determined_ns, 0) / SECOND_NS:.0f} s" for each in stamp_ns.tolist()]
         unknown = "whether the camera was moved is not known"
-        return [(*said, f"no steady points were recognised {when}: {unknown}") for when in whens]
+        return [(*remarks, f"no steady points were recognised {when}: {unknown}") for when in whens]
 
     def _estimate(self, stamp_ns: int, look: Look) -> CameraMotionEstimate:
         state, turn = self._state, self._turn(np.array([stamp_ns]))

@@ -36,12 +36,12 @@ from calibration.flight import BiasedPoses, BiasModel, propagated, relocated, st
 
 _ITERATIONS = 6
 _CURVED = 0.01
-"""Of a sight's std: an error of linearisation that is not worth another iteration."""
+"""Share of a sighting's std: an error of linearisation that is not worth another iteration."""
 
 _POSE = 6
 _STRAY_PX = 50.0
 """How far off, about, an observation of something else is: what a tracker takes for the landmark is near it."""
-_RECENT, _MOST_REFUSED = 12, 8
+_RECENT, _MAX_REJECTED = 12, 8
 """When so many of the last sights were refused, it is the estimate that is wrong, and it begins anew."""
 
 _FINEST_PX = 0.01
@@ -55,7 +55,7 @@ _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class LandmarkSighting:
     """One pixel that is said to be a landmark's.
 
     Attributes:
@@ -151,7 +151,7 @@ class BiasFilter:
         cov[:, every, every] += returned
         return self._model.mean + left * (mean - self._model.mean), cov, left[:, :, None] * lens_cov
 
-    def look(self, image: PoseBatch) -> BiasedPoses:
+    def advance_to(self, image: PoseBatch) -> BiasedPoses:
         """Go to an image: all that comes next is seen in it. An earlier one than the last is looked at from here.
 
         Args:
@@ -162,7 +162,7 @@ class BiasFilter:
         """
         stamp_ns, pose = int(image.stamp_ns[0]), self._model.biased(image).row(0)
         if self._stamp_ns is None or stamp_ns > self._stamp_ns:
-            self._go_on(stamp_ns)
+            self._propagate(stamp_ns)
             self._stamp_ns = stamp_ns
         if stamp_ns == self._image_ns:
             return pose
@@ -178,13 +178,13 @@ class BiasFilter:
         self._cov[self._image, self._image] = noise
         return pose
 
-    def expect(self, sight: Sight) -> Expectation:
+    def expect(self, sight: LandmarkSighting) -> Expectation:
         """What a sight would be expected to be, against what it is."""
         seen, by = self._linearised(sight, self._mean)
         cov = by @ self._cov @ by.T + sight.std_px**2 * np.eye(2)
         return Expectation(sight.pixel - seen, cov, by)
 
-    def learn(self, sight: Sight, expected: Expectation) -> None:
+    def learn(self, sight: LandmarkSighting, expected: Expectation) -> None:
         """Follow a sight that was found credible, by how credible it is.
 
         A sight is mixed of what it teaches if it is the landmark and of nothing if it is not, by their probabilities.
@@ -219,7 +219,7 @@ class BiasFilter:
         bad = self._outlier_share * _density(expected.px, stray)
         return good / (good + bad)
 
-    def _linearised(self, sight: Sight, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _linearised(self, sight: LandmarkSighting, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The landmark's pixel ``(2,)`` in a state ``(n,)``, and its derivative ``(2, n)`` by that."""
         biases = state[self._biases]
         pose = sight.image.corrected(biases, state[self._image])
@@ -237,7 +237,7 @@ class BiasFilter:
             by[:, place] = seen.by_point
         return seen.pixels_px, by
 
-    def _go_on(self, stamp_ns: int) -> None:
+    def _propagate(self, stamp_ns: int) -> None:
         """Bring the state to a later stamp."""
         elapsed_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
         left, returned = self._model.drifted(np.array(elapsed_ns / SECOND_NS))
@@ -248,7 +248,7 @@ class BiasFilter:
 
 
 def _density(px: FloatArray, cov_px2: FloatArray) -> float:
-    """Of a two-dimensional normal distribution."""
+    """Density of a two-dimensional normal distribution."""
     return math.exp(-0.5 * float(px @ np.linalg.solve(cov_px2, px))) / math.sqrt(float(np.linalg.det(cov_px2)))
 
 
@@ -268,7 +268,7 @@ class LiveCalibrator:
         self._camera = pipeline.camera
         self._landmarks = {each.name: each for each in live.landmarks}
         telemetry = pipeline.telemetry or TelemetrySettings()
-        self._model = BiasModel.of(live, telemetry, pipeline.time_std_s, start)
+        self._model = BiasModel.from_settings(live, telemetry, pipeline.time_std_s, start)
         self._filter = BiasFilter(self._model, pipeline.camera, live.landmarks, live.outlier_share)
         self._gate = -2.0 * math.log1p(-live.gate_probability)  # the quantile of chi-square with two degrees of freedom
         self._id = _identity(pipeline.config_id, start)
@@ -309,7 +309,7 @@ class LiveCalibrator:
         return name in self._landmarks
 
     def fits(self, observation: Observation) -> bool:
-        """Whether it is of one pixel."""
+        """Whether an observation is of one pixel, as a landmark's is."""
         return len(observation.pixels) == 1
 
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> CalibrationEstimate:
@@ -323,12 +323,12 @@ class LiveCalibrator:
             self._refused += len(observations)
             refused = tuple(Innovation(name=each.name, reason=why) for each in observations)
             return self._estimate(sample, refused)
-        image = self._filter.look(PoseBatch.of([sample]))
+        image = self._filter.advance_to(PoseBatch.of([sample]))
         if sample.stamp_ns != self._seen_ns:
             self._seen_ns, self._seen = sample.stamp_ns, set()
         sights = [self._sight(image, each) for each in sorted(observations, key=lambda each: each.name)]
         ranked = sights if len(sights) == 1 else sorted(sights, key=self._distance)
-        estimate = self._estimate(sample, tuple(self._judged(sight) for sight in ranked))
+        estimate = self._estimate(sample, tuple(self._follow(sight) for sight in ranked))
         self._restart_if_lost()
         return estimate
 
@@ -336,16 +336,16 @@ class LiveCalibrator:
     def _calibration(self) -> str | None:
         return f"{self._id}:{self._updates}" if self._updates or self._has_start else None
 
-    def _distance(self, sight: Sight) -> float:
+    def _distance(self, sight: LandmarkSighting) -> float:
         """The most credible first, what is out of view last."""
         return float(np.nan_to_num(self._filter.expect(sight).chi2, nan=np.inf))
 
-    def _sight(self, image: BiasedPoses, seen: Observation) -> Sight:
+    def _sight(self, image: BiasedPoses, seen: Observation) -> LandmarkSighting:
         landmark = self._landmarks[seen.name]
         std_px = max(seen.std_px or landmark.std_px, _FINEST_PX)
-        return Sight(image, landmark, np.array(seen.pixels[0]), std_px)
+        return LandmarkSighting(image, landmark, np.array(seen.pixels[0]), std_px)
 
-    def _judged(self, sight: Sight) -> Innovation:
+    def _follow(self, sight: LandmarkSighting) -> Innovation:
         """Follow a sight, or say why not."""
         name, expected = sight.landmark.name, self._filter.expect(sight)
         distance = expected.chi2
@@ -361,7 +361,7 @@ class LiveCalibrator:
         sigma_u, sigma_v = np.sqrt(np.diag(expected.cov_px2)).tolist()
         return Innovation(name=name, px=(u, v), sigma_px=(sigma_u, sigma_v), chi2=distance, reason=reason)
 
-    def _objection(self, sight: Sight, distance: float) -> str | None:
+    def _objection(self, sight: LandmarkSighting, distance: float) -> str | None:
         size = np.array([self._camera.width_px, self._camera.height_px])
         if not np.all((sight.pixel >= _EDGE_PX) & (sight.pixel <= size + _EDGE_PX)):
             return "the pixel is outside the image"
@@ -375,7 +375,7 @@ class LiveCalibrator:
         return f"{math.sqrt(distance):.1f} sigma from where it is expected, at most {math.sqrt(self._gate):.1f}"
 
     def _restart_if_lost(self) -> None:
-        if self._recent.count(False) >= _MOST_REFUSED:
+        if self._recent.count(False) >= _MAX_REJECTED:
             self._filter.restart()
             self._recent.clear()
             self._restarts += 1
@@ -396,8 +396,8 @@ class LiveCalibrator:
         return replace(
             estimate,
             height_source=sample.height_source,
-            bias=BiasValues(**self._model.said(sample, biases)),
-            std=BiasValues(**self._model.said(sample, np.sqrt(np.diag(cov)))),
+            bias=BiasValues(**self._model.by_name(sample, biases)),
+            std=BiasValues(**self._model.by_name(sample, np.sqrt(np.diag(cov)))),
         )
 
 

@@ -30,7 +30,7 @@ LONGEST = (
     "cli/test_replay.py",
     "cli/test_demo.py",
     "truth/test_object_height.py",
-    "cli/test_calibrate_detect.py",
+    "app/test_calibrate_markers.py",
     "truth/test_walkers.py",
     "truth/test_recorded_attitudes.py",
     "cli/test_live_markers.py",

@@ -8,8 +8,9 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 
+from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.images import read_camera_image
-from aerodft.cli.output import json_bytes, output_folder, print_json, say
+from aerodft.cli.output import json_bytes, print_json, say
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
 from aerodft.dft.maps import DepthMap, Sampling, Z, depth_map, measured_plane, range_std, top_view
 from aerodft.errors import InputError, NoAnswerError, UsageError

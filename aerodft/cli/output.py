@@ -11,8 +11,9 @@ from typing import Final
 import orjson
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress as ProgressBar
 
+from aerodft.app.progress import Progress
 from aerodft.errors import InputError, UsageError
 
 _SAY_EVERY_S = 5.0
@@ -53,37 +54,6 @@ def print_json(document: object) -> None:
     """One JSON document on stdout."""
     sys.stdout.buffer.write(json_bytes(document))
     sys.stdout.flush()
-
-
-@contextmanager
-def output_folder(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
-    """A folder, made where it is not there, that something is written to.
-
-    Args:
-        folder: The folder.
-        what: Is written, for the sentence where that fails.
-        expected: For the sentence as well.
-
-    Raises:
-        InputError: It cannot be written to.
-    """
-    with writable(folder, what, expected):
-        folder.mkdir(parents=True, exist_ok=True)
-        yield
-
-
-@contextmanager
-def writable(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
-    """As ``output_folder``, of a folder that is not made.
-
-    Raises:
-        InputError: It cannot be written to.
-    """
-    try:
-        yield
-    except OSError as error:
-        got = error.strerror or error
-        raise InputError(f"{what} cannot be written", where=folder, got=got, expected=expected) from error
 
 
 def tables() -> Console:
@@ -128,9 +98,22 @@ def progress_bar(what: str, first_ns: int, last_ns: int) -> Iterator[Callable[[i
         What to call with the time that has been reached.
     """
     console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+    with ProgressBar(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(what, total=max(last_ns - first_ns, 1))
         yield lambda now_ns: bar.update(task, completed=now_ns - first_ns)
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Progress]:
+    """A progress bar of a use case on stderr, on a terminal only.
+
+    Yields:
+        What the use case calls with how much is done, and of how much.
+    """
+    console = Console(stderr=True)
+    with ProgressBar(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))
 
 
 @contextmanager

@@ -13,7 +13,8 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from aerodft.cli.output import json_bytes, output_folder, say, writable
+from aerodft.adapters.atomic_file import output_folder, writable
+from aerodft.cli.output import json_bytes, say
 from aerodft.cli.river_document import SIDES
 from aerodft.cli.river_plate import draw_plate, draw_reach_plate
 from aerodft.cli.river_views import Views

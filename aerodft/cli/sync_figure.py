@@ -5,8 +5,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
+from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.output import output_folder
 from aerodft.cli.sync_run import SyncRun
 from aerodft.model import FloatArray
 
@@ -33,10 +33,10 @@ def draw_sync(run: SyncRun, folder: Path) -> str:
     figure, axes = plt.subplots(3, 2, figsize=_SIZE_IN, sharex=True, sharey="row", layout="constrained")
     for row, name in enumerate(_AXES):
         seen = np.degrees(rates.seen_radps[:, row])
-        _panel(axes[row, 0], times_s, seen, np.degrees(rates.said_before_radps[:, row]))
-        _panel(axes[row, 1], times_s, seen, np.degrees(rates.said_radps[:, row]))
+        _panel(axes[row, 0], times_s, seen, np.degrees(rates.logged_before_radps[:, row]))
+        _panel(axes[row, 1], times_s, seen, np.degrees(rates.logged_radps[:, row]))
         axes[row, 0].set_ylabel(f"{name} (deg/s)")
-        low, high = np.nanpercentile(np.degrees(rates.said_radps[:, row]), [0, 100])
+        low, high = np.nanpercentile(np.degrees(rates.logged_radps[:, row]), [0, 100])
         margin = 0.3 * (high - low) + 1.0
         axes[row, 0].set_ylim(low - margin, high + margin)
     axes[0, 0].set_title("as stamped")

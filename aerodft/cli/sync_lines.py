@@ -65,7 +65,7 @@ class SyncLines:
             time_reference_ns=found.reference_ns,
             time_std_s=math.ceil(math.hypot(stated_std_s, worst_s) * 1e4) / 1e4,
             delay_s=round(max(found.lag_s, 0.0), 4),
-            lag_s=round(found.lateness_s, 4) if found.lag_told else None,
+            lag_s=round(found.lateness_s, 4) if found.is_lag_determined else None,
         )
 
     def text(self) -> str:
@@ -173,7 +173,7 @@ def describe_sync(run: SyncRun, lines: SyncLines, files: list[str]) -> dict[str,
         "lag_s": found.lag_s,
         "lag_std_s": lag_std_s,
         "lag_ci95_s": _interval(found.lag_s, lag_std_s),
-        "lag_told": found.lag_told,
+        "lag_told": found.is_lag_determined,
         "time_constant_s": found.time_constant_s,
         "attitude_offset_s": attitude_s,
         "attitude_offset_std_s": found.attitude_std_s(),
@@ -191,7 +191,7 @@ def describe_sync(run: SyncRun, lines: SyncLines, files: list[str]) -> dict[str,
 
 def reasons(found: Alignment) -> list[str]:
     """What to know about the numbers, in sentences."""
-    if not found.lag_told:
+    if not found.is_lag_determined:
         sentence = (
             "the data do not tell the gimbal's lag from the clocks' offset: a typical lag is taken, and its uncertainty"
             " is part of the offset's; the camera's attitude is found all the same"

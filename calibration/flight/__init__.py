@@ -1,5 +1,5 @@
 """Biases of a flight's telemetry, from landmarks in many images."""
 
 from calibration.flight.biases import BiasCalibrator, BiasedPoses, BiasModel, propagated, relocated, stds_of
-from calibration.flight.result import ImagesResult, calibrate_images, said_of_images
+from calibration.flight.result import ImagesResult, calibrate_images
 from calibration.flight.state import PoseTrack, View, shared_and_new, typical_noise

@@ -38,7 +38,7 @@ TURNS: Final = slice(-_OTHERS, _HEADING)
 """Tilt, pan and roll: a rotation vector about the camera's axes."""
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
 ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll", "heading", "east", "north", "time")]
-"""Of the height and of the seven other biases here, among ``BIASES``."""
+"""Indices in ``BIASES`` of the height and of the seven other biases, in the order of this module."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class BiasModel:
     stated_std: FloatArray
 
     @classmethod
-    def of(
+    def from_settings(
         cls, live: LiveCalibration, telemetry: TelemetrySettings, time_std_s: float, start: Calibration | None
     ) -> "BiasModel":
         """The model of a station; ``start`` is a calibration whose biases and covariance are where it begins."""
@@ -72,17 +72,17 @@ class BiasModel:
         shared = math.sqrt(1 - share**2)
         others = (*(getattr(stated, each) for each in _ANGLES), stated.horizontal_m, stated.horizontal_m)
         stds = [shared * each for each in (*stated_heights, *others)]
-        given = (
+        configured = (
             *([initial.height_m] * len(heights)),
             *(getattr(initial, each) for each in _ANGLES),
             initial.horizontal_m,
             initial.horizontal_m,
         )
-        stds = [std if each is None else each for std, each in zip(stds, given, strict=True)]
+        stds = [std if each is None else each for std, each in zip(stds, configured, strict=True)]
         cov = np.diag(np.square([*stds, time_std_s]))
         mean = np.zeros(len(cov))
         if start is not None:
-            mean, cov = _started(mean, cov, start)
+            mean, cov = _with_start(mean, cov, start)
         least = {each: _or(getattr(noise, each), share * getattr(stated, each)) for each in ("horizontal_m", *_ANGLES)}
         new = [PoseStd(height_agl_m=_or(noise.height_m, share * std), **least) for std in stated_heights]
         known = [replace(stated, height_agl_m=std, time_s=math.inf) for std in stated_heights]
@@ -105,7 +105,7 @@ class BiasModel:
 
     def biased(self, poses: PoseBatch) -> "BiasedPoses":
         """Poses by telemetry alone, each with the bias of its own height."""
-        return BiasedPoses.of(poses.pose, poses.by_variant(self.height_column))
+        return BiasedPoses.from_poses(poses.pose, poses.by_variant(self.height_column))
 
     def noise_of(self, std: FloatArray, height_column: IntArray) -> FloatArray:
         """``(n, 7)`` std of what is new in each image: the model's, and by how much a pose is worse than stated.
@@ -121,10 +121,10 @@ class BiasModel:
         left = np.exp(-self.rate_per_s * elapsed_s[..., None])
         return left, np.diag(self.cov) * (1 - left**2)
 
-    def said(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
+    def by_name(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
         """Numbers ``(k,)``, one a bias, by the names of ``model.calibration.BiasValues``."""
-        told = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
-        return dict(zip(_VALUES, told, strict=True))
+        by_column = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
+        return dict(zip(_VALUES, by_column, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +142,7 @@ class BiasedPoses:
     slope: FloatArray
 
     @staticmethod
-    def of(pose: Pose, height_column: IntArray) -> "BiasedPoses":
+    def from_poses(pose: Pose, height_column: IntArray) -> "BiasedPoses":
         """Poses ``(...)`` with the columns ``(...)`` of their heights' biases."""
         return BiasedPoses(pose, height_column, slope_of(pose))
 
@@ -249,8 +249,8 @@ def relocated(poses: PoseBatch) -> PoseBatch:
     return replace(poses, lat_lon_alt=lat_lon_alt)
 
 
-def _or(given: float | None, default: float) -> float:
-    return default if given is None else given
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else value
 
 
 def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
@@ -258,7 +258,7 @@ def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(np.square(now) - np.square(stated), 0.0)))
 
 
-def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
+def _with_start(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
     """Biases as a calibration has them: of whatever height is in use."""
     found, found_cov, _ = biases_of(start)
     by_found = np.zeros((len(mean), len(found)))
@@ -266,11 +266,11 @@ def _started(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[Flo
     by_found[-_OTHERS:, 1:] = np.eye(_OTHERS)
     if found_cov is None:
         return by_found @ found, cov
-    told = propagated(by_found, found_cov)
+    started = propagated(by_found, found_cov)
     kept = np.zeros(len(mean))
     gaps = [EAST, NORTH, TIME_OFFSET]
-    kept[gaps] = np.diag(told)[gaps] == 0
-    return by_found @ found, kept[:, None] * cov * kept + told
+    kept[gaps] = np.diag(started)[gaps] == 0
+    return by_found @ found, kept[:, None] * cov * kept + started
 
 
 def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatArray:
@@ -311,7 +311,7 @@ class BiasCalibrator:
 
     def _refined(self, poses: PoseBatch, _: IntArray) -> PoseBatch:
         biases = np.tile(self._biases, (len(poses), 1))
-        biased = BiasedPoses.of(poses.pose, np.zeros(len(poses), dtype=np.int64))
+        biased = BiasedPoses.from_poses(poses.pose, np.zeros(len(poses), dtype=np.int64))
         pose, std = biased.corrected(biases), poses.std
         if self._cov is not None:
             pose, std = self._known(biased, biases, pose, self._cov), self._stds(std, self._cov)

@@ -31,17 +31,17 @@ from calibration.pose import (
     combined,
     covariance_of,
     descend,
+    display_unit,
     each_possible,
     eliminated,
     expanded,
     goodness,
     ground_error_m,
     joined,
-    left_of_each,
     natural_size,
     own_steps,
+    residuals_of,
     rms_px,
-    said,
     start_state,
     without_outliers,
 )
@@ -63,7 +63,7 @@ _MORE = "add images with other headings, heights and speeds, and landmarks all o
 _GROUND = ("elevation", "focal", "fx", "fy", "cx", "cy")
 _LENS_OF_THE_PAPER = ("elevation", "focal", "fx", "fy")
 _DEG = 180.0 / np.pi
-_SAID = {
+_DISPLAY_UNITS = {
     "height": ("height_bias_m", 1.0),
     "tilt": ("tilt_bias_deg", _DEG),
     "roll": ("roll_bias_deg", _DEG),
@@ -103,7 +103,7 @@ class ImagesProblem:
 
     Args:
         views: The images.
-        unknowns: What is not known, and the same in all of them.
+        unknowns: What is not known, and shared by all of them.
         priors: Of these, by name.
         model: Projection model.
     """
@@ -119,7 +119,7 @@ class ImagesProblem:
 
     @property
     def evidence(self) -> tuple[Evidence, ...]:
-        """Of all images, one image after the other."""
+        """The evidence of all images, one image after the other."""
         return tuple(each for view in self.views for each in view.evidence)
 
     @property
@@ -154,7 +154,7 @@ class ImagesProblem:
         return ImagesResiduals(whole.values, whole.by_unknowns, whole.owner, whole.px, rows)
 
     def _of_image(self, state: ImagesState, index: int) -> Residuals:
-        """Of the observations, and of what is new in the image."""
+        """Residuals of one image's observations, and of what is new in it."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
         new = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
@@ -191,7 +191,7 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
     end, kept = without_outliers(problem, robust, len(problem.evidence), problem.count)
     weights = Loss(end.residuals.owner, None, kept).weights(end.residuals)
     chi2, dof = float(weights @ np.square(end.residuals.values)), int(np.count_nonzero(weights)) - problem.count
-    p_value, scaled = goodness(chi2, dof)
+    p_value, sigma_scale = goodness(chi2, dof)
     normal = end.residuals.normal(weights)
     return ImagesSolution(
         state=end.state,
@@ -199,26 +199,27 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
         residuals=end.residuals,
         normal=normal,
         kept=kept,
-        covariance=covariance_of(normal.reduced()) * scaled**2,
+        covariance=covariance_of(normal.reduced()) * sigma_scale**2,
         chi2=chi2,
         dof=dof,
         p_value=p_value,
-        scaled=scaled,
+        sigma_scale=sigma_scale,
     )
 
 
-def images_leftovers(problem: ImagesProblem, solution: ImagesSolution) -> tuple[ObservationResidual, ...]:
+def image_observation_residuals(problem: ImagesProblem, solution: ImagesSolution) -> tuple[ObservationResidual, ...]:
     """All observations, in their order."""
     reduced, residuals = solution.normal.reduced(), solution.residuals
-    ground, left_out = [], []
+    ground_m: list[float | None] = []
+    loo_ground_m: list[float | None] = []
     for index, (evidence, image) in enumerate(zip(problem.evidence, problem.image_of, strict=True)):
         span = residuals.rows[image]
         rows = np.flatnonzero(residuals.owner[span] == index) + span.start
         camera = solution.cameras[image]
         without = _without(problem, solution, reduced, image, rows) if solution.kept[index] else camera
-        ground.append(ground_error_m(camera, evidence))
-        left_out.append(None if without is None else ground_error_m(without, evidence))
-    return left_of_each(problem.evidence, residuals, solution.kept, ground, left_out)
+        ground_m.append(ground_error_m(camera, evidence))
+        loo_ground_m.append(None if without is None else ground_error_m(without, evidence))
+    return residuals_of(problem.evidence, residuals, solution.kept, ground_m, loo_ground_m)
 
 
 def _without(
@@ -245,11 +246,11 @@ def _without(
         return None
 
 
-def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked: frozenset[str]) -> Observability:
+def images_observability(problem: ImagesProblem, solution: ImagesSolution, requested: frozenset[str]) -> Observability:
     """What images and landmarks tell of what was asked, telemetry's word for it apart.
 
-    As ``result.observability``, with two differences. What telemetry says of a bias that is asked for does not
-    count: with it everything would be known. And a bias has the size of what telemetry may be off by.
+    As ``calibration.pose`` judges one image, with two differences. What telemetry says of a bias that is asked for does
+    not count: with it everything would be known. And a bias has the size of what telemetry may be off by.
     """
     names, state = problem.unknowns.names, solution.state
     information, sizes = solution.normal.reduced().copy(), np.empty(len(names))
@@ -260,11 +261,12 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, asked
         prior = problem.priors.get(name)
         if prior is not None and name in BIASES:
             sizes[index] = min(sizes[index], _WORTH * prior.std)
-            information[index, index] -= prior.std**-2 if name in asked else 0.0
+            information[index, index] -= prior.std**-2 if name in requested else 0.0
     values, directions = np.linalg.eigh(information * np.outer(sizes, sizes))
     with np.errstate(divide="ignore"):
-        shares = solution.scaled / np.sqrt(np.maximum(values, 0.0))
-    limit = LIMIT * (solution.scaled if shares[0] > LIMIT * solution.scaled else 1.0)  # the scene's fault, or the stds'
+        shares = solution.sigma_scale / np.sqrt(np.maximum(values, 0.0))
+    is_undetermined = shares[0] > LIMIT * solution.sigma_scale  # by the scene; else it is the stds' fault
+    limit = LIMIT * (solution.sigma_scale if is_undetermined else 1.0)
     weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
     return combined(names, weak, float(shares[0]), _advice)
 
@@ -290,18 +292,28 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknowns, in the order of their covariance."""
+        """Names of the unknowns, in the order of their covariance."""
         return self.problem.unknowns.names
+
+    @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """The observations of all images, in the order of their residuals."""
+        return self.problem.evidence
+
+    @property
+    def display_units(self) -> dict[str, float]:
+        """Names of the unknowns with their units, and what their SI values are multiplied with."""
+        return dict(_DISPLAY_UNITS.get(name) or display_unit(name) for name in self.names)
 
     @property
     def named_values(self) -> dict[str, float]:
         """Values by the names that people see, in the order of the unknowns; a height is above the ground."""
         state = self.solution.state
-        values = {}
-        for name in self.names:
-            key, scale = said_of_images(name)
-            values[key] = scale * (state.value(name) - (self.ground_m if name == "height" else 0.0))
-        return values
+        heights = {"height": state.value("height") - self.ground_m} if "height" in self.names else {}
+        return {
+            key: scale * heights.get(name, state.value(name))
+            for name, (key, scale) in zip(self.names, self.display_units.items(), strict=True)
+        }
 
     @property
     def ground_m(self) -> float:
@@ -310,7 +322,7 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def named_covariance(self) -> FloatArray:
-        """``(n, n)`` of the same, in SI units."""
+        """``(n, n)`` of the values, in SI units."""
         return above_ground(self.names, self.solution.covariance)
 
     @property
@@ -328,11 +340,6 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
         return self.solution.state.base.camera.with_covariance(np.asarray(to @ self.solution.covariance @ to.T))
 
 
-def said_of_images(name: str) -> tuple[str, float]:
-    """A shared unknown's name for people, with its unit, and what its SI value is multiplied with."""
-    return _SAID.get(name) or said(name)
-
-
 def shared_unknowns(
     names: tuple[str, ...], priors: dict[str, Prior], camera: Camera, model: ProjectionModel
 ) -> SharedUnknowns:
@@ -344,9 +351,9 @@ def shared_unknowns(
     is_paper = model is ProjectionModel.DFT
     lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *coefficient_names(camera))
     possible = (*(name for name in BIASES if not (is_paper and name == "roll")), *lens)
-    asked = each_possible(names, (*possible, "position"))
+    requested = each_possible(names, (*possible, "position"))
     more = tuple(name for name, prior in priors.items() if prior.std > 0)
-    return SharedUnknowns(tuple(dict.fromkeys((*asked, *more))))
+    return SharedUnknowns(tuple(dict.fromkeys((*requested, *more))))
 
 
 def calibrate_images(
@@ -363,11 +370,11 @@ def calibrate_images(
         priors: Of biases (around 0 where nobody knows better), lens and ground, by name. One with a std of 0 is exact,
             or where to start from if it is asked for.
         camera: The camera; what is not asked for is taken as exact.
-        names: What is asked for: some of ``BIASES``, ``position``, and lens and ground as ``calibration.result``.
+        names: What is asked for: some of ``BIASES``, ``position``, and lens and ground as ``calibration.pose``.
         model: Projection model.
 
     Raises:
-        ValueError: As ``shared_unknowns``.
+        ValueError: An unknown that there is not, or that excludes another.
     """
     unknowns = shared_unknowns(names, priors, camera, model)
     known = {name: prior for name, prior in priors.items() if prior.std > 0}
@@ -376,6 +383,6 @@ def calibrate_images(
     lens = {name: prior for name, prior in priors.items() if name not in BIASES}
     start = ImagesState(start_state(lens, camera, model), biases, np.zeros((len(views), OWN)))
     solution = solve_images(problem, start)
-    left = images_leftovers(problem, solution)
+    left = image_observation_residuals(problem, solution)
     weakest = images_observability(problem, solution, frozenset(expanded(names)))
     return ImagesResult(problem, solution, left, rms_px(problem.evidence, left), weakest)

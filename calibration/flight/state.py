@@ -109,15 +109,15 @@ def shared_and_new(
     worse than the best one is new in it.
 
     Args:
-        stds: As stated of each image.
+        stds: What is stated of each image.
         share: Of each, what is new in every image.
-        noise: The same for single errors, in their own units.
+        noise: What is new in every image of single errors, in their own units.
     """
     best = {name: min(getattr(std, name) for std in stds) for name in set(_OWN)}
     shared = math.sqrt(1 - share**2)
     priors = {bias: Prior(value=0.0, std=shared * best[name]) for bias, name in _SHARED.items()}
     stated = {name: getattr(noise, "height_m" if name == "height_agl_m" else name) for name in best}
-    least = {name: share * best[name] if given is None else given for name, given in stated.items()}
+    least = {name: share * best[name] if std is None else std for name, std in stated.items()}
     return priors, tuple(
         np.array([math.hypot(least[name], excess(getattr(std, name), best[name])) for name in _OWN]) for std in stds
     )
@@ -219,7 +219,7 @@ class SharedUnknowns:
         Raises:
             ValueError: Telemetry says nothing of the time that its stamp was moved to.
         """
-        return _turned(state, index, view, view.track.pose(float(state.biases[_TIME]))).camera
+        return _image_camera(state, index, view, view.track.pose(float(state.biases[_TIME]))).camera
 
     def placed(self, state: ImagesState, index: int, view: View) -> tuple[State, FloatArray]:
         """The camera of one image, and the errors of ``dft.projection`` by the unknowns.
@@ -228,9 +228,9 @@ class SharedUnknowns:
             The camera; ``(s, n + 7)`` by the ``n`` shared unknowns and by what is new in the image.
 
         Raises:
-            ValueError: As :meth:`camera`.
+            ValueError: Telemetry says nothing of the time that its stamp was moved to.
         """
-        found, count = _turned(state, index, view, view.track.at(float(state.biases[_TIME]))), len(self.names)
+        found, count = _image_camera(state, index, view, view.track.at(float(state.biases[_TIME]))), len(self.names)
         by_bias = found.biased.by_biases_of_corrected_stamps(_of_corrected_stamp(state), found.wxyz)
         by_bias[ROTATION] = found.back @ by_bias[ROTATION]
         by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
@@ -248,7 +248,7 @@ class SharedUnknowns:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Turned:
+class _ImageCamera:
     """A camera, and what its derivatives need.
 
     Attributes:
@@ -268,16 +268,16 @@ class _Turned:
     by_own: FloatArray
 
 
-def _turned(state: ImagesState, index: int, view: View, pose: Pose) -> _Turned:
+def _image_camera(state: ImagesState, index: int, view: View, pose: Pose) -> _ImageCamera:
     """The camera of an image where telemetry says ``pose``."""
-    own, biased = state.own[index] * view.noise, BiasedPoses.of(pose, np.array(0))
+    own, biased = state.own[index] * view.noise, BiasedPoses.from_poses(pose, np.array(0))
     corrected = biased.corrected(_of_corrected_stamp(state))
     down_cam = -matrix(corrected.wxyz)[2]
     new = own[3:6] + own[6] * down_cam
     last, by_own = from_rotation_vector(new), right_jacobian(new)
     camera = replace(state.base, position_m=corrected.position_enu_m + own[:3], wxyz=multiply(corrected.wxyz, last))
     back = matrix(last).T + own[6] * by_own @ skew(down_cam)
-    return _Turned(camera, biased, corrected.wxyz, down_cam, back, by_own)
+    return _ImageCamera(camera, biased, corrected.wxyz, down_cam, back, by_own)
 
 
 def _of_corrected_stamp(state: ImagesState) -> FloatArray:

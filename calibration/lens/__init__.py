@@ -12,9 +12,8 @@ from calibration.lens.board import (
     suggestion,
 )
 from calibration.lens.solution import (
-    Choice,
     LensChoice,
-    LensSolution,
+    LensFit,
     choose,
     covered_cells,
     distortion_px,

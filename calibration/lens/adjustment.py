@@ -16,17 +16,17 @@ from scipy.spatial.transform import Rotation
 from aerodft.geometry import distorted_with_jacobian, pixels_by_intrinsics, rays_from_pixels, skew
 from aerodft.model import Camera, CameraStd, FloatArray, IntArray, LensModel
 
-_MOST_STEPS = 100
+_MAX_STEPS = 100
 _SETTLED = 1e-12  # share by which the sum of squares may still fall
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-12, 1e12
+_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-3, 1e-12, 1e12
 _EASIER, _HARDER = 0.1, 10.0
 _FOCALS: Final = np.geomspace(0.25, 8.0, 16)
-"""Of the image's longer side: from a fisheye of 180 degrees to a tele lens of 7."""
+"""Focal lengths to start from, of the image's longer side: from a fisheye of 180 degrees to a tele lens of 7."""
 
 _WIDEST: Final = np.cos(np.radians(75.0))
 """Rays farther from the axis are left out of a board's first pose: they hardly meet a plane in front of the camera."""
 
-_FEWEST = 4  # corners that give a pose
+_MIN_CORNERS = 4  # corners that give a pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ class Corners:
     view: IntArray
 
     @classmethod
-    def of(cls, views: Sequence[View]) -> Self:
+    def from_views(cls, views: Sequence[View]) -> Self:
         """All corners of at least one view, none of them empty."""
         counts = np.array([len(view.ids) for view in views])
         return cls(
@@ -147,16 +147,16 @@ def adjust(bundle: Bundle, corners: Corners, weights: FloatArray | None = None) 
     """
     weights = np.zeros(len(intrinsics_of(bundle.camera))) if weights is None else weights
     found, squares, damping = bundle, _squares(bundle, corners, weights), _DAMPING
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         normal = _normal_equations(found, corners, weights)
         settled = False
-        while damping < _MOST_DAMPING:
+        while damping < _MAX_DAMPING:
             trial = _stepped(found, normal, damping)
             trial_squares = np.inf if trial is None else _squares(trial, corners, weights)
             if trial is not None and trial_squares <= squares:
                 settled = squares - trial_squares <= _SETTLED * squares
                 found, squares = trial, trial_squares
-                damping = max(damping * _EASIER, _LEAST_DAMPING)
+                damping = max(damping * _EASIER, _MIN_DAMPING)
                 break
             damping *= _HARDER
         else:
@@ -176,9 +176,9 @@ def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = No
     """How well the intrinsics are known, the poses being unknown.
 
     Args:
-        bundle: As adjusted.
-        corners: What it was adjusted to.
-        weights: With what.
+        bundle: The adjusted bundle.
+        corners: The corners that it was adjusted to.
+        weights: ``(p,)`` of each intrinsic's own square in that adjustment; None for none.
 
     Returns:
         ``(p, p)`` in the order of ``intrinsics_of``, scaled by the residuals' variance, and their std in px (of one
@@ -297,7 +297,7 @@ def resected(camera: Camera, corners: Corners) -> Bundle | None:
 
 def _pose(rays: FloatArray, points_m: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     ahead = rays[:, 2] > _WIDEST * np.linalg.norm(rays, axis=-1)  # no answer is not ahead either
-    if np.count_nonzero(ahead) < _FEWEST:
+    if np.count_nonzero(ahead) < _MIN_CORNERS:
         return None
     seen, places = rays[ahead, :2] / rays[ahead, 2:], points_m[ahead]
     middle = places.mean(axis=0)

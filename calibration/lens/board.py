@@ -22,13 +22,13 @@ DEFAULT_CHARUCO: Final = "charuco:10x7:25mm:18mm:4X4_50"
 _PER_M: Final = {"mm": 1000.0, "cm": 100.0, "m": 1.0}
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?|\.\d+)(mm|cm|m)")
 _GRID = re.compile(r"(\d{1,3})x(\d{1,3})")
-_FEWEST_CORNERS, _MOST_ALONG = 3, 100
+_MIN_ALONG, _MAX_ALONG = 3, 100
 _EXPECTED = "chessboard:9x6:25mm (inner corners), charuco, or charuco:10x7:25mm:18mm:4X4_50 (squares)"
 _PREFIX = "DICT_"
 _SEARCHED_PX = 1600  # longer side of the picture that a board is looked for in; corners are refined in the whole one
-_FEWEST = 8  # corners that are worth a pose of six unknowns
+_MIN_CORNERS = 8  # corners that are worth a pose of six unknowns
 _CHESSBOARD_REACH = 0.3  # of a square: window of the refinement, clear of the next corners
-_LEAST_REACH_PX, _MOST_REACH_PX = 2, 15
+_MIN_REACH_PX, _MAX_REACH_PX = 2, 15
 _STRAYED_PX = 2.0  # a refinement that goes farther has found something else
 _PROFILE = 0.4  # of a square, to either side of an edge
 _STEP_PX = 0.5
@@ -116,7 +116,7 @@ def parse_board(text: str) -> Board:
 
     Args:
         text: ``chessboard:COLSxROWS:SQUARE`` with inner corners as OpenCV counts them;
-            ``charuco:COLSxROWS:SQUARE:MARKER:DICT`` with squares, likewise; or ``charuco``. Lengths as ``25mm``.
+            ``charuco:COLSxROWS:SQUARE:MARKER:DICT`` with squares; or ``charuco``. Lengths as ``25mm``.
 
     Raises:
         UsageError: It is none of these, or no such board can be made.
@@ -138,16 +138,16 @@ def parse_board(text: str) -> Board:
         _check_markers(board, text)
     else:
         raise UsageError("--board", got=text, expected=_EXPECTED)
-    if min(board.columns, board.rows) < _FEWEST_CORNERS:
+    if min(board.columns, board.rows) < _MIN_ALONG:
         got = f"{board.columns} x {board.rows} inner corners"
-        raise UsageError(f"--board {text}", got=got, expected=f"at least {_FEWEST_CORNERS} each way")
+        raise UsageError(f"--board {text}", got=got, expected=f"at least {_MIN_ALONG} each way")
     return board
 
 
 def _grid(text: str, board: str) -> tuple[int, int]:
     match = _GRID.fullmatch(text)
-    if match is None or not 1 <= max(int(match[1]), int(match[2])) <= _MOST_ALONG:
-        raise UsageError(f"--board {board}", got=text, expected=f"COLSxROWS, e.g. 9x6, at most {_MOST_ALONG} each way")
+    if match is None or not 1 <= max(int(match[1]), int(match[2])) <= _MAX_ALONG:
+        raise UsageError(f"--board {board}", got=text, expected=f"COLSxROWS, e.g. 9x6, at most {_MAX_ALONG} each way")
     return int(match[1]), int(match[2])
 
 
@@ -219,7 +219,7 @@ class BoardFinder:
             return None
         reach_px = self._reach_px(rough, spans)
         whole = _inside(grey, rough, reach_px)
-        if np.count_nonzero(whole) < _FEWEST:
+        if np.count_nonzero(whole) < _MIN_CORNERS:
             return None
         ids, pixels = ids[whole], _refined(grey, rough[whole], reach_px)
         spans = _spans(self._board, ids)
@@ -247,7 +247,7 @@ class BoardFinder:
         share = _CHESSBOARD_REACH
         if self._board.kind is BoardKind.CHARUCO:
             share = min(share, (1 - self._board.marker_m / self._board.square_m) / 2)
-        return int(np.clip(share * shortest, _LEAST_REACH_PX, _MOST_REACH_PX))
+        return int(np.clip(share * shortest, _MIN_REACH_PX, _MAX_REACH_PX))
 
 
 def suggestion(image: ImageArray, board: Board) -> str:

@@ -37,8 +37,9 @@ from calibration.lens.adjustment import (
     residuals_px,
     with_coefficients,
 )
+from calibration.lens.board import Board
 
-MOST_VIEWS: Final = 40
+MAX_VIEWS: Final = 40
 _CELLS: Final = (9, 6)  # of the image, across and down
 _SHARP_PX, _BLURRED = 3.0, 1.8  # always sharp enough; times the sharper quarter's
 _NEAR_DUPLICATE = 0.01  # of the image's diagonal, between the same corners
@@ -54,18 +55,18 @@ _COVERED = 0.34  # of a region's cells
 _GOOD_TURN_DEG = 30.0
 _GOOD_SIZE = 0.33  # of the image's width or height
 _GOOD_VIEWS = 10
-FEWEST_VIEWS: Final = 4
+MIN_VIEWS: Final = 4
 """Three would do for a pinhole without noise; with four the residuals begin to say how good the corners are."""
 
-_PARALLEL_DEG, _LEAST_TURN_DEG = 3.0, 10.0  # between the boards that are turned most: by an assumed lens, and the found
-_MOST_FOCAL_STD = 0.01  # share of the focal length
-_MOST_CENTRE_STD = 0.02  # share of the image's longer side
+_PARALLEL_DEG, _MIN_TURN_DEG = 3.0, 10.0  # between the boards that are turned most: by an assumed lens, and the found
+_MAX_FOCAL_STD = 0.01  # share of the focal length
+_MAX_CENTRE_STD = 0.02  # share of the image's longer side
 
 _ADD = "hold the board tilted by 30 to 45 deg to the left, right, top and bottom, near and far, and in every corner"
 _OUTLYING = 2.5  # times the median view's residual: more than blur or a bent board makes
-_MOST_LEFT_OUT = 0.25  # of all views
+_MAX_REJECTED = 0.25  # of all views
 _STRAY = 6.0  # robust stds: of a billion corners 15 would be left out without reason
-_MOST_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the view that disagrees
+_MAX_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the view that disagrees
 _STARTS = 3  # best guesses that are followed to their end
 
 
@@ -77,9 +78,9 @@ def check_before(views: Sequence[View], size_px: tuple[int, int]) -> None:
     Raises:
         NoAnswerError: Says what to add.
     """
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         got = f"{len(views)} usable view{'' if len(views) == 1 else 's'} of the board"
-        expected = f"{FEWEST_VIEWS}, better 15"
+        expected = f"{MIN_VIEWS}, better 15"
         raise NoAnswerError("too few views to determine the lens", got=got, expected=expected, hint=_ADD)
     if largest_turn_rad(normals(views, size_px)) < math.radians(_PARALLEL_DEG):
         raise _too_similar("boards that lie parallel to each other")
@@ -96,19 +97,19 @@ def check_after(bundle: Bundle, cov: FloatArray) -> None:
         NoAnswerError: Says which, and what to add.
     """
     turn_deg = math.degrees(largest_turn_rad(bundle.rotations[:, :, 2]))
-    if turn_deg < _LEAST_TURN_DEG:
+    if turn_deg < _MIN_TURN_DEG:
         raise _too_similar(f"boards that are turned by at most {turn_deg:.1f} deg from each other")
     _check_well_known(bundle, cov)
 
 
 def _too_similar(got: str) -> NoAnswerError:
     what = "the views are too similar to tell focal length from distance"
-    return NoAnswerError(what, got=got, expected=f"turned by {_LEAST_TURN_DEG:.0f} deg, better 40", hint=_ADD)
+    return NoAnswerError(what, got=got, expected=f"turned by {_MIN_TURN_DEG:.0f} deg, better 40", hint=_ADD)
 
 
 def normals(views: Sequence[View], size_px: tuple[int, int]) -> FloatArray:
     """``(v, 3)`` normals of the boards in camera axes, roughly: for a lens of about 55 degrees."""
-    guess = resected(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.of(views))
+    guess = resected(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.from_views(views))
     return np.tile([0.0, 0.0, 1.0], (len(views), 1)) if guess is None else guess.rotations[:, :, 2]
 
 
@@ -121,14 +122,14 @@ def largest_turn_rad(facing: FloatArray) -> float:
 def _check_well_known(bundle: Bundle, cov: FloatArray) -> None:
     camera, std = bundle.camera, np.sqrt(np.diag(cov))
     focal = float(np.max(std[:2] / intrinsics_of(camera)[:2]))
-    if not focal <= _MOST_FOCAL_STD:
+    if not focal <= _MAX_FOCAL_STD:
         got = f"{camera.fx_px:.5g} px, known to {100 * focal:.2g} %" if math.isfinite(focal) else "no answer"
-        expected = f"a std of at most {100 * _MOST_FOCAL_STD:g} %"
+        expected = f"a std of at most {100 * _MAX_FOCAL_STD:g} %"
         raise NoAnswerError("the views hardly determine the focal length", got=got, expected=expected, hint=_ADD)
     longer = max(camera.width_px, camera.height_px)
-    if not float(np.max(std[2:4])) <= _MOST_CENTRE_STD * longer:
+    if not float(np.max(std[2:4])) <= _MAX_CENTRE_STD * longer:
         got = f"a std of {float(np.max(std[2:4])):.3g} px"
-        expected = f"at most {_MOST_CENTRE_STD * longer:.2g} px"
+        expected = f"at most {_MAX_CENTRE_STD * longer:.2g} px"
         raise NoAnswerError("the views hardly determine the principal point", got=got, expected=expected, hint=_ADD)
 
 
@@ -145,21 +146,21 @@ def without_outliers(
         Views, their bundle, and the views that were left out with the rms (px) that each had then.
     """
     views, bundle = _without_strays(views, bundle)
-    left_out: list[tuple[View, float]] = []
-    most = int(_MOST_LEFT_OUT * len(views))
-    while len(left_out) < most and len(views) > FEWEST_VIEWS:
-        corners = Corners.of(views)
+    rejected: list[tuple[View, float]] = []
+    most = int(_MAX_REJECTED * len(views))
+    while len(rejected) < most and len(views) > MIN_VIEWS:
+        corners = Corners.from_views(views)
         rms = view_rms_px(residuals_px(bundle, corners), corners)
         worst = int(np.argmax(rms))
         if not rms[worst] > _OUTLYING * float(np.median(rms)):
             break
-        left_out.append((views[worst], float(rms[worst])))
+        rejected.append((views[worst], float(rms[worst])))
         views = (*views[:worst], *views[worst + 1 :])
         rest = np.arange(len(rms)) != worst
         bundle = _solved_again(views, Bundle(bundle.camera, bundle.rotations[rest], bundle.translations_m[rest]))
-    if left_out:
+    if rejected:
         views, bundle = _without_strays(views, bundle)
-    return views, bundle, tuple(left_out)
+    return views, bundle, tuple(rejected)
 
 
 def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
@@ -169,12 +170,12 @@ def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
 
 
 def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View, ...], Bundle]:
-    corners = Corners.of(views)
+    corners = Corners.from_views(views)
     off = residuals_px(bundle, corners)
     std = robust_std(off)
     stray = np.linalg.norm(off, axis=-1) > _STRAY * std
     share = corners.per_view(stray.astype(np.float64)) / np.bincount(corners.view)
-    stray &= (share <= _MOST_STRAYS)[corners.view]
+    stray &= (share <= _MAX_STRAYS)[corners.view]
     if not np.any(stray):
         return views, bundle
     kept = np.split(~stray, corners.starts[1:])
@@ -187,7 +188,7 @@ def _only(view: View, kept: np.ndarray) -> View:
 
 
 def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:
-    corners = Corners.of(views)
+    corners = Corners.from_views(views)
     return adjust(reseated(adjust(bundle, corners), corners), corners)
 
 
@@ -199,7 +200,7 @@ class LensChoice(StrEnum):
     FISHEYE = "fisheye"
 
 
-_FEWEST_COEFFICIENTS, _WITH_K3, _RATIONAL = 4, 5, 8
+_MIN_COEFFICIENTS, _WITH_K3, _RATIONAL = 4, 5, 8
 _RATIONAL_STD = 3.0  # of k4, k5, k6 before anything is seen: those of real lenses are about 1
 
 
@@ -214,7 +215,7 @@ class LensSolution:
         bundle: The boards' poses in them.
         off_px: ``(n, 2)``: projected less seen.
         std_px: Of one coordinate of a corner, from the residuals.
-        left_out: Views that disagree with all others, with the rms (px) that each had when it was left out.
+        rejected: Views that disagree with all others, with the rms (px) that each had when it was left out.
         strays: How many single corners were left out of the views, by name.
         bic_gain: How much the Bayesian information criterion falls with k3 (brown, where it was kept if that is above
             0), or with k4, k5, k6 (rational); None for others.
@@ -226,7 +227,7 @@ class LensSolution:
     bundle: Bundle
     off_px: FloatArray
     std_px: float
-    left_out: tuple[tuple[View, float], ...]
+    rejected: tuple[tuple[View, float], ...]
     strays: dict[str, int]
     bic_gain: float | None
 
@@ -237,7 +238,7 @@ class LensSolution:
 
     @property
     def view_rms_px(self) -> FloatArray:
-        """``(v,)``, likewise."""
+        """``(v,)`` root mean square of the residuals' lengths of each view."""
         return view_rms_px(self.off_px, self.corners)
 
 
@@ -257,10 +258,10 @@ def solve_lens(
     """
     views = tuple(views)
     check_before(views, size_px)
-    bundle = _begin(Corners.of(views), lens, size_px)
+    bundle = _begin(Corners.from_views(views), lens, size_px)
     seen = {view.name: len(view.ids) for view in views}
-    views, bundle, left_out = without_outliers(views, bundle)
-    corners = Corners.of(views)
+    views, bundle, rejected = without_outliers(views, bundle)
+    corners = Corners.from_views(views)
     bundle, gain, weights = _with_coefficients_of(lens, bundle, corners)
     cov, std_px = covariance(bundle, corners, weights)
     check_after(bundle, cov)
@@ -271,7 +272,7 @@ def solve_lens(
         bundle=bundle,
         off_px=residuals_px(bundle, corners),
         std_px=std_px,
-        left_out=left_out,
+        rejected=rejected,
         strays={view.name: lost for view in views if (lost := seen[view.name] - len(view.ids))},
         bic_gain=gain,
     )
@@ -282,7 +283,7 @@ def _begin(corners: Corners, lens: LensChoice, size_px: tuple[int, int]) -> Bund
     model = LensModel.FISHEYE if lens is LensChoice.FISHEYE else LensModel.BROWN
     ends = [
         adjust(reseated(adjust(guess, corners), corners), corners)
-        for guess in first_guesses(corners, model, size_px, _FEWEST_COEFFICIENTS)[:_STARTS]
+        for guess in first_guesses(corners, model, size_px, _MIN_COEFFICIENTS)[:_STARTS]
     ]
     if not ends:
         raise NoAnswerError(
@@ -339,7 +340,7 @@ class Choice:
         used: In the order in which they were seen.
         blurred: Much less sharp than others.
         duplicates: Nearly the same as another one, which is sharper.
-        surplus: They show nothing that others do not show already.
+        surplus: Views of nothing that others do not show already.
     """
 
     used: tuple[View, ...]
@@ -348,7 +349,28 @@ class Choice:
     surplus: tuple[View, ...]
 
 
-def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MOST_VIEWS) -> Choice:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensFit:
+    """One lens calibration, from its images to its answer.
+
+    Attributes:
+        board: The board.
+        lens: What the lens was to be described by.
+        size_px: Width and height of all images.
+        images: How many were looked at.
+        choice: Which of those that show the board were used.
+        solution: The lens.
+    """
+
+    board: Board
+    lens: LensChoice
+    size_px: tuple[int, int]
+    images: int
+    choice: Choice
+    solution: LensSolution
+
+
+def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MAX_VIEWS) -> Choice:
     """Choose at most so many views.
 
     Args:
@@ -368,12 +390,12 @@ def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MOST_VIE
     )
 
 
-def _in_order(views: Sequence[View], wanted: Sequence[View]) -> tuple[View, ...]:
-    return tuple(view for view in views if view in wanted)
+def _in_order(views: Sequence[View], chosen: Sequence[View]) -> tuple[View, ...]:
+    return tuple(view for view in views if view in chosen)
 
 
 def _different(views: Sequence[View], least_px: float) -> list[View]:
-    """The first of those that are nearly the same."""
+    """The views without near-duplicates of earlier ones."""
     kept: list[View] = []
     for view in views:
         if all(_moved_px(view, other) > least_px for other in kept):

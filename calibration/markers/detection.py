@@ -45,11 +45,11 @@ _ENDS: Final = 0.1  # of an edge, next to its corners: not used
 _TAPS: Final = 17  # across it
 _PLATEAU: Final = 3  # taps at either end that tell black and white
 _REACH: Final = 0.75  # of a module, across the edge to either side
-_LEAST_REACH_PX, _MOST_REACH_PX = 1.2, 6.0
+_MIN_REACH_PX, _MAX_REACH_PX = 1.2, 6.0
 _CONTRAST: Final = 10.0  # grey values: less is no edge
 _ROUNDS: Final = 3
 _TOLERATED: Final = 3.0  # times the scatter
-_LEAST_SCATTER_PX: Final = 0.05
+_MIN_SCATTER_PX: Final = 0.05
 _SHARE: Final = 0.4  # of an edge that must be seen
 _CORRELATED_PX: Final = 1.5  # samples that are closer say the same: blur and the camera's own sharpening
 _AT_END: Final = (1 + 12 * (0.5 / (1 - 2 * _ENDS)) ** 2) ** 0.5  # a fitted line's std at its corner over that of a mean
@@ -57,15 +57,17 @@ _ROUGH_STD_PX: Final = 1.0
 _STRAYED_PX, _STRAYED = 2.0, 0.1  # or share of the longest side: corners that move farther have left their marker
 _PARALLEL: Final = 1e-3  # sine of the angle between lines that never meet
 _AHEAD: Final = 0.1  # cosine: rays farther from the axis are on no plane before the camera
-LEAST_STD_PX: Final = 0.2
+MIN_STD_PX: Final = 0.2
 """What no sharpness takes away: paper is not flat, prints have no exact edges, lenses differ from their model."""
 
-LEAST_SIDE_PX: Final = 10
+MIN_SIDE_PX: Final = 10
 """Markers are looked for down to this size."""
 
 _LARGEST_PX: Final = 40_000_000  # of a picture that is looked into
 _SAME: Final = 0.25  # of a marker's side: detections whose centres are closer are of one marker
-_ALIKE: Final = 0.78  # correlation: textures in a photo reached 0.72, its markers 0.96, blurred ones of 10 px 0.79
+_MIN_CORRELATION: Final = (
+    0.78  # correlation: textures in a photo reached 0.72, its markers 0.96, blurred ones of 10 px 0.79
+)
 _WITHIN: Final = np.array([0.3, 0.5, 0.7])  # of a module: clear of its neighbours
 _log = logging.getLogger(__name__)
 
@@ -86,18 +88,13 @@ class Squares:
     centres_px: FloatArray
     centre_std_px: FloatArray
 
-    def of(self, which: BoolArray) -> "Squares":
-        """Some of them."""
-        return Squares(*(getattr(self, each.name)[which] for each in fields(self)))
+    def where(self, mask: BoolArray) -> "Squares":
+        """The squares of a mask ``(m,)``."""
+        return Squares(*(getattr(self, each.name)[mask] for each in fields(self)))
 
-    def beside(self, more: "Squares") -> "Squares":
-        """These and others."""
+    def followed_by(self, more: "Squares") -> "Squares":
+        """These squares, then others."""
         return Squares(*(np.concatenate([getattr(self, each.name), getattr(more, each.name)]) for each in fields(self)))
-
-
-def no_squares() -> Squares:
-    """None of them."""
-    return Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
 
 
 def refined(grey: ImageArray, rough_px: FloatArray, modules: int, camera: Camera | None = None) -> Squares:
@@ -174,7 +171,7 @@ def _edges(grey: ImageArray, corners_px: FloatArray, modules: int) -> tuple[Floa
     turn = np.sign(_area(corners_px))[:, None, None]
     outward = np.stack([along[..., 1], -along[..., 0]], axis=-1) / length_px[..., None] * turn
     module_px = np.abs(_area(corners_px))[:, None] / length_px / modules
-    reach_px = np.clip(_REACH * module_px, _LEAST_REACH_PX, _MOST_REACH_PX)
+    reach_px = np.clip(_REACH * module_px, _MIN_REACH_PX, _MAX_REACH_PX)
     shares = np.linspace(_ENDS, 1 - _ENDS, _SAMPLES)
     starts = corners_px[:, :, None] + shares[:, None] * along[:, :, None]
     steps = np.linspace(-1.0, 1.0, _TAPS)
@@ -224,10 +221,10 @@ def _lines(points: FloatArray, seen: BoolArray) -> tuple[FloatArray, FloatArray,
         away = np.abs(off[..., 0] * along[..., None, 1] - off[..., 1] * along[..., None, 0])
         scatter_px = np.sqrt(np.sum(weights * away**2, axis=-1) / np.maximum(count - 2, 1.0))
         typical = 1.4826 * np.median(np.where(seen, away, np.inf), axis=-1)
-        limit = _TOLERATED * np.maximum(np.minimum(typical, scatter_px), _LEAST_SCATTER_PX)
+        limit = _TOLERATED * np.maximum(np.minimum(typical, scatter_px), _MIN_SCATTER_PX)
         kept, weights = weights, (seen & (away <= limit[..., None])).astype(np.float64)
     clear = kept.sum(axis=-1) >= _SHARE * _SAMPLES
-    return middles, along, np.maximum(scatter_px, _LEAST_SCATTER_PX), clear
+    return middles, along, np.maximum(scatter_px, _MIN_SCATTER_PX), clear
 
 
 def _crossings(a: FloatArray, along_a: FloatArray, b: FloatArray, along_b: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -273,7 +270,7 @@ def find_markers(
     """Markers of the survey's dictionary in an image, by id.
 
     The first look also reports ids that are not surveyed, and one that is there twice, twice. Whether a sighting can be
-    true is for ``marker_geometry`` to say.
+    true is for ``judge`` to say.
 
     Args:
         image: ``(h, w)`` grey or ``(h, w, 3)`` BGR, uint8.
@@ -290,14 +287,14 @@ def find_markers(
             break
         more_ids, more = _look(grey, survey.dictionary, camera, index)
         missing = np.isin(more_ids, list(wanted - set(ids.tolist())))
-        ids, squares = _with_new(ids, squares, more_ids[missing], more.of(missing))
+        ids, squares = _with_new(ids, squares, more_ids[missing], more.where(missing))
     return [
         MarkerSighting(
             id=int(ids[index]),
             pixel=_px(squares.centres_px[index]),
-            std_px=float(np.hypot(squares.centre_std_px[index], LEAST_STD_PX)),
+            std_px=float(np.hypot(squares.centre_std_px[index], MIN_STD_PX)),
             corners=_corners(squares.corners_px[index]),
-            corner_std_px=float(np.hypot(squares.corner_std_px[index], LEAST_STD_PX)),
+            corner_std_px=float(np.hypot(squares.corner_std_px[index], MIN_STD_PX)),
         )
         for index in np.argsort(ids, kind="stable")
     ]
@@ -316,10 +313,10 @@ def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tup
     """Ids ``(m,)`` and places of what one look finds and is like the marker that it is taken for."""
     ids, rough_px = _detected(grey, name, index)
     if not len(ids):
-        return ids, no_squares()
+        return ids, Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
     squares = refined(grey, rough_px, modules(name), camera)
-    alike = likeness(grey, squares.corners_px, ids, name) > _ALIKE
-    return ids[alike], squares.of(alike)
+    is_marker = likeness(grey, squares.corners_px, ids, name) > _MIN_CORRELATION
+    return ids[is_marker], squares.where(is_marker)
 
 
 def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatArray]:
@@ -341,7 +338,7 @@ def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatA
 def _detector(name: str, index: int, longest_px: int) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     # OpenCV counts in shares of the image, by which a large one would have no small markers.
-    parameters.minMarkerPerimeterRate = min(4 * LEAST_SIDE_PX / longest_px, 1.0)
+    parameters.minMarkerPerimeterRate = min(4 * MIN_SIDE_PX / longest_px, 1.0)
     if (change := _LOOKS[index].change) is not None:
         change(parameters)
     return cv2.aruco.ArucoDetector(dictionary(name), parameters)
@@ -352,7 +349,7 @@ def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares
     sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
     away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
     new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
-    return np.concatenate([ids, more_ids[new]]), squares.beside(more.of(new))
+    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.where(new))
 
 
 def other_dictionary(image: ImageArray, name: str) -> str:
@@ -480,7 +477,7 @@ class MarkerObserver:
 
 
 def _looks_false(marker: SurveyedMarker, seen: MarkerSighting, place: CameraPlace, camera: Camera) -> bool:
-    """Whether it looks larger or smaller than anything of its size could, where it should be."""
+    """Whether a marker looks larger or smaller than anything of its size could, where it should be."""
     side_m = _side_m(marker)
     if side_m is None:
         return False
@@ -491,7 +488,7 @@ def _looks_false(marker: SurveyedMarker, seen: MarkerSighting, place: CameraPlac
 
 
 def _side_m(marker: SurveyedMarker) -> float | None:
-    """Of its black square; None where nobody has measured it."""
+    """Side of a marker's black square; None where nobody has measured it."""
     if marker.side_m is not None or len(marker.points_m) == 1:
         return marker.side_m
     corners_m: FloatArray = np.array(marker.points_m)

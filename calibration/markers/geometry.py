@@ -14,12 +14,12 @@ from calibration.pose import LIMIT, Result, State
 
 SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
 STDS: Final = 5.0  # and what its corners' errors may add
-_MOST: Final = 0.5  # share of the markers that can be false
+_MAX_FALSE: Final = 0.5  # share of the markers that can be false
 _SCALED: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
-_CONTRADICTION: Final = 10.0
+_MAX_SCALE: Final = 10.0
 _SURE: Final = 0.99  # that one explanation is better than the next, by the ratio of their variances
 _CHANCE: Final = 1e-4  # of a true explanation to be as bad
-_LEAST_VARIANCE: Final = 0.1  # a fit that is better still is luck
+_MIN_VARIANCE: Final = 0.1  # a fit that is better still is luck
 
 Answer = Callable[[EvidenceSet], Result]
 
@@ -48,7 +48,7 @@ class Judgement:
         false: Why a sighting cannot be true, by id.
         misses: Of each of the others, where the rest determines the camera without it.
         is_checked: There is more evidence than unknowns, so that a false one would have been noticed.
-        contradiction: Why the evidence cannot be used, though nothing tells which part of it is false; empty where it
+        conflict: Why the evidence cannot be used, though nothing tells which part of it is false; empty where it
             can.
     """
 
@@ -56,7 +56,7 @@ class Judgement:
     false: dict[int, str]
     misses: tuple[Miss, ...]
     is_checked: bool
-    contradiction: str
+    conflict: str
 
 
 def judge(
@@ -74,38 +74,38 @@ def judge(
         known: All evidence; a marker's landmarks are named as :func:`aerodft.model.evidence.marker_name` has it.
         seen: The sightings by id.
         sides_m: Of the markers whose size is known, by id.
-        answer: What is asked of evidence: ``calibration.result.calibrate`` with its other arguments.
+        answer: The calibration of evidence: ``calibration.pose.calibrate`` with its other arguments.
 
     Raises:
-        ValueError: As ``calibration.result.calibrate``.
+        ValueError: Unknowns that there are not, or that exclude each other.
     """
     false: dict[int, str] = {}
     result = answer(known)
     while _determined(result):
         left = [marker for marker in seen if marker not in false]
-        found = _apart(result, known, left, answer) or _of_wrong_size(result, seen, left, sides_m)
-        if not found or len(false) + len(found) > _MOST * len(seen):
+        found = _disagreeing(result, known, left, answer) or _of_wrong_size(result, seen, left, sides_m)
+        if not found or len(false) + len(found) > _MAX_FALSE * len(seen):
             break
         false |= found
         known = _without(known, *found)
         result = answer(known)
     trusted = [marker for marker in seen if marker not in false]
     misses = tuple(_misses(known, trusted, seen, answer)) if _determined(result) else ()
-    why_not = _contradiction(result, seen, trusted, sides_m)
-    return Judgement(known, false, misses, is_checked=result.solution.dof > 0, contradiction=why_not)
+    why_not = _conflict(result, seen, trusted, sides_m)
+    return Judgement(known, false, misses, is_checked=result.solution.dof > 0, conflict=why_not)
 
 
 def _determined(result: Result) -> bool:
     """Whether the evidence would determine every unknown if its errors were as stated."""
-    return result.weakest.std_share <= LIMIT * result.solution.scaled
+    return result.weakest.std_share <= LIMIT * result.solution.sigma_scale
 
 
-def _contradiction(
+def _conflict(
     result: Result, seen: Mapping[int, MarkerSighting], trusted: list[int], sides_m: Mapping[int, float]
 ) -> str:
     if not _determined(result):
         return ""
-    if result.solution.scaled > _CONTRADICTION:
+    if result.solution.sigma_scale > _MAX_SCALE:
         return "no camera explains them all, and they are too few to tell which one is wrong"
     if _of_wrong_size(result, seen, trusted, sides_m):
         ratio = np.median([seen_m / sides_m[marker] for marker, seen_m, _ in _looks(result, seen, trusted, sides_m)])
@@ -115,11 +115,11 @@ def _contradiction(
 
 def _agrees(result: Result) -> bool:
     """Whether nothing stands off, and errors are not much larger than stated."""
-    return bool(np.all(result.solution.kept)) and result.solution.scaled < _SCALED
+    return bool(np.all(result.solution.kept)) and result.solution.sigma_scale < _SCALED
 
 
-def _apart(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:
-    """What does not fit: the one marker without which all the rest agrees, or else those that the fit left out."""
+def _disagreeing(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:
+    """What does not fit: the one marker without which all the rest agrees, or else those that the fit rejected."""
     if _agrees(result):
         return {}
     without = {marker: answer(rest) for marker in markers if (rest := _without(known, marker)).evidence}
@@ -140,7 +140,7 @@ def _apart(result: Result, known: EvidenceSet, markers: list[int], answer: Answe
 
 
 def _variance(result: Result) -> float:
-    """Of what is left, in units of what was stated; infinite where something had to be left out, or nothing is left."""
+    """Variance of the residuals in stated units; infinite where one was rejected, or nothing is to spare."""
     solution = result.solution
     return solution.chi2 / solution.dof if solution.dof > 0 and np.all(solution.kept) else math.inf
 
@@ -151,7 +151,7 @@ def _worse_than(best: Result) -> float:
     By what both leave, however the stds were stated; or, where the best one shows that these hold, by them.
     """
     dof, p_value = best.solution.dof, best.solution.p_value or 0.0
-    limit = float(fdtri(dof, dof, _SURE)) * max(_variance(best), _LEAST_VARIANCE)
+    limit = float(fdtri(dof, dof, _SURE)) * max(_variance(best), _MIN_VARIANCE)
     return min(limit, float(chdtri(dof, _CHANCE)) / dof) if p_value > 1 - _SURE else limit
 
 
@@ -176,8 +176,8 @@ def _rows(known: EvidenceSet, marker: int) -> list[int]:
 
 
 def _without(known: EvidenceSet, *markers: int) -> EvidenceSet:
-    gone = {row for marker in markers for row in _rows(known, marker)}
-    return replace(known, evidence=tuple(each for row, each in enumerate(known.evidence) if row not in gone))
+    rejected = {row for marker in markers for row in _rows(known, marker)}
+    return replace(known, evidence=tuple(each for row, each in enumerate(known.evidence) if row not in rejected))
 
 
 def _of_wrong_size(
@@ -213,7 +213,7 @@ def apparent_side(camera: Camera, seen: MarkerSighting) -> tuple[float, float]:
 
 
 def _centre_m(known: EvidenceSet, marker: int) -> FloatArray | None:
-    """Of its landmarks; None where there is none of known place."""
+    """Mean place ``(3,)`` of a marker's landmarks; None where none has a known place."""
     evidence = (known.evidence[row] for row in _rows(known, marker))
     places = [each.position_m for each in evidence if isinstance(each, Landmark)]
     return np.mean(np.array(places, dtype=np.float64), axis=0) if places else None

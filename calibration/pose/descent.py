@@ -8,8 +8,8 @@ import numpy as np
 
 from aerodft.model import FloatArray
 
-_MOST_STEPS: Final = 60
-_DAMPING, _LEAST, _MOST = 1e-4, 1e-12, 1e10
+_MAX_STEPS: Final = 60
+_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
 _SETTLED, _NEARLY, _ROUNDING = 1e-10, 1e-6, 1e-14
 """Shares of the cost: below which a step makes no difference, or none where observations that stand far off count less
 (what follows goes on from there), and below which numbers cannot tell."""
@@ -21,9 +21,9 @@ class NormalEquations:
 
     Attributes:
         matrix: ``(s, s)`` of what says something of the shared unknowns alone.
-        shared_slope: ``(s,)`` of the same.
+        shared_slope: ``(s,)`` gradient of their cost.
         blocks: ``(n, s + k, s + k)`` of each image, by shared unknowns and then its own.
-        slopes: ``(n, s + k)`` likewise.
+        slopes: ``(n, s + k)`` gradients of the cost of each image.
     """
 
     matrix: FloatArray
@@ -69,11 +69,11 @@ def eliminated(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[Floa
         count: ``s``.
     """
     across = blocks[:, :count, count:]
-    known = np.linalg.solve(
+    solved = np.linalg.solve(
         blocks[:, count:, count:], np.concatenate([blocks[:, count:, :count], slopes[:, count:, None]], axis=-1)
     )
-    taken = across @ known
-    return blocks[:, :count, :count] - taken[..., :count], slopes[:, :count] - taken[..., count]
+    by_own = across @ solved
+    return blocks[:, :count, :count] - by_own[..., :count], slopes[:, :count] - by_own[..., count]
 
 
 def own_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> FloatArray:
@@ -183,15 +183,15 @@ def descend(
     Args:
         problem: What to fit.
         start: Where from.
-        scale: As ``Loss``.
-        kept: As ``Loss``.
+        scale: Standard deviations beyond which an observation counts less, see ``Loss``; None for plain squares.
+        kept: ``(k,)`` which observations count; None for all.
         known: Residuals of ``start``, where somebody has them.
     """
     state, residuals = start, problem.evaluate(start) if known is None else known
     loss = Loss(residuals.owner, scale, kept)
     cost, damping = loss.cost(residuals), _DAMPING
     settled = _SETTLED if scale is None else _NEARLY
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         found = _better(problem, loss, state, residuals.normal(loss.weights(residuals)), cost, damping)
         if found is None:
             break
@@ -206,14 +206,14 @@ def _better(
     problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
 ) -> tuple[StateT, RowsT_co, float, float] | None:
     """The next state that costs less, its residuals and cost, and the damping from there; None where there is none."""
-    while damping < _MOST:
+    while damping < _MAX_DAMPING:
         step = normal.step(damping)
         moved = problem.moved(state, step) if np.all(np.isfinite(step)) else None
         if moved is not None:
             residuals = problem.evaluate(moved)
             new_cost = loss.cost(residuals)
             if new_cost < cost:
-                return moved, residuals, new_cost, max(damping / 10, _LEAST)
+                return moved, residuals, new_cost, max(damping / 10, _MIN_DAMPING)
             if float(np.abs(step @ normal.slope)) <= _ROUNDING * (cost + _SETTLED):
                 return None
         damping *= 10

@@ -27,7 +27,6 @@ from aerodft.dft import (
     dependence,
     pixel_directions,
     pixel_rays,
-    project,
     scalars,
     shared_count,
     vertical_angle,
@@ -52,7 +51,6 @@ from aerodft.model import (
     KnownHeight,
     KnownLength,
     Landmark,
-    Pose,
     ProbeKind,
     ProjectionModel,
     Px,
@@ -128,8 +126,7 @@ class Distances:
 
         NaN where a point is missed.
         """
-        pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-        ground = project(state.camera, pose, self._pixels, state.elevation_m + self._elevation_m, state.model)
+        ground = state.ground_points(self._pixels, state.elevation_m + self._elevation_m)
         points = ground.points_enu_m
         is_range = points.shape[1] == 1
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -147,17 +144,12 @@ class Distances:
 
 def _ground(state: State, pixels: tuple[Px, ...], elevation_m: float) -> GroundPoints:
     """What pixels show of the level plane that lies so high above the ground."""
-    at = np.array(pixels, dtype=np.float64)
-    return project(state.camera, _pose(state), at, state.elevation_m + elevation_m, state.model)
-
-
-def _pose(state: State) -> Pose:
-    return Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
+    return state.ground_points(np.array(pixels, dtype=np.float64), state.elevation_m + elevation_m)
 
 
 def _height(evidence: KnownHeight, state: State) -> Found:
     pixels = (evidence.base, evidence.top)
-    pose, ground, rays = _pose(state), _ground(state, pixels, 0.0), None
+    pose, ground, rays = state.pose, _ground(state, pixels, 0.0), None
     sight = Sight(state.position_m, np.empty((0, 3)), ground.points_enu_m)
     if state.model is ProjectionModel.PINHOLE:
         rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)

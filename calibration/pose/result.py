@@ -12,7 +12,7 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 
-from aerodft.dft import INTRINSICS, POSITION, project
+from aerodft.dft import INTRINSICS, POSITION
 from aerodft.geometry import camera_angles, intrinsics_covariance, matrix, meet_level, rays_from_pixels
 from aerodft.model import (
     Camera,
@@ -22,7 +22,6 @@ from aerodft.model import (
     GroundLines,
     GroundPoint,
     Landmark,
-    Pose,
     Prior,
     ProjectionModel,
     SlantRange,
@@ -61,7 +60,7 @@ _ADD: Final = (
     ({"elevation"}, "add landmarks of known height"),
 )
 _DEG: Final = math.degrees(1.0)
-_SAID = {
+_DISPLAY_UNITS = {
     "height": ("height_agl_m", 1.0),
     "tilt": ("tilt_deg", _DEG),
     "roll": ("roll_deg", _DEG),
@@ -106,10 +105,10 @@ def steps_without_each(solution: Solution) -> FloatArray:
         own = residuals.by_unknowns[rows]
         gain = own @ cov
         left = np.eye(count) - gain @ own.swapaxes(-1, -2)
-        told = np.linalg.eigvalsh(left)[:, 0] > _NOTHING_LEFT
-        off = residuals.values[rows[told]] + own[told] @ settled
-        steps[members[told]] = settled + np.einsum(
-            "gij,gi->gj", gain[told], np.linalg.solve(left[told], off[..., None])[..., 0]
+        is_determined = np.linalg.eigvalsh(left)[:, 0] > _NOTHING_LEFT
+        off = residuals.values[rows[is_determined]] + own[is_determined] @ settled
+        steps[members[is_determined]] = settled + np.einsum(
+            "gij,gi->gj", gain[is_determined], np.linalg.solve(left[is_determined], off[..., None])[..., 0]
         )
     return steps
 
@@ -133,12 +132,12 @@ def landmarks_off_m(problem: Problem, solution: Solution, steps: FloatArray) -> 
     state, unknowns = solution.state, problem.unknowns
     points, pixels = problem.landmarks
     wxyz = unknowns.turned(state, steps)
-    told = np.isfinite(wxyz[:, 0]) & np.isfinite(steps[:, 0])
-    turned = matrix(wxyz[told]) @ rays_from_pixels(state.camera, pixels[told])[..., None]
-    position = state.position_m + steps[told] @ unknowns.by_unknowns(state)[POSITION].T
-    found = meet_level(position, turned[..., 0], points[told, 2]).points_enu_m - points[told]
+    is_determined = np.isfinite(wxyz[:, 0]) & np.isfinite(steps[:, 0])
+    turned = matrix(wxyz[is_determined]) @ rays_from_pixels(state.camera, pixels[is_determined])[..., None]
+    position = state.position_m + steps[is_determined] @ unknowns.by_unknowns(state)[POSITION].T
+    found = meet_level(position, turned[..., 0], points[is_determined, 2]).points_enu_m - points[is_determined]
     off = np.full(len(points), np.nan)
-    off[told] = np.hypot(found[:, 0], found[:, 1])
+    off[is_determined] = np.hypot(found[:, 0], found[:, 1])
     return off
 
 
@@ -149,10 +148,11 @@ class ObservationResidual:
     Attributes:
         name: Its name.
         px: Distance in the image, px (2-D for landmarks); infinite where it is out of sight.
-        sigma: The same in standard deviations; infinite likewise.
+        sigma: Distance in the image in standard deviations; infinite where it is out of sight.
         ground_m: Distance on the ground, m: of a landmark's pixel from its place, of a range from what was measured;
             None for what has no place.
-        left_out_ground_m: The same with a fit that has not seen it, which says how well the next one would be measured.
+        loo_ground_m: Distance on the ground by a fit that has not seen it (leave one out): so well would the next one
+            be measured.
         is_outlier: It was left out of the fit.
     """
 
@@ -160,23 +160,23 @@ class ObservationResidual:
     px: float
     sigma: float
     ground_m: float | None
-    left_out_ground_m: float | None
+    loo_ground_m: float | None
     is_outlier: bool
 
 
-def leftovers(problem: Problem, solution: Solution) -> tuple[ObservationResidual, ...]:
+def observation_residuals(problem: Problem, solution: Solution) -> tuple[ObservationResidual, ...]:
     """All observations, in their order."""
     steps = steps_without_each(solution)
-    ground, left_out = _on_the_ground(problem, solution, np.zeros_like(steps)), _on_the_ground(problem, solution, steps)
-    return left_of_each(problem.known.evidence, solution.residuals, solution.kept, ground, left_out)
+    ground_m, loo_ground_m = (_on_the_ground(problem, solution, step) for step in (np.zeros_like(steps), steps))
+    return residuals_of(problem.known.evidence, solution.residuals, solution.kept, ground_m, loo_ground_m)
 
 
-def left_of_each(
+def residuals_of(
     evidence: Sequence[Evidence],
     residuals: Rows,
     kept: np.ndarray,
     ground_m: Sequence[float | None],
-    left_out_ground_m: Sequence[float | None],
+    loo_ground_m: Sequence[float | None],
 ) -> tuple[ObservationResidual, ...]:
     """What is left in the image, beside what is left on the ground; as the fields of ``ObservationResidual``."""
     seen = residuals.owner >= 0
@@ -193,7 +193,7 @@ def left_of_each(
             px.tolist(),
             sigma.tolist(),
             ground_m,
-            left_out_ground_m,
+            loo_ground_m,
             (~kept).tolist(),
         )
     )
@@ -239,8 +239,7 @@ def ground_error_m(state: State, evidence: Evidence) -> float | None:
         if evidence.position_m[2] is None:
             return None
         elevation_m = evidence.position_m[2]
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    ground = project(state.camera, pose, np.array([evidence.pixel]), elevation_m, state.model)
+    ground = state.ground_points(np.array([evidence.pixel]), elevation_m)
     if ground.status[0]:
         return None
     return _distance(state, evidence, ground.points_enu_m[0])
@@ -270,13 +269,13 @@ class Observability:
         std_share: Standard deviation of the weakest as a share of the unknowns' natural sizes; infinite where nothing
             tells.
         advice: What to add; empty where all is determined.
-        apart: Each unknown is undetermined by itself, not only together with others.
+        is_each: Each unknown is undetermined by itself, not only together with others.
     """
 
     combination: dict[str, float]
     std_share: float
     advice: str
-    apart: bool = False
+    is_each: bool = False
 
     @property
     def is_determined(self) -> bool:
@@ -291,7 +290,7 @@ class Observability:
         names = list(self.combination)
         if len(names) == 1:
             return f"{names[0]} cannot be told: {self.advice}"
-        apart = "" if self.apart else " apart"
+        apart = "" if self.is_each else " apart"
         return f"{', '.join(names[:-1])} and {names[-1]} cannot be told{apart}: {self.advice}"
 
 
@@ -301,7 +300,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     Columns of the Jacobian are scaled by natural sizes (a height by itself, an angle by a radian, a focal length by
     itself, a place by the camera's height), so that its singular values say how many standard deviations of the
     evidence a whole size makes. A camera that turns freely is judged by rotations about its own axes: straight down,
-    where roll and heading are anything, its attitude is known all the same.
+    where roll and heading are anything, its attitude is known nevertheless.
     """
     names = problem.unknowns.names
     jac = solution.residuals.by_unknowns[used_rows(solution.residuals.owner, solution.kept)]
@@ -310,7 +309,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     _, singular, directions = np.linalg.svd(np.linalg.qr(jac * sizes, mode="r"))
     strengths = np.append(singular, np.zeros(len(names) - len(singular)))
     with np.errstate(divide="ignore"):
-        shares = solution.scaled / strengths
+        shares = solution.sigma_scale / strengths
     weak = directions[shares > LIMIT] if shares[-1] > LIMIT else directions[-1:]
     weak = (weak * sizes) @ problem.unknowns.to_angles(solution.state).T / sizes
     return combined(names, weak, float(shares[-1]), lambda parts: _advice(parts, jac.shape))
@@ -330,8 +329,8 @@ def combined(
     weak = weak / np.linalg.norm(weak, axis=-1, keepdims=True)
     each = np.minimum(np.linalg.norm(weak, axis=0), 1.0)
     parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _PART}
-    apart = len(parts) == len(weak) and min(parts.values()) > _ALONE
-    return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), apart)
+    is_each = len(parts) == len(weak) and min(parts.values()) > _ALONE
+    return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), is_each)
 
 
 def _above(problem: Problem, state: State) -> float:
@@ -381,7 +380,7 @@ class Outcome(Generic[ProblemT, FitT]):
     """What a calibration found.
 
     Attributes:
-        problem: What was asked.
+        problem: Evidence and unknowns.
         solution: The fit.
         left: What is left of each observation.
         rms_px: Of the landmarks; None without any.
@@ -400,6 +399,21 @@ class Result(Outcome[Problem, Solution]):
     """What a calibration of one camera found."""
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns, in the order of their covariance."""
+        return self.problem.unknowns.names
+
+    @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """The observations, in the order of their residuals."""
+        return self.problem.known.evidence
+
+    @property
+    def display_units(self) -> dict[str, float]:
+        """Names of the unknowns with their units, and what their SI values are multiplied with."""
+        return dict(map(display_unit, self.names))
+
+    @property
     def camera(self) -> Camera:
         """The camera with its lens as found or known, and how well."""
         return self.solution.state.camera.with_covariance(self.solution.joint[INTRINSICS, INTRINSICS])
@@ -407,7 +421,7 @@ class Result(Outcome[Problem, Solution]):
     @property
     def named_covariance(self) -> FloatArray:
         """``(n, n)`` of the unknowns as people see them, see :func:`above_ground`."""
-        return above_ground(self.problem.unknowns.names, self.solution.covariance)
+        return above_ground(self.names, self.solution.covariance)
 
     @property
     def pose_covariance(self) -> FloatArray:
@@ -430,14 +444,14 @@ def above_ground(names: tuple[str, ...], covariance: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.isnan(cov), np.inf, cov))
 
 
-def said(name: str) -> tuple[str, float]:
+def display_unit(name: str) -> tuple[str, float]:
     """An unknown's name for people, with its unit, and what its SI value is multiplied with."""
-    return _SAID.get(name, (name, 1.0))
+    return _DISPLAY_UNITS.get(name, (name, 1.0))
 
 
 def possible_unknowns(camera: Camera) -> tuple[str, ...]:
     """What may be asked for of a camera: single unknowns and groups of them."""
-    return (*_SAID, *coefficient_names(camera), *GROUPS)
+    return (*_DISPLAY_UNITS, *coefficient_names(camera), *GROUPS)
 
 
 def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> Unknowns:
@@ -446,18 +460,17 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    asked = each_possible(names, possible_unknowns(camera))
-    apart = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
-    if model is ProjectionModel.DFT and apart:
-        raise ValueError(
-            f"got {apart[0]} for the dft model, which has no rays: expected ranges, lengths, landmarks, a horizon, ..."
-        )
+    requested = each_possible(names, possible_unknowns(camera))
+    of_rays = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
+    if model is ProjectionModel.DFT and of_rays:
+        expected = "expected ranges, lengths, landmarks, a horizon, ..."
+        raise ValueError(f"got {of_rays[0]} for the dft model, which has no rays: {expected}")
     not_there = ("cx", "cy", "roll", *coefficient_names(camera)) if model is ProjectionModel.DFT else ()
-    wrong = next((name for name in asked if name in not_there), None)
+    wrong = next((name for name in requested if name in not_there), None)
     if wrong is not None:
         raise ValueError(f"got {wrong} for the dft model, expected height, tilt, heading, position or focal")
     more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in not_there)
-    return Unknowns(tuple(dict.fromkeys((*asked, *more))))
+    return Unknowns(tuple(dict.fromkeys((*requested, *more))))
 
 
 def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[str, ...]:
@@ -466,13 +479,13 @@ def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[st
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    asked = expanded(names)
-    for name in asked:
+    requested = expanded(names)
+    for name in requested:
         if name not in possible:
             raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
-    if "focal" in asked and {"fx", "fy"} & set(asked):
+    if "focal" in requested and {"fx", "fy"} & set(requested):
         raise ValueError("got focal beside fx or fy, expected one of the two")
-    return asked
+    return requested
 
 
 def calibrate(
@@ -483,11 +496,11 @@ def calibrate(
     Args:
         known: Observations and priors. A prior with a std of 0 is exact, or where to start from if it is asked for.
         camera: The camera; what is not asked for stays, and is as uncertain as the camera says.
-        names: What is asked for, see ``said``; also ``position`` and ``principal_point``.
+        names: What is asked for, see ``display_unit``; also ``position`` and ``principal_point``.
         model: Projection model.
 
     Raises:
-        ValueError: As ``unknowns_of``.
+        ValueError: An unknown that there is not, or that excludes another.
     """
     unknowns = unknowns_of(names, known, camera, model)
     priors = {name: prior for name, prior in known.priors.items() if prior.std > 0}
@@ -495,7 +508,7 @@ def calibrate(
     start = start_state(known.priors, camera, model)
     guessed = set(unknowns.names) <= {*known.priors, "focal", "fx", "fy", "cx", "cy", *coefficient_names(camera)}
     solution = solve(problem, start, guess_is_good=guessed)
-    left, weakest = leftovers(problem, solution), observability(problem, solution)
+    left, weakest = observation_residuals(problem, solution), observability(problem, solution)
     solution = with_lens(problem, solution, camera, frozenset(known.priors))
     return Result(problem, solution, left, rms_px(known.evidence, left), weakest)
 
@@ -511,7 +524,7 @@ def start_state(priors: dict[str, Prior], camera: Camera, model: ProjectionModel
     elevation = stated("elevation", 0.0)
     position = np.array([stated("east", 0.0), stated("north", 0.0), stated("height", elevation + _FIRST_HEIGHT_M)])
     angles = (stated("tilt", _FIRST_TILT_RAD), stated("roll", 0.0), stated("heading", 0.0))
-    return State.of(zoomed, position, angles, elevation, model)
+    return State.from_angles(zoomed, position, angles, elevation, model)
 
 
 def angles_deg(state: State) -> tuple[float, float, float]:
@@ -534,7 +547,7 @@ def with_lens(problem: Problem, solution: Solution, camera: Camera, stated: froz
         stated: Unknowns that somebody stated: these are not as the camera file has them.
 
     Returns:
-        The same values; what is undetermined stays so.
+        The solution with these covariances; what is undetermined stays so.
     """
     considered = [name for name in _names(camera) if not _is_told(name, {*problem.unknowns.names, *stated})]
     lens_cov = _covariance(camera, considered)

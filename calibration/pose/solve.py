@@ -20,7 +20,7 @@ from calibration.pose.descent import Descent, Loss, Rows, RowsT_co, StateT, Task
 from calibration.pose.residuals import Problem, Residuals
 from calibration.pose.state import State
 
-_FEWEST = 3  # landmarks that place a camera without a guess; three do so in up to four ways
+_MIN_LANDMARKS = 3  # landmarks that place a camera without a guess; three do so in up to four ways
 _FLAT = 0.2  # thickness of a body of points, as a share of its width, below which it may be taken for its mirror image
 _ONE_POSE = (
     0.005  # of rotations and of shares of a distance: two closed forms of one pose, which descents bring together
@@ -56,8 +56,8 @@ def zooms(problem: Problem) -> tuple[float, ...]:
     return _ZOOMS if {"focal", "fx"} & set(problem.unknowns.names) else (1.0,)
 
 
-def placed(
-    problem: Problem, given: State, zoom: float = 1.0, rows: npt.NDArray[np.int64] | None = None
+def closed_form_states(
+    problem: Problem, known: State, zoom: float = 1.0, rows: npt.NDArray[np.int64] | None = None
 ) -> Iterator[State]:
     """What landmarks say in closed form of a camera with known focal length.
 
@@ -65,20 +65,20 @@ def placed(
 
     Args:
         problem: The evidence.
-        given: What is known or guessed.
+        known: What is known or guessed.
         zoom: Of ``zooms``.
         rows: Indices of the landmarks to use; None for all.
     """
     points, pixels = problem.landmarks
     if rows is not None:
         points, pixels = points[rows], pixels[rows]
-    if len(points) < _FEWEST or given.model is not ProjectionModel.PINHOLE:
+    if len(points) < _MIN_LANDMARKS or known.model is not ProjectionModel.PINHOLE:
         return
     middle = points.mean(axis=0)
-    lens = replace(given.camera, fx_px=zoom * given.camera.fx_px, fy_px=zoom * given.camera.fy_px)
+    lens = replace(known.camera, fx_px=zoom * known.camera.fx_px, fy_px=zoom * known.camera.fy_px)
     rays = rays_from_pixels(lens, pixels)
     ahead = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
-    if np.count_nonzero(ahead) < _FEWEST:
+    if np.count_nonzero(ahead) < _MIN_LANDMARKS:
         return
     flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
     found: list[FloatArray] = []
@@ -90,15 +90,15 @@ def placed(
         is_new = all(np.max(np.abs(pose - other)) > _ONE_POSE for other in found)
         if is_new and np.all(np.isfinite(pose)):
             found.append(pose)
-            yield _only_unknown(problem, given, replace(given, camera=lens), middle - away, wxyz)
+            yield _only_unknown(problem, known, replace(known, camera=lens), middle - away, wxyz)
 
 
 def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Rotations and shifts from the world to the camera: all that fit, points of a plane may fit two."""
-    ways = [cv2.SOLVEPNP_P3P] if len(flat) == _FEWEST else [cv2.SOLVEPNP_SQPNP]
+    ways = [cv2.SOLVEPNP_P3P] if len(flat) == _MIN_LANDMARKS else [cv2.SOLVEPNP_SQPNP]
     _, thickness, axes = np.linalg.svd(points_m, full_matrices=False)
     in_plane = points_m
-    if len(flat) > _FEWEST and thickness[2] < _FLAT * thickness[1]:
+    if len(flat) > _MIN_LANDMARKS and thickness[2] < _FLAT * thickness[1]:
         ways.append(cv2.SOLVEPNP_IPPE)
         in_plane = points_m - np.outer(points_m @ axes[2], axes[2])
     for way in ways:
@@ -120,32 +120,32 @@ def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[Floa
                 yield np.asarray(turn, dtype=np.float64), np.asarray(shift, dtype=np.float64)
 
 
-def _only_unknown(problem: Problem, given: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
+def _only_unknown(problem: Problem, known: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
     """The guess, with what is known as it is known."""
     names = problem.unknowns.names
-    placed_rad = replace(guess, wxyz=wxyz).angles_rad
+    closed_form_rad = replace(guess, wxyz=wxyz).angles_rad
     tilt, roll, heading = (
-        (placed_rad if name in names else given.angles_rad)[index] for index, name in enumerate(_ANGLES)
+        (closed_form_rad if name in names else known.angles_rad)[index] for index, name in enumerate(_ANGLES)
     )
-    position = given.position_m.copy()
+    position = known.position_m.copy()
     for index, name in enumerate(("east", "north", "height")):
         if name in names:
             position[index] = eye_m[index]
-    position[2] = max(position[2], given.elevation_m + 0.1)
+    position[2] = max(position[2], known.elevation_m + 0.1)
     return replace(guess, position_m=position, wxyz=camera_attitude(tilt, roll, heading))
 
 
-def scattered(problem: Problem, given: State) -> Iterator[State]:
+def scattered(problem: Problem, known: State) -> Iterator[State]:
     """A net of tilts, headings and heights over everything that a camera above ground could be."""
     names, priors = set(problem.unknowns.names), problem.known.priors
-    tilt, roll, heading = given.angles_rad
+    tilt, roll, heading = known.angles_rad
     free = names - set(priors)
     tilts = _TILTS_RAD if "tilt" in free else [tilt]
     headings = _HEADINGS_RAD if "heading" in free else [heading]
-    heights = [given.elevation_m + height for height in _HEIGHTS_M] if "height" in free else [given.position_m[2]]
+    heights = [known.elevation_m + height for height in _HEIGHTS_M] if "height" in free else [known.position_m[2]]
     for one_tilt, one_heading, height in itertools.product(tilts, headings, heights):
-        position = np.array([*given.position_m[:2], height])
-        state = replace(given, position_m=position, wxyz=camera_attitude(one_tilt, roll, one_heading))
+        position = np.array([*known.position_m[:2], height])
+        state = replace(known, position_m=position, wxyz=camera_attitude(one_tilt, roll, one_heading))
         yield _above_landmarks(problem, state) if {"east", "north"} & free else state
 
 
@@ -180,7 +180,7 @@ class Fit(Generic[StateT, RowsT_co]):
         chi2: Weighted sum of squares of what was used.
         dof: Degrees of freedom.
         p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
-        scaled: What the stated stds had to be multiplied with; 1 where they hold.
+        sigma_scale: What the stated stds had to be multiplied with; 1 where they hold.
     """
 
     state: StateT
@@ -190,7 +190,7 @@ class Fit(Generic[StateT, RowsT_co]):
     chi2: float
     dof: int
     p_value: float | None
-    scaled: float
+    sigma_scale: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -199,29 +199,29 @@ class Solution(Fit[State, Residuals]):
 
     Attributes:
         joint: ``(s, s)`` of the errors of ``dft.projection``, of which the unknowns are combinations.
-        rival: Another camera that the evidence fits as well; None where there is only one.
+        alternative: Another camera that the evidence fits as well; None where there is only one.
     """
 
     joint: FloatArray
-    rival: State | None = None
+    alternative: State | None = None
 
 
-def solve(problem: Problem, given: State, *, guess_is_good: bool = False) -> Solution:
+def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Solution:
     """Fit the unknowns.
 
     Args:
         problem: Evidence and unknowns.
-        given: What is known; where to start for what is not.
-        guess_is_good: ``given`` is near the truth in every unknown: a start among those that the evidence gives.
+        known: What is known; where to start for what is not.
+        guess_is_good: ``known`` is near the truth in every unknown: a start among those that the evidence gives.
 
     Returns:
         The best of all descents. Whether it can be trusted is for ``result.observability`` to say.
     """
-    ends = _ends(problem, given, guess_is_good=guess_is_good)
+    ends = _ends(problem, known, guess_is_good=guess_is_good)
     best = _cheapest(ends)
     best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
     solution = _solution(problem, best, kept)
-    return replace(solution, rival=_rival(problem, solution, ends))
+    return replace(solution, alternative=_alternative(problem, solution, ends))
 
 
 def without_outliers(
@@ -256,11 +256,11 @@ def _with_forgiven(
     Of few observations some always agree by chance, and the others look wrong beside them.
     """
     squares, _ = _by_owner(best.residuals)
-    left_out = np.flatnonzero(~kept)
+    outliers = np.flatnonzero(~kept)
     chosen, least = (best, kept), _unlikeliness(best.residuals, kept)
-    for count in range(len(left_out), 0, -1) if len(left_out) <= _FORGIVABLE else ():
+    for count in range(len(outliers), 0, -1) if len(outliers) <= _FORGIVABLE else ():
         with_more = kept.copy()
-        with_more[left_out[np.argsort(squares[left_out])][:count]] = True
+        with_more[outliers[np.argsort(squares[outliers])][:count]] = True
         other = descend(problem, best.state, None, with_more)
         unlikely = _unlikeliness(other.residuals, with_more)
         if unlikely <= least:
@@ -273,17 +273,17 @@ def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
     return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
 
-def _ends(problem: Problem, given: State, *, guess_is_good: bool) -> list[End]:
+def _ends(problem: Problem, known: State, *, guess_is_good: bool) -> list[End]:
     """Where descents from all starts end, as many starts as it takes until one of them fits."""
-    ends = [descend(problem, given, ROBUST)] if guess_is_good else []
+    ends = [descend(problem, known, ROBUST)] if guess_is_good else []
     for zoom in zooms(problem):
-        for start in placed(problem, given, zoom):
+        for start in closed_form_states(problem, known, zoom):
             residuals = problem.evaluate(start)
             if not (_some_fit(ends) and _is_hopeless(residuals)):
                 ends.append(descend(problem, start, ROBUST, known=residuals))
         if _some_fit(ends):
             return ends
-    candidates = [given, *scattered(problem, given), *_from_subsets(problem, given)]
+    candidates = [known, *scattered(problem, known), *_from_subsets(problem, known)]
     loss = None
     scored = []
     for candidate in candidates:
@@ -301,7 +301,7 @@ def _cheapest(ends: list[End]) -> End:
     return sorted(as_good, key=lambda end: end.state.value("height"))[len(as_good) // 2]
 
 
-def _from_subsets(problem: Problem, given: State) -> list[State]:
+def _from_subsets(problem: Problem, known: State) -> list[State]:
     """What four landmarks at a time say: most fours are free of outliers where few landmarks are."""
     count = len(problem.landmarks[0])
     if count <= _FEW:
@@ -311,7 +311,7 @@ def _from_subsets(problem: Problem, given: State) -> list[State]:
     return [
         state
         for rows, zoom in zip(subsets, itertools.cycle(zooms(problem)), strict=False)
-        for state in itertools.islice(placed(problem, given, zoom, rows), 2)
+        for state in itertools.islice(closed_form_states(problem, known, zoom, rows), 2)
     ]
 
 
@@ -377,9 +377,9 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     used = used_rows(residuals.owner, kept)
     jac, values = residuals.by_unknowns[used], residuals.values[used]
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
-    p_value, scaled = goodness(chi2, dof)
+    p_value, sigma_scale = goodness(chi2, dof)
     to_angles = problem.unknowns.to_angles(end.state)
-    own = covariance_of(jac.T @ jac) * scaled**2
+    own = covariance_of(jac.T @ jac) * sigma_scale**2
     by = problem.unknowns.by_unknowns(end.state)
     if not np.all(np.isfinite(own)):
         covariance, joint = own, np.full((len(by), len(by)), np.inf)
@@ -394,11 +394,11 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
         chi2=chi2,
         dof=dof,
         p_value=p_value,
-        scaled=scaled,
+        sigma_scale=sigma_scale,
     )
 
 
-def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
+def _alternative(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
     """Another end that chance does not tell from the solution: its mirror image, or one of three points' four."""
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
@@ -406,7 +406,7 @@ def _rival(problem: Problem, solution: Solution, ends: list[End]) -> State | Non
         if _is_hopeless(end.residuals) or not _is_elsewhere(names, solution.state, end.state, stds):
             continue
         other = descend(problem, end.state, None, solution.kept, end.residuals)
-        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.scaled**2
+        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.sigma_scale**2
         if as_likely and _is_elsewhere(names, solution.state, other.state, stds):
             return other.state
     return None

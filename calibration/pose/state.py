@@ -7,9 +7,18 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from aerodft.dft import ELEVATION, INTRINSICS, ROTATION
+from aerodft.dft import ELEVATION, INTRINSICS, ROTATION, GroundPoints, project
 from aerodft.geometry import angles_of_matrix, camera_attitude, from_rotation_vector, matrix, multiply
-from aerodft.model import Camera, CameraStd, FloatArray, LensModel, ProjectionModel, read_only
+from aerodft.model import (
+    Camera,
+    CameraStd,
+    FloatArray,
+    FloatLike,
+    LensModel,
+    Pose,
+    ProjectionModel,
+    read_only,
+)
 
 _COEFFICIENTS = {
     LensModel.BROWN: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
@@ -42,7 +51,7 @@ class State:
     model: ProjectionModel = ProjectionModel.PINHOLE
 
     @classmethod
-    def of(
+    def from_angles(
         cls,
         camera: Camera,
         position_m: FloatArray,
@@ -50,7 +59,7 @@ class State:
         elevation_m: float = 0.0,
         model: ProjectionModel = ProjectionModel.PINHOLE,
     ) -> "State":
-        """From tilt, roll and heading."""
+        """A state of a camera that looks along tilt, roll and heading."""
         uncertain = CameraStd(distortion=(1.0,) * len(camera.distortion))
         lens = replace(camera, std=uncertain, covariance=())
         return cls(lens, np.asarray(position_m, dtype=np.float64), camera_attitude(*angles_rad), elevation_m, model)
@@ -65,6 +74,15 @@ class State:
         """Tilt, roll and heading."""
         tilt, roll, heading = angles_of_matrix(self.rotation)
         return float(tilt), float(roll), float(heading)
+
+    @property
+    def pose(self) -> Pose:
+        """The camera's pose without its covariance."""
+        return Pose(position_enu_m=self.position_m, wxyz=self.wxyz)
+
+    def ground_points(self, pixels_px: FloatArray, elevation_m: FloatLike) -> GroundPoints:
+        """What pixels ``(..., 2)`` show of level planes at so high elevations."""
+        return project(self.camera, self.pose, pixels_px, elevation_m, self.model)
 
     def value(self, name: str) -> float:
         """An unknown's value: metres, radians, pixels; distortion coefficients as they are."""
@@ -187,7 +205,7 @@ class Unknowns:
 
 @lru_cache(maxsize=64)
 def _columns_of(names: tuple[str, ...], coefficients: tuple[str, ...]) -> FloatArray:
-    """As ``Unknowns.by_unknowns``, where it does not depend on the state; angles turn about the camera's own axes."""
+    """``(s, n)`` of ``Unknowns.by_unknowns`` where no state matters: angles turn about the camera's own axes."""
     by = np.zeros((7 + 4 + len(coefficients), len(names)))
     for column, name in enumerate(names):
         if name in _PLACE:

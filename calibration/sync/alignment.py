@@ -17,10 +17,10 @@ from aerodft.service import AttitudeSettings
 from aerodft.service.attitude import AttitudeHistory
 from aerodft.vision.camera_motion import ImagePair, PlaneMotion, layered_motion, plane_motion
 from calibration.sync.fit import (
-    FEWEST_REPORTS,
     LAG,
     LAG_PRIOR_S,
     MAX_DRIFT,
+    MIN_REPORTS,
     Peak,
     Refined,
     TurnProblem,
@@ -30,14 +30,14 @@ from calibration.sync.fit import (
 )
 from calibration.sync.motion import CameraMotion, CameraPath, followed_path, predicted
 
-MOST_STD_S = 0.05
+MAX_STD_S = 0.05
 """A less certain alignment is none."""
 
-_FEWEST_PAIRS = 25
+_MIN_PAIRS = 25
 _AROUND_S = 5.0  # of the log beside what could be of the video, for a lag and for a curve's ends
-_LEAST_SCORE = 30.0
-_MOST_RATIO = 0.7  # of the second peak's score to the best one's
-_LAG_TOLD = 0.6  # of the prior's standard deviation: what is left when the data tell the lag
+_MIN_SCORE = 30.0
+_MAX_RATIO = 0.7  # of the second peak's score to the best one's
+_LAG_DETERMINED = 0.6  # of the prior's standard deviation: what is left when the data tell the lag
 _SIGMAS_95 = 1.96
 
 
@@ -48,14 +48,14 @@ class Rates:
     Attributes:
         stamp_ns: ``(n,)`` by the video's clock.
         seen_radps: ``(n, 3)`` by the images.
-        said_before_radps: ``(n, 3)`` by the log, as the video was stamped; NaN outside of the log.
-        said_radps: ``(n, 3)`` by the log, aligned; likewise.
+        logged_before_radps: ``(n, 3)`` by the log, as the video was stamped; NaN outside of the log.
+        logged_radps: ``(n, 3)`` by the log, aligned; NaN outside of the log.
     """
 
     stamp_ns: IntArray
     seen_radps: FloatArray
-    said_before_radps: FloatArray
-    said_radps: FloatArray
+    logged_before_radps: FloatArray
+    logged_radps: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,8 +69,8 @@ class Alignment:
         lag_s: How much the camera was behind the gimbal's reports, on average.
         time_constant_s: How much of that is a camera that follows ever more slowly, rather than later.
         cov: ``(3, 3)`` of offset, drift and lag.
-        lag_told: Whether the lag is known, by the data or because there is none; else it is a typical one, and part of
-            the offset's std.
+        is_lag_determined: The lag is known, by the data or because there is none; else it is a typical one, and part
+            of the offset's std.
         peak_ratio: Score of the best other offset over that of this one; 0 where there is no other.
         source: The report of the camera's attitude.
         rates: What it was made of.
@@ -82,7 +82,7 @@ class Alignment:
     lag_s: float
     time_constant_s: float
     cov: FloatArray
-    lag_told: bool
+    is_lag_determined: bool
     peak_ratio: float
     source: GimbalSource
     rates: Rates
@@ -119,11 +119,11 @@ def align(
             offsets that fit about as well.
     """
     coarse = plane_motion(pairs)
-    if len(coarse) < _FEWEST_PAIRS:
+    if len(coarse) < _MIN_PAIRS:
         raise NoAnswerError(
             "the images do not tell how the camera turned",
             got=f"{len(coarse)} pairs of images with a common plane",
-            expected=f"at least {_FEWEST_PAIRS}",
+            expected=f"at least {_MIN_PAIRS}",
             hint="the ground must be in view, sharp and textured",
         )
     reference_ns = (pairs[0].start_ns + pairs[-1].end_ns) // 2
@@ -132,7 +132,7 @@ def align(
     best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
     first = fit(TurnProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
     problem = TurnProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
-    seen = problem.seen(problem.said(first))
+    seen = problem.seen(problem.predicted_by_log(first))
     path = followed_path(pairs, problem.motion, seen, camera, first[: LAG + 1], reference_ns)
     found = _refined(camera, path, first[: LAG + 1])
     alignment = _alignment(found, first, problem, reference_ns, ratio)
@@ -181,19 +181,19 @@ def check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> Non
 
 def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
     best = peaks[0]
-    if best.score < _LEAST_SCORE:
+    if best.score < _MIN_SCORE:
         raise NoAnswerError(
             "too little motion to tell, or the video is not of this flight",
-            got=f"at best {max(best.score / _LEAST_SCORE, 0):.0%} of what tells an offset, at {best.offset_s:+.1f} s",
+            got=f"at best {max(best.score / _MIN_SCORE, 0):.0%} of what tells an offset, at {best.offset_s:+.1f} s",
             expected="100 % or more",
             hint="the gimbal or the vehicle must turn while the video runs; see --max-offset, --video-start",
         )
     ratio = max(peaks[1].score / best.score, 0.0) if len(peaks) > 1 else 0.0
-    if ratio > _MOST_RATIO:
+    if ratio > _MAX_RATIO:
         raise NoAnswerError(
             "several offsets fit about as well",
             got=f"{best.offset_s:+.1f} s and {peaks[1].offset_s:+.1f} s, which explains {ratio:.0%} of what that does",
-            expected=f"at most {_MOST_RATIO:.0%}",
+            expected=f"at most {_MAX_RATIO:.0%}",
             hint="a motion that repeats itself does not tell; pass --video-start and a smaller --max-offset",
         )
     return best, ratio
@@ -204,9 +204,9 @@ def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, fir
     offset, drift, lag = first[: LAG + 1].tolist()
     stamps = np.array([(pair.start_ns, pair.end_ns) for pair in pairs], dtype=np.int64)
     start, end = (offset + (1 + drift) * ((stamps - zero_ns) / SECOND_NS)).T
-    said = predicted(camera, start, end, lag)
-    covered = [pair for pair, known in zip(pairs, said.known.tolist(), strict=True) if known]
-    return layered_motion(covered, said.rotvec_rad[said.known], said.normal_cam[said.known])
+    logged = predicted(camera, start, end, lag)
+    covered = [pair for pair, known in zip(pairs, logged.known.tolist(), strict=True) if known]
+    return layered_motion(covered, logged.rotvec_rad[logged.known], logged.normal_cam[logged.known])
 
 
 def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refined:
@@ -216,7 +216,7 @@ def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refin
         raise NoAnswerError(
             "too little of the log is about what the video shows",
             got=f"{error} reports of {camera.source} while the ground was followed",
-            expected=f"at least {FEWEST_REPORTS}",
+            expected=f"at least {MIN_REPORTS}",
             hint="film longer while the gimbal moves, or ask for its reports more often",
         ) from None
 
@@ -225,7 +225,7 @@ def _alignment(found: Refined, first: FloatArray, problem: TurnProblem, referenc
     offset, drift, lag = found.values.tolist()
     between = problem.between_s[:, None]
     before = predicted(problem.camera, problem.start_s, problem.end_s, 0.0)
-    said = problem.said(np.concatenate([found.values, first[LAG + 1 :]]))
+    logged = problem.predicted_by_log(np.concatenate([found.values, first[LAG + 1 :]]))
     return Alignment(
         reference_ns=reference_ns,
         offset_s=offset,
@@ -233,24 +233,24 @@ def _alignment(found: Refined, first: FloatArray, problem: TurnProblem, referenc
         lag_s=lag,
         time_constant_s=found.time_constant_s,
         cov=found.cov,
-        lag_told=float(np.sqrt(found.cov[LAG, LAG])) < _LAG_TOLD * LAG_PRIOR_S[1],
+        is_lag_determined=float(np.sqrt(found.cov[LAG, LAG])) < _LAG_DETERMINED * LAG_PRIOR_S[1],
         peak_ratio=ratio,
         source=problem.camera.source,
         rates=Rates(
             stamp_ns=(problem.motion.start_ns + problem.motion.end_ns) // 2,
-            seen_radps=problem.seen(said).rotvec_rad / between,
-            said_before_radps=np.where(before.known[:, None], before.rotvec_rad / between, np.nan),
-            said_radps=np.where(said.known[:, None], said.rotvec_rad / between, np.nan),
+            seen_radps=problem.seen(logged).rotvec_rad / between,
+            logged_before_radps=np.where(before.known[:, None], before.rotvec_rad / between, np.nan),
+            logged_radps=np.where(logged.known[:, None], logged.rotvec_rad / between, np.nan),
         ),
     )
 
 
 def _check(alignment: Alignment) -> None:
     std_s = alignment.attitude_std_s()
-    if std_s > MOST_STD_S:
+    if std_s > MAX_STD_S:
         raise NoAnswerError(
             "too little motion to tell",
             got=f"an offset that is known to {std_s:.2f} s only",
-            expected=f"a standard deviation of at most {MOST_STD_S:g} s",
+            expected=f"a standard deviation of at most {MAX_STD_S:g} s",
             hint="the gimbal or the vehicle must turn while the video runs",
         )

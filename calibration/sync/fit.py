@@ -31,14 +31,14 @@ from aerodft.vision.camera_motion import FREE, PlaneMotion, Turns, turns_over_pl
 from calibration.sync.motion import CameraMotion, CameraPath, Predicted, predicted
 
 MAX_DRIFT = 0.03
-"""Of clocks that are worth aligning, twice."""
+"""Twice the drift of clocks that are worth aligning."""
 
 _STEP_S = 0.05
 _DRIFT_STEP = 0.0025
-_MOST_PAIRS = 400
+_MAX_PAIRS = 400
 _LOG_RATE_STD_RADPS = 0.015  # of telemetry against the camera, in part because its lag is not quite known yet
 _LAGS_S = (0.05, 0.175, 0.3)  # that are tried
-_LEAST = np.exp(-8.0)  # likelihood of what cannot be: a pair may be wrong
+_MIN_LIKELIHOOD = np.exp(-8.0)  # likelihood of what cannot be: a pair may be wrong
 _APART_S = 1.0  # peaks closer than this are one
 _PEAKS = 2
 _REACH = 2 * round(_APART_S / _STEP_S) + 1
@@ -53,8 +53,8 @@ _STEP = np.array([0.01, 2e-4, 0.01, 0.002, 0.002, 0.002])  # of central differen
 _RATE_STD_RADPS = 0.001  # of what a camera does beside its gimbal
 _STUDENT = 4.0  # degrees of freedom of the turns' t distribution
 _MEDIAN_CHI2 = 2.366  # with 3 degrees of freedom
-_LEAST_ITERATIONS, _ITERATIONS = 6, 12
-_FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is forgiven, and what is left of it after each iteration
+_MIN_ITERATIONS, _ITERATIONS = 6, 12
+_FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is robust_weights, and what is left of it after each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
 _FIXED = 1e18  # precision of what is no unknown
 _JITTERS_S = (0.0005, 0.001, 0.002, 0.004, 0.008)  # more would explain any other way of following
@@ -66,7 +66,7 @@ _FIXED_SHARE = np.array([-0.5324, 0.4160, 2.9694, 1.9600]) / 1.96  # of the whol
 SMEAR = LAG + 1
 """The time constant's place among the unknowns; a turn of the path as a whole follows."""
 
-FEWEST_REPORTS = 20
+MIN_REPORTS = 20
 """With fewer there is no answer."""
 
 _PATH_UNKNOWNS = SMEAR + 4
@@ -77,10 +77,10 @@ _SHARES = (0.0, 0.5, 1.0)  # of the lag that the time constant makes up at first
 _AROUND_S = 0.05  # on both sides, of a rate
 _MARGIN_S = 0.4  # of the video's ends, for what is yet to be moved
 _TOGETHER_S = 0.4  # reports this close are one residual: what a lead adds to the path's noise averages out
-_KNOT_S, _MOST_KNOTS = 0.5, 240
+_KNOT_S, _MAX_KNOTS = 0.5, 240
 _STRAY_RAD = 0.0005  # in a second, beside what is known of the path
 _FIRST_RAD = 0.2  # how far off it may begin
-_LEAST_PATH_ITERATIONS, _PATH_ITERATIONS = 8, 14
+_MIN_PATH_ITERATIONS, _PATH_ITERATIONS = 8, 14
 _BESIDE = 1.3  # times what model and residuals tell were the errors over simulated flights
 _WHOLE_MS_STD_S = 0.0005  # of stamps that count milliseconds, with those of the clock map
 _UNSTAMPED = (GimbalSource.MOUNT_STATUS,)
@@ -106,7 +106,7 @@ def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s
         zero_ns: The reference: offset is added there, drift counts from there; that of ``camera``.
         max_offset_s: Offsets of up to this, on both sides.
     """
-    every = max(len(motion) // _MOST_PAIRS, 1)
+    every = max(len(motion) // _MAX_PAIRS, 1)
     start_s, end_s = ((stamps[::every] - zero_ns) / SECOND_NS for stamps in (motion.start_ns, motion.end_ns))
     reach_s = max_offset_s + MAX_DRIFT * float(np.max(np.abs(start_s)))
     log_s = np.arange(start_s[0] - reach_s, start_s[-1] + reach_s + _STEP_S, _STEP_S)
@@ -138,7 +138,7 @@ def _table(
         zip(motion.homography[::every], motion.cov[::every], between_s, strict=True)
     ):
         misfit = _misfit(homography, cov, rate[known] * step_s, told.normal_cam[known], _LOG_RATE_STD_RADPS * step_s)
-        likelihood = np.exp(-misfit / 2) + _LEAST
+        likelihood = np.exp(-misfit / 2) + _MIN_LIKELIHOOD
         table[row, known] = np.log(likelihood / likelihood.mean())
     return table
 
@@ -189,33 +189,33 @@ class TurnProblem:
         self.end_s = (motion.end_ns - zero_ns) / SECOND_NS
         self.between_s = self.end_s - self.start_s
 
-    def said(self, values: FloatArray) -> Predicted:
+    def predicted_by_log(self, values: FloatArray) -> Predicted:
         """What the log says of all pairs under this alignment."""
         offset, drift, lag = values[: LAG + 1].tolist()
         start, end = (offset + (1 + drift) * times for times in (self.start_s, self.end_s))
-        said = predicted(self.camera, start, end, lag)
+        logged = predicted(self.camera, start, end, lag)
         camera_from_gimbal = matrix(from_rotation_vector(values[LAG + 1 :])).T
         return Predicted(
-            rotvec_rad=said.rotvec_rad @ camera_from_gimbal,
-            normal_cam=said.normal_cam @ camera_from_gimbal,
-            known=said.known,
+            rotvec_rad=logged.rotvec_rad @ camera_from_gimbal,
+            normal_cam=logged.normal_cam @ camera_from_gimbal,
+            known=logged.known,
         )
 
-    def seen(self, said: Predicted) -> Turns:
+    def seen(self, logged: Predicted) -> Turns:
         """What the images say, with the ground where the log has it."""
-        return turns_over_plane(self.motion, said.normal_cam, said.rotvec_rad)
+        return turns_over_plane(self.motion, logged.normal_cam, logged.rotvec_rad)
 
     def off(self, values: FloatArray) -> FloatArray:
-        """``(n, 3)`` seen minus said, rad."""
-        said = self.said(values)
-        return self.seen(said).rotvec_rad - said.rotvec_rad
+        """``(n, 3)`` seen minus logged, rad."""
+        logged = self.predicted_by_log(values)
+        return self.seen(logged).rotvec_rad - logged.rotvec_rad
 
 
 def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
     """Fit from ``start (3,)``: offset (s, at the reference), drift, lag (s).
 
     Returns:
-        ``(6,)``: the same, and the turn of the camera's axes against the gimbal's (rad).
+        ``(6,)``: offset, drift, lag, and the turn of the camera's axes against the gimbal's (rad).
     """
     fixed = np.arange(_UNKNOWNS) == (LAG if not problem.camera.has_lag else -1)
     precision, mean = np.where(fixed, _FIXED, 1 / _PRIOR_STD**2), np.where(fixed, 0.0, _PRIOR_MEAN)
@@ -227,7 +227,7 @@ def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
         gradient = np.einsum("nui,nu->i", jac, off) + precision * (mean - values)
         step = np.linalg.solve(information, gradient)
         values = np.where(fixed, 0.0, values + step)
-        if round_ >= _LEAST_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
+        if round_ >= _MIN_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
             break
     return np.asarray(values)
 
@@ -237,8 +237,8 @@ class _Lines:
     """The problem near some values, of the ``m`` pairs that the log covers.
 
     Attributes:
-        jac: ``(m, 3, 6)`` derivatives of what is said less what is seen.
-        off: ``(m, 3)`` seen less said, rad.
+        jac: ``(m, 3, 6)`` derivatives of what is logged less what is seen.
+        off: ``(m, 3)`` seen less logged, rad.
         cov: ``(m, 3, 3)`` of what is seen.
         used: ``(n,)`` which of all pairs they are.
     """
@@ -250,8 +250,8 @@ class _Lines:
 
 
 def _linearised(problem: TurnProblem, values: FloatArray) -> _Lines:
-    said = problem.said(values)
-    seen, used = problem.seen(said), said.known
+    logged = problem.predicted_by_log(values)
+    seen, used = problem.seen(logged), logged.known
     jac = np.empty((len(problem.motion), 3, _UNKNOWNS))
     for column, step in enumerate(_STEP):
         ahead, behind = values.copy(), values.copy()
@@ -263,7 +263,7 @@ def _linearised(problem: TurnProblem, values: FloatArray) -> _Lines:
     beside = ((_RATE_STD_RADPS * problem.between_s) ** 2)[:, None, None] * np.eye(3)
     return _Lines(
         jac=jac[used],
-        off=(seen.rotvec_rad - said.rotvec_rad)[used],
+        off=(seen.rotvec_rad - logged.rotvec_rad)[used],
         cov=(unlike * seen.cov_rad2 + beside)[used],
         used=used,
     )
@@ -294,7 +294,7 @@ class Spread:
 
     @staticmethod
     def first() -> "Spread":
-        """Before anything is known."""
+        """The spread to start from."""
         return Spread(0.003, _JITTERS_S[-1])
 
     def inward(self, off_rad: FloatArray, rate_radps: FloatArray) -> FloatArray:
@@ -302,7 +302,7 @@ class Spread:
         along = self.jitter_s**2 * rate_radps[:, :, None] * rate_radps[:, None, :]
         inward = np.linalg.inv(np.linalg.cholesky(self.noise_rad**2 * np.eye(3) + along))
         squares = np.sum((inward @ off_rad[..., None]) ** 2, axis=(1, 2))
-        return np.asarray(inward * np.sqrt(forgiven(squares))[:, None, None])
+        return np.asarray(inward * np.sqrt(robust_weights(squares))[:, None, None])
 
     def cost(self, off_rad: FloatArray, rate_radps: FloatArray) -> float:
         """Minus the logarithm of the likelihood of residuals ``(n, 3)``, but for a constant."""
@@ -324,11 +324,11 @@ def _noise_rad(off_rad: FloatArray, rate_radps: FloatArray, jitter_s: float) -> 
     noise = float(np.mean(off_rad**2))
     for _ in range(_ROUNDS):
         squares = along / (noise + jitter) + across / noise
-        noise *= float(np.mean(forgiven(squares) * squares)) / 3
+        noise *= float(np.mean(robust_weights(squares) * squares)) / 3
     return float(np.hypot(np.sqrt(noise), _PATH_STD_RAD))
 
 
-def forgiven(squares: FloatArray) -> FloatArray:
+def robust_weights(squares: FloatArray) -> FloatArray:
     """Weights ``(n,)`` of t-distributed vectors of three, by the sum of their squares."""
     return np.asarray((_STUDENT + 3) / (_STUDENT + squares))
 
@@ -345,7 +345,7 @@ def _parts(off_rad: FloatArray, rate_radps: FloatArray) -> tuple[FloatArray, Flo
     return along, np.sum(off_rad**2, axis=-1) - along
 
 
-def alike(times_s: FloatArray, parts: FloatArray) -> FloatArray:
+def correlated_covariance(times_s: FloatArray, parts: FloatArray) -> FloatArray:
     """Covariance ``(u, u)`` of the sum of parts ``(n, u)``, which are alike for a while (Newey and West 1987).
 
     Of few independent stretches it would come out too small: it is scaled so that 1.96 of its standard deviations hold
@@ -406,10 +406,10 @@ class _Reports:
         self._camera, self._path = camera, path
         utc_s = camera.report_s + start[LAG]
         video_s = (utc_s - start[OFFSET]) / (1 + start[DRIFT])
-        around = [camera.carries(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
+        around = [camera.knows_reference(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
         around += [path.sees(video_s + sign * _MARGIN_S) for sign in (-1, 0, 1)]
         keep = np.all(around, axis=0)
-        if np.count_nonzero(keep) < FEWEST_REPORTS:
+        if np.count_nonzero(keep) < MIN_REPORTS:
             raise LookupError(np.count_nonzero(keep))
         self._report_s, self._wxyz = camera.report_s[keep], camera.report_wxyz[keep]
         together = np.floor((self._report_s - self._report_s[0]) / _TOGETHER_S)
@@ -455,7 +455,7 @@ class _Walk:
 
     def __init__(self, times_s: FloatArray, path: CameraPath) -> None:
         span_s = float(times_s[-1] - times_s[0])
-        knots = np.linspace(times_s[0], times_s[-1], int(np.clip(span_s / _KNOT_S, 1, _MOST_KNOTS)) + 1)
+        knots = np.linspace(times_s[0], times_s[-1], int(np.clip(span_s / _KNOT_S, 1, _MAX_KNOTS)) + 1)
         self.basis = np.stack([np.interp(times_s, knots, row) for row in np.eye(len(knots))], axis=1)
         between_s = knots[1] - knots[0]
         std = np.hypot(path.stray_rad(knots), _STRAY_RAD * np.sqrt(between_s))
@@ -477,7 +477,7 @@ class _Fit:
         self._spread = Spread.first()
 
     def found(self, start: FloatArray, share: float) -> Refined:
-        """From ``start (3,)``, this share of the lag being a time constant."""
+        """The fit from ``start (3,)``, with this share of the lag as a time constant."""
         values = np.concatenate([start, [share * start[LAG], 0.0, 0.0, 0.0]])
         values, strays = np.where(self._fixed, 0.0, values), np.zeros(len(self._steps))
         for round_ in range(_PATH_ITERATIONS):
@@ -486,9 +486,9 @@ class _Fit:
             values, strays = values + np.where(self._fixed, 0.0, step[:_PATH_UNKNOWNS]), strays + step[_PATH_UNKNOWNS:]
             if values[SMEAR] < 0:
                 values[SMEAR] = 0.0
-                self._fixed[SMEAR] = round_ >= _LEAST_PATH_ITERATIONS
+                self._fixed[SMEAR] = round_ >= _MIN_PATH_ITERATIONS
             self._spread = scales(self._off(values, strays), self._reports.rate_radps(values))
-            if round_ > _LEAST_PATH_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
+            if round_ > _MIN_PATH_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
                 break
         lines = self._lines(values, strays)
         return Refined(
@@ -506,9 +506,9 @@ class _Fit:
         return np.where(self._fixed, _FIXED, 1 / _PATH_PRIOR_STD**2), np.where(self._fixed, 0.0, _PATH_PRIOR_MEAN)
 
     def _weighted_steps(self, strays: FloatArray) -> FloatArray:
-        """Less of those knots between which the path strays far: of a while in which water was followed."""
+        """The walk's steps with less weight where the path strays far, as while water was followed."""
         squares = np.sum((self._steps @ strays).reshape(3, -1) ** 2, axis=0)
-        return np.asarray(self._steps * np.tile(np.sqrt(forgiven(squares)), 3)[:, None])
+        return np.asarray(self._steps * np.tile(np.sqrt(robust_weights(squares)), 3)[:, None])
 
     def _lines(self, values: FloatArray, strays: FloatArray) -> "_PathLines":
         jac = np.zeros((*self._reports.off(values).shape, _PATH_UNKNOWNS))
@@ -537,7 +537,7 @@ class _Fit:
         steps = self._weighted_steps(strays)
         by_steps = -(steps * (steps @ strays)[:, None]) @ bread[:, _PATH_UNKNOWNS:].T
         times_s = np.concatenate([self._reports.video_s, np.tile(self._walk.step_s, 3)])
-        spread = bread[:, : LAG + 1] + alike(times_s, np.concatenate([by_reports, by_steps]))
+        spread = bread[:, : LAG + 1] + correlated_covariance(times_s, np.concatenate([by_reports, by_steps]))
         return np.asarray(_BESIDE**2 * spread) + np.diag([_WHOLE_MS_STD_S**2, 0.0, _WHOLE_MS_STD_S**2])
 
     def _cost(self, values: FloatArray, strays: FloatArray) -> float:

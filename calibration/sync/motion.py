@@ -26,25 +26,25 @@ from aerodft.service import AttitudeSettings, FixedMount
 from aerodft.service.attitude import AttitudeHistory, AttitudeSeries, reference_wxyz
 from aerodft.vision.camera_motion import ImagePair, PlaneMotion, Turns
 
-_FEWEST = 20  # samples of a curve
+_MIN_SAMPLES = 20  # samples of a curve
 _SMOOTHNESS = tuple(10.0**power for power in range(-8, 2))  # s3; weights of the second derivative
-_LEAST_STD_RAD = 1e-4  # of a turn between two images
-_MOST_CHI2 = 100.0  # of two degrees of freedom; more are land and water as one, which turn like neither for seconds
+_MIN_STD_RAD = 1e-4  # of a turn between two images
+_MAX_CHI2 = 100.0  # of two degrees of freedom; more are land and water as one, which turn like neither for seconds
 _UNSEEN_RAD = 0.02  # after a second of which no image tells
 
 
 class _Curve:
     """A smoothing spline of samples ``(n, k)``: what a report's noise does between them is no motion of the camera.
 
-    How smooth, every other sample decides: the curve that the rest of them makes must foretell it best.
+    How smooth, every other sample decides: the curve that the rest of them makes must predict it best.
     """
 
     def __init__(self, times_s: FloatArray, values: FloatArray, max_gap_s: float) -> None:
         self._times_s = times_s
         self._max_gap_s = max_gap_s
-        misses = [_missed(times_s, values, smoothness) for smoothness in _SMOOTHNESS]
+        errors = [_prediction_error(times_s, values, smoothness) for smoothness in _SMOOTHNESS]
         # With twice as many samples, twice the weight keeps the balance.
-        self._spline = make_smoothing_spline(times_s, values, lam=2 * _SMOOTHNESS[int(np.argmin(misses))])
+        self._spline = make_smoothing_spline(times_s, values, lam=2 * _SMOOTHNESS[int(np.argmin(errors))])
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -63,7 +63,7 @@ class _Curve:
         return np.asarray(near & (times_s >= first_s) & (times_s <= last_s))
 
 
-def _missed(times_s: FloatArray, values: FloatArray, smoothness: float) -> float:
+def _prediction_error(times_s: FloatArray, values: FloatArray, smoothness: float) -> float:
     """Mean square by which a curve through even samples misses odd ones."""
     curve = make_smoothing_spline(times_s[::2], values[::2], lam=smoothness)
     return float(np.mean((curve(times_s[1:-1:2]) - values[1:-1:2]) ** 2))
@@ -76,7 +76,7 @@ class CameraMotion:
         source: The report that is believed.
         has_lag: Whether the camera could lag behind it: not where it is bolted to the vehicle.
         report_s: ``(n,)`` when it came, seconds.
-        report_wxyz: ``(n, 4)`` what it said.
+        report_wxyz: ``(n, 4)`` what it reported.
     """
 
     def __init__(
@@ -94,11 +94,11 @@ class CameraMotion:
             LookupError: The log holds no attitude of the camera that could be used.
         """
         history = _cut(history, zero_ns, reach_s)
-        self.source = _believed(history, settings)
+        self.source = _preferred_source(history, settings)
         self.has_lag = self.source is not GimbalSource.FIXED_MOUNT
         self._zero_ns, self._max_gap_s = zero_ns, settings.max_gap_ns / SECOND_NS
         mount = settings.camera_on_gimbal if self.has_lag else settings.fixed_mount
-        self._mount = _mounted(mount)
+        self._mount = _mount_wxyz(mount)
         vehicle = _usable(history.vehicle)
         self._reference: _Curve | None = None
         bolted = None if self.has_lag else vehicle
@@ -114,7 +114,7 @@ class CameraMotion:
             self._reference = self._curve(vehicle, reference_wxyz(vehicle.wxyz, frame, yaw_in_earth=in_earth))
 
     def _curve(self, series: AttitudeSeries, wxyz: FloatArray) -> _Curve:
-        return _Curve((series.stamp_ns - self._zero_ns) / SECOND_NS, _steady(wxyz), self._max_gap_s)
+        return _Curve((series.stamp_ns - self._zero_ns) / SECOND_NS, _continuous(wxyz), self._max_gap_s)
 
     def enu_wxyz_cam(self, times_s: FloatArray, lag_s: float = 0.0) -> FloatArray:
         """``(..., 4)``: what the gimbal reported ``lag_s`` before, on what the vehicle then was."""
@@ -131,13 +131,13 @@ class CameraMotion:
         reference = self._reference.at(times_s)
         return multiply(inverse(reference / np.linalg.norm(reference, axis=-1, keepdims=True)), gimbal)
 
-    def carries(self, times_s: FloatArray) -> BoolArray:
+    def knows_reference(self, times_s: FloatArray) -> BoolArray:
         """Where it is known what the report counts from."""
         return np.ones(times_s.shape, dtype=np.bool_) if self._reference is None else self._reference.knows(times_s)
 
     def knows(self, times_s: FloatArray, lag_s: float = 0.0) -> BoolArray:
-        """Where ``enu_wxyz_cam`` lies between samples."""
-        return self._report.knows(times_s - lag_s) & self.carries(times_s)
+        """Mask of the times at which ``enu_wxyz_cam`` lies between samples."""
+        return self._report.knows(times_s - lag_s) & self.knows_reference(times_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +166,7 @@ def predicted(motion: CameraMotion, start_s: FloatArray, end_s: FloatArray, lag_
 
 
 def _cut(history: AttitudeHistory, zero_ns: int, reach_s: float) -> AttitudeHistory:
-    """What lies within ``reach_s`` of ``zero_ns``."""
+    """The attitudes within ``reach_s`` of ``zero_ns``."""
 
     def near(series: AttitudeSeries) -> AttitudeSeries:
         keep = np.abs(series.stamp_ns - zero_ns) <= reach_s * SECOND_NS
@@ -179,7 +179,7 @@ def _cut(history: AttitudeHistory, zero_ns: int, reach_s: float) -> AttitudeHist
     return AttitudeHistory(vehicle=vehicle, gimbals=gimbals, frames=history.frames)
 
 
-def _believed(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:
+def _preferred_source(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:
     for source in settings.order:
         if source is GimbalSource.FIXED_MOUNT:
             if settings.fixed_mount is not None and _usable(history.vehicle) is not None:
@@ -190,7 +190,7 @@ def _believed(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSou
 
 
 def _usable(series: AttitudeSeries | None) -> AttitudeSeries | None:
-    return series if series is not None and len(series.stamp_ns) >= _FEWEST else None
+    return series if series is not None and len(series.stamp_ns) >= _MIN_SAMPLES else None
 
 
 def _of_one_kind(gimbal: AttitudeSeries) -> AttitudeSeries:
@@ -201,22 +201,22 @@ def _of_one_kind(gimbal: AttitudeSeries) -> AttitudeSeries:
     )
 
 
-def _mounted(mount: FixedMount | None) -> FloatArray:
+def _mount_wxyz(mount: FixedMount | None) -> FloatArray:
     """``gimbal_SO3_mounted (4,)``."""
     if mount is None:
         return np.array([1.0, 0.0, 0.0, 0.0])
     return from_yaw_pitch_roll(mount.yaw_rad, mount.pitch_rad, mount.roll_rad)
 
 
-def _steady(wxyz: FloatArray) -> FloatArray:
-    """The same rotations ``(n, 4)`` without changes of the quaternions' sign."""
+def _continuous(wxyz: FloatArray) -> FloatArray:
+    """Rotations ``(n, 4)`` without changes of the quaternions' sign."""
     flips = np.sum(wxyz[1:] * wxyz[:-1], axis=-1) < 0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return np.asarray(wxyz * signs[:, None])
 
 
 class CameraPath:
-    """``steady_SO3_cam`` of some steady frame that is level about as ENU is.
+    """``level_SO3_cam`` of some frame that does not move and is about as level as ENU.
 
     Attributes:
         span_s: First and last image, seconds since the reference by the video's clock.
@@ -279,9 +279,9 @@ def followed_path(
     """
     start_ns = np.array([pair.start_ns for pair in pairs], dtype=np.int64)
     edges_s = (np.append(start_ns, pairs[-1].end_ns) - zero_ns) / SECOND_NS
-    whole = turns.chi2 <= _MOST_CHI2
+    whole = turns.chi2 <= _MAX_CHI2
     off = np.maximum(turns.chi2[whole] / 2, 1.0)[:, None, None]
-    information = np.linalg.inv(turns.cov_rad2[whole] * off + _LEAST_STD_RAD**2 * np.eye(3))
+    information = np.linalg.inv(turns.cov_rad2[whole] * off + _MIN_STD_RAD**2 * np.eye(3))
     total, weighted = np.zeros((len(pairs), 3, 3)), np.zeros((len(pairs), 3))
     at = np.searchsorted(start_ns, motion.start_ns[whole])
     np.add.at(total, at, information)
@@ -290,7 +290,7 @@ def followed_path(
     var_rad2 = np.full(len(pairs), np.inf)
     var_rad2[seen] = np.trace(np.linalg.inv(total[seen]), axis1=1, axis2=2) / 3
     offset, drift, lag = values.tolist()
-    said = camera.enu_wxyz_cam(offset + (1 + drift) * edges_s, lag)
-    rotvec_rad = to_rotation_vector(multiply(inverse(said[:-1]), said[1:]))
+    logged = camera.enu_wxyz_cam(offset + (1 + drift) * edges_s, lag)
+    rotvec_rad = to_rotation_vector(multiply(inverse(logged[:-1]), logged[1:]))
     rotvec_rad[seen] = np.linalg.solve(total[seen], weighted[seen][..., None])[..., 0]
-    return CameraPath(edges_s, rotvec_rad, var_rad2, said[0])
+    return CameraPath(edges_s, rotvec_rad, var_rad2, logged[0])

@@ -36,7 +36,7 @@ def landmarks(count: int, angles_deg: dict[str, float]) -> tuple[np.ndarray, np.
     """Pixels ``(n, 2)``, each coordinate 1 px off, and points up to 2 m above the ground ``(n, 3)``."""
     rng = np.random.default_rng(1)
     angles = tuple(math.radians(angles_deg[name]) for name in ("tilt", "roll", "heading"))
-    truth = State.of(CAMERA, np.array([0.0, 0.0, HEIGHT_M]), angles)
+    truth = State.from_angles(CAMERA, np.array([0.0, 0.0, HEIGHT_M]), angles)
     pixels = rng.uniform([50, 200], [1870, 1030], (count, 2))
     rays = rays_from_pixels(CAMERA, pixels) @ truth.rotation.T
     points = truth.position_m + rays * ((rng.uniform(0, 2, count) - HEIGHT_M) / rays[:, 2])[:, None]
@@ -63,7 +63,7 @@ def ours(pixels: np.ndarray, points: np.ndarray, third: str, runs: int) -> tuple
         priors={name: Prior(value=0.0, std=0.0) for name in ("east", "north")},
     )
     names = ("height", "tilt", third)
-    start = State.of(CAMERA, np.array([0.0, 0.0, START_M]), (math.radians(START_DEG), 0.0, 0.0))
+    start = State.from_angles(CAMERA, np.array([0.0, 0.0, START_M]), (math.radians(START_DEG), 0.0, 0.0))
     solved_s = best_s(runs, lambda: solve(Problem(known, Unknowns(names), ProjectionModel.PINHOLE), start))
     whole_s = best_s(max(runs // 3, 1), lambda: calibrate(known, CAMERA, names))
     state = calibrate(known, CAMERA, names).solution.state

@@ -96,7 +96,7 @@ def test_whitened_errors_have_unit_covariance(kind):
     assert_allclose(cov, np.eye(len(cov)), atol=4 * math.sqrt(2 / 600))
 
 
-PAPER_STATE = State.of(TABLE_CAMERA, np.array([1.0, -2.0, 9.0]), (1.0, 0.0, 0.4), 0.0, ProjectionModel.DFT)
+PAPER_STATE = State.from_angles(TABLE_CAMERA, np.array([1.0, -2.0, 9.0]), (1.0, 0.0, 0.4), 0.0, ProjectionModel.DFT)
 PAPER_EVIDENCE = {
     "range": SlantRange(name="range", pixel=(1200.0, 1500.0), range_m=20.0, std_m=0.1),
     "ground": GroundPoint(name="ground", pixel=(2500.0, 1600.0), xy_m=(4.0, 15.0), std_m=0.1),
@@ -127,7 +127,7 @@ def test_derivatives_of_the_papers_model(kind):
         tilt, heading, elevation, fx, fy = steps[3:].tolist()
         camera = replace(TABLE_CAMERA, fx_px=TABLE_CAMERA.fx_px + fx, fy_px=TABLE_CAMERA.fy_px + fy)
         angles = (turned[0] + tilt, 0.0, turned[2] + heading)
-        return condition(State.of(camera, place + steps[:3], angles, elevation, ProjectionModel.DFT))
+        return condition(State.from_angles(camera, place + steps[:3], angles, elevation, ProjectionModel.DFT))
 
     unknowns = Unknowns(("east", "north", "height", "tilt", "heading", "elevation", "fx", "fy"))
     got = found(np.zeros(8)).by_shared @ unknowns.by_unknowns(PAPER_STATE)
@@ -139,7 +139,7 @@ def test_derivatives_of_the_papers_model(kind):
 def test_of_many_ranges_and_lengths_each_is_what_it_is_alone(tilt_deg, missed):
     pixels = [(200.0, 500.0), (640.5, 700.25), (1100.0, 610.0), (900.0, 20.0)]
     camera = Camera.from_fov(name="c", width_px=1280, height_px=720, hfov_rad=1.05, vfov_rad=0.63)
-    state = State.of(camera, np.array([3.0, -2.0, 11.0]), (math.radians(tilt_deg), 0.02, 0.7), 0.4)
+    state = State.from_angles(camera, np.array([3.0, -2.0, 11.0]), (math.radians(tilt_deg), 0.02, 0.7), 0.4)
     ranges = [SlantRange(name="r", pixel=at, range_m=20.0 + k, std_px=0.5 + k) for k, at in enumerate(pixels)]
     lengths = [
         KnownLength(name="l", pixels=(pixels[1], at), length_m=9.0, std_m=0.02 * k, elevation_m=0.3 * k)

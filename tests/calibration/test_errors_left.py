@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.model import EvidenceSet, ProjectionModel
 from calibration.pose import Problem, Unknowns, ground_error_m, rms_px
-from calibration.pose.result import leftovers, steps_without_each
+from calibration.pose.result import observation_residuals, steps_without_each
 from calibration.pose.solve import solve
 from tests.truth.calibration_sets import TASKS, Task, drawn, landmarks, ranges, solved
 from tests.truth.scenes import opencv_pixels, opencv_rays
@@ -40,7 +40,7 @@ def test_leave_one_out_is_a_fit_without_the_observation(task):
     known = replace(known, priors={name: replace(p, value=world.truth[name]) for name, p in tight.items()})
     problem = problem_of(known, task.unknowns)
     solution = descended(problem, world)
-    steps, left = steps_without_each(solution), leftovers(problem, solution)
+    steps, left = steps_without_each(solution), observation_residuals(problem, solution)
     stds = np.sqrt(np.diag(solution.covariance))
     for index, evidence in enumerate(known.evidence):
         others = replace(known, evidence=known.evidence[:index] + known.evidence[index + 1 :])
@@ -49,7 +49,7 @@ def test_leave_one_out_is_a_fit_without_the_observation(task):
         off = [moved.value(name) - refit.value(name) for name in task.unknowns]
         assert_allclose(off / stds, 0.0, atol=0.02, err_msg=evidence.name)
         want = ground_error_m(refit, evidence)
-        assert left[index].left_out_ground_m == (None if want is None else pytest.approx(want, rel=0.02, abs=1e-6))
+        assert left[index].loo_ground_m == (None if want is None else pytest.approx(want, rel=0.02, abs=1e-6))
 
 
 def descended(problem, world):
@@ -62,7 +62,7 @@ def test_what_is_left_of_landmarks_is_their_distance_in_the_image_and_on_the_gro
     task = TASKS["a pose from landmarks"]
     world, known = drawn(task, np.random.default_rng(2), std_px=(1.0,), std_share=(0.0,))
     solution, _ = solved(task, world, known)
-    left = leftovers(problem_of(known, POSE), solution)
+    left = observation_residuals(problem_of(known, POSE), solution)
     eye_m, axes = solution.state.position_m, solution.state.rotation
     for each, landmark in zip(left, known.evidence, strict=True):
         seen = opencv_pixels(world.camera, axes, eye_m, np.array([landmark.position_m]))[0]
@@ -81,9 +81,9 @@ def test_an_outlier_has_not_been_seen_by_the_fit():
     off = replace(known.evidence[3], pixel=(known.evidence[3].pixel[0] + 40.0, known.evidence[3].pixel[1]))
     known = replace(known, evidence=(*known.evidence[:3], off, *known.evidence[4:]))
     solution, _ = solved(task, world, known)
-    left = leftovers(problem_of(known, task.unknowns), solution)
+    left = observation_residuals(problem_of(known, task.unknowns), solution)
     assert [each.name for each in left if each.is_outlier] == [off.name]
-    assert left[3].left_out_ground_m == left[3].ground_m
+    assert left[3].loo_ground_m == left[3].ground_m
     assert_allclose(left[3].px, 40.0, atol=4.0)
     assert_allclose(rms_px(known.evidence, left), math.sqrt(np.mean([e.px**2 for e in left if not e.is_outlier])))
 
@@ -93,8 +93,8 @@ def test_what_nothing_else_tells_cannot_be_left_out():
     task = Task(("height", "tilt"), ranges(2, 2))
     world, known = drawn(task, np.random.default_rng(4), std_px=(1.0,), std_share=(0.0,))
     solution = solve(problem_of(known, task.unknowns), world.state(), guess_is_good=True)
-    left = leftovers(problem_of(known, task.unknowns), solution)
-    assert [each.left_out_ground_m for each in left] == [None, None]
+    left = observation_residuals(problem_of(known, task.unknowns), solution)
+    assert [each.loo_ground_m for each in left] == [None, None]
     assert_allclose([each.ground_m for each in left], 0.0, atol=1e-6)
     assert rms_px(known.evidence, left) is None
 
@@ -132,4 +132,4 @@ def test_above_the_horizon_nothing_is_left_on_the_ground():
     assert ground_error_m(upwards, evidence) is None
     problem = problem_of(EvidenceSet(evidence=(evidence,) * 3), ("height", "tilt"))
     solution = replace(solve(problem, world.state(), guess_is_good=True), state=upwards)
-    assert [each.ground_m for each in leftovers(problem, solution)] == [None] * 3
+    assert [each.ground_m for each in observation_residuals(problem, solution)] == [None] * 3

@@ -168,7 +168,7 @@ def test_without_an_observation_is_as_a_fit_that_never_saw_it():
 
     again = calibrate_images(less, PRIORS, CAMERA, ASKED)
     expected = ground_error_m(again.solution.cameras[0], views[0].evidence[0])
-    assert_allclose(whole.left[0].left_out_ground_m, expected, rtol=2e-2)
+    assert_allclose(whole.left[0].loo_ground_m, expected, rtol=2e-2)
 
 
 def test_the_lens_is_found_with_the_biases():

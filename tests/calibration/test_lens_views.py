@@ -87,8 +87,8 @@ def test_a_view_that_disagrees_is_left_out_by_name():
     pixels = views[4].pixels_px + np.random.default_rng(9).normal(0, 1.5, views[4].pixels_px.shape)
     views[4] = replace(views[4], pixels_px=pixels)
     found = solve_lens(views, SIZE)
-    assert names(view for view, _ in found.left_out) == ["v4"]
-    assert found.left_out[0][1] > 1.0
+    assert names(view for view, _ in found.rejected) == ["v4"]
+    assert found.rejected[0][1] > 1.0
     assert_allclose(found.std_px, 0.05, rtol=0.15)
 
 
@@ -98,7 +98,7 @@ def test_single_corners_that_stray_are_left_out():
     pixels[[3, 10]] += [1.2, -0.8]
     found = solve_lens([*views[:4], replace(views[4], pixels_px=pixels), *views[5:]], SIZE)
     assert found.strays == {"v4": 2}
-    assert found.left_out == ()
+    assert found.rejected == ()
     clean = solve_lens(views, SIZE)
     stds = np.sqrt(np.diag(clean.camera.covariance))
     assert np.all(np.abs(intrinsics_of(found.camera) - intrinsics_of(clean.camera)) < 0.5 * stds)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
@@ -87,7 +88,7 @@ def sample(at_s=0.0, *, heading_deg=0.0, tilt_deg=50.0, **rest):
 
 
 def model(**live):
-    return BiasModel.of(LiveCalibration(landmarks=(), **live), settings().telemetry, STD.time_s, None)
+    return BiasModel.from_settings(LiveCalibration(landmarks=(), **live), settings().telemetry, STD.time_s, None)
 
 
 def now(calibrator, poses):
@@ -403,6 +404,7 @@ sightings = st.lists(
 )
 
 
+@hypothesis_settings(deadline=None)  # how long it takes is for the machine to say
 @given(sightings, st.sampled_from([0.0, 0.3]), st.sampled_from([0.0, 0.1]))
 def test_whatever_is_seen_the_estimate_stays_one(observed, std_m, outlier_share):
     """Any pixels, any stated precision, in any order of time: finite, and never less certain than telemetry alone."""

@@ -8,7 +8,7 @@ import pytest
 
 from aerodft.model import Camera, MarkerSurvey, SurveyedMarker
 from calibration.markers import find_markers, other_dictionary
-from calibration.markers.detection import LEAST_STD_PX
+from calibration.markers.detection import MIN_STD_PX
 
 from .marker_pictures import Lens, View, flat, picture, upright
 
@@ -114,7 +114,7 @@ def test_errors_are_as_large_as_stated(sizes_px, blur_px, noise):
         stds += [each.std_px for each in found]
     scaled = np.concatenate(off) / np.array(stds)[:, None]
     assert len(stds) >= 35
-    assert min(stds) >= LEAST_STD_PX
+    assert min(stds) >= MIN_STD_PX
     assert np.mean(np.abs(scaled) < 3) >= 0.97
     assert np.std(scaled) < 1.2
 
@@ -180,4 +180,4 @@ def test_the_hall_shows_five_of_its_six_markers_and_no_other():
     image = cv2.imread(str(PHOTO), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     found = find_markers(image, survey(range(1, 7), "4X4_1000"), thorough=True)
     assert [each.id for each in found] == [1, 3, 4, 5, 6]
-    assert all(LEAST_STD_PX <= each.std_px < 0.6 for each in found)
+    assert all(MIN_STD_PX <= each.std_px < 0.6 for each in found)

@@ -164,11 +164,11 @@ def test_stds_that_are_stated_too_small_are_scaled_up(stated):
     world, known = drawn(task, rng, std_px=(1.0,), std_share=(0.0,))
     said = tuple(replace(each, std_px=stated) for each in known.evidence)
     solution, _ = solved(task, world, replace(known, evidence=said))
-    assert_allclose(solution.scaled, max(1.0, 1 / stated), rtol=0.25)
+    assert_allclose(solution.sigma_scale, max(1.0, 1 / stated), rtol=0.25)
     truth = poses(replace(known, evidence=said), world.state(), task.unknowns, is_good=True)
     own = truth.residuals.by_unknowns
     to_angles = Unknowns(task.unknowns).to_angles(truth.state)
-    want = to_angles @ np.linalg.inv(own.T @ own) @ to_angles.T * solution.scaled**2
+    want = to_angles @ np.linalg.inv(own.T @ own) @ to_angles.T * solution.sigma_scale**2
     assert_allclose(solution.covariance, want, rtol=1e-3)
 
 
@@ -176,7 +176,7 @@ def test_without_degrees_of_freedom_nothing_is_tested():
     task = Task(("height", "tilt"), ranges(2, 2), {})
     world, known = drawn(task, np.random.default_rng(12), std_px=(1.0,), std_share=(0.0,))
     solution = poses(known, world.state(), task.unknowns, is_good=True)
-    assert (solution.dof, solution.p_value, solution.scaled) == (0, None, 1.0)
+    assert (solution.dof, solution.p_value, solution.sigma_scale) == (0, None, 1.0)
     assert_allclose(solution.chi2, 0.0, atol=1e-9)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from aerodft.model import Camera, EvidenceSet, Landmark, ProjectionModel
 from calibration.pose import Problem, start_state, unknowns_of
-from calibration.pose.solve import placed
+from calibration.pose.solve import closed_form_states
 
 CAMERA = Camera(name="field", width_px=1920, height_px=1080, fx_px=1600.0, fy_px=1600.0, cx_px=959.5, cy_px=539.5)
 POSE = ("east", "north", "height", "tilt", "roll", "heading")
@@ -24,6 +24,6 @@ def test_pixels_taken_for_places_give_no_start_by_the_method_for_planes():
     )
     known = EvidenceSet(evidence=evidence, priors={})
     problem = Problem(known, unknowns_of(POSE, known, CAMERA, ProjectionModel.PINHOLE), ProjectionModel.PINHOLE)
-    starts = list(placed(problem, start_state({}, CAMERA, ProjectionModel.PINHOLE), 1.0))
+    starts = list(closed_form_states(problem, start_state({}, CAMERA, ProjectionModel.PINHOLE), 1.0))
     assert len(starts) <= 1
     assert all(np.all(np.isfinite(start.position_m)) for start in starts)

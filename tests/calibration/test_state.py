@@ -26,7 +26,7 @@ def state_of(lens="brown", angles_rad=(0.9, 0.2, 4.0)):
         name="c", width_px=1920, height_px=1080, fx_px=1500.0, fy_px=1450.0, cx_px=950.0, cy_px=545.0, lens=model,
         distortion=distortion,
     )  # fmt: skip
-    return State.of(camera, np.array([3.0, -4.0, 25.0]), angles_rad, 1.5)
+    return State.from_angles(camera, np.array([3.0, -4.0, 25.0]), angles_rad, 1.5)
 
 
 def errors_between(state, moved):

@@ -41,13 +41,13 @@ def test_offset_drift_and_lag_are_found_from_far_away(seed):
     pairs, reference_ns = filmed(trajectory, clocks, seed)
     found = align(pairs, reported(trajectory, lag_s=clocks.lag_s, noise_rad=3e-4, seed=seed), SETTINGS, 20.5)
     off = errors(found, clocks, reference_ns)
-    assert found.lag_told
+    assert found.is_lag_determined
     assert np.all(np.abs(off) < [0.01, 5e-4, 0.01]), off
     assert np.all(np.abs(off) < 3 * found.stds), off / found.stds
     rates = found.rates
-    covered = np.isfinite(rates.said_radps[:, 0])
+    covered = np.isfinite(rates.logged_radps[:, 0])
     assert np.mean(covered) > 0.9
-    left = rates.seen_radps[covered] - rates.said_radps[covered]
+    left = rates.seen_radps[covered] - rates.logged_radps[covered]
     assert np.median(np.abs(left)) < 0.2 * np.std(rates.seen_radps)
 
 
@@ -82,7 +82,7 @@ def test_reports_against_north_leave_the_lag_open_and_the_camera_aligned():
     pairs, reference_ns = filmed(trajectory, clocks, 4)
     found = align(pairs, reported(trajectory, lag_s=clocks.lag_s, in_earth=True), SETTINGS, 10.0)
     offset, _, lag = errors(found, clocks, reference_ns)
-    assert not found.lag_told
+    assert not found.is_lag_determined
     assert found.stds[0] > 0.05  # the lag's uncertainty is part of it
     assert abs(offset - lag) < 0.005
     assert found.attitude_std_s() < 0.01
@@ -137,7 +137,7 @@ def test_a_camera_that_is_bolted_to_the_vehicle_has_no_lag():
     mount = FixedMount(yaw_rad=0.0, pitch_rad=0.0, roll_rad=0.0)
     found = align(pairs, bolted, AttitudeSettings(order=(GimbalSource.FIXED_MOUNT,), fixed_mount=mount), 10.0)
     offset, drift, lag = errors(found, clocks, reference_ns)
-    assert (found.lag_s, lag, found.lag_told) == (0.0, 0.0, True)
+    assert (found.lag_s, lag, found.is_lag_determined) == (0.0, 0.0, True)
     assert abs(offset) < 0.005
     assert abs(drift) < 2e-4
 

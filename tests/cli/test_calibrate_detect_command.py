@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.app.test_calibrate_markers import CAMERA, MARKERS, VIEW, file_of
+
 from ..calibration.marker_pictures import picture  # noqa: TID252 - test folders are no packages that could be named
 from .conftest import run_aerodft
-from .test_calibrate_detect import CAMERA, MARKERS, VIEW, file_of
 
 POSE = "position,height,tilt,roll,heading"
 

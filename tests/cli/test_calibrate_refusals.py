@@ -174,10 +174,10 @@ def test_a_landmark_that_cannot_be_seen_is_refused_by_name(tmp_path, place, sent
     refused(tmp_path, text, 3, "landmark[8]", sentence, "p9")
 
 
-def test_a_far_off_pixel_of_a_place_in_view_is_left_out_by_name(tmp_path):
+def test_a_far_off_pixel_of_a_place_in_view_is_rejected_by_name(tmp_path):
     run, output = calibrate(tmp_path, LOCAL + landmarks(moved(PIXELS, [4], [-60.0, 35.0]), PLACES))
     assert run.code == 0, run.err
-    assert "p5 disagrees by" in run.err
+    assert "Rejected p5: it is 69 px from" in run.err
     assert output.is_file()
 
 

@@ -148,7 +148,7 @@ def test_an_outlier_is_named_and_points_to_where_it_belongs(calibrated):
     assert [row["name"] for row in rows if row["left_out"] == "yes"] == ["p2"]
     assert math.isclose(float(rows[2]["off_u_px"]), -60, abs_tol=0.5)
     assert "Left out: p2." in words
-    assert "- p2 disagrees by 61 px, left out." in words
+    assert "- Rejected p2: it is 61 px from where the estimated camera would see it." in words
     scale = 1280 / 960
     blue, green, red = np.moveaxis(image[: round(540 * scale)].astype(int), -1, 0)
     is_red = (red > 200) & (green < 110) & (blue < 110)

@@ -88,7 +88,7 @@ class World:
         } | dict(zip(("k1", "k2", "p1", "p2"), lens.distortion, strict=False))  # fmt: skip
 
     def state(self):
-        return State.of(
+        return State.from_angles(
             self.camera, self.position_m, (self.tilt_rad, self.roll_rad, self.heading_rad), self.elevation_m
         )
 

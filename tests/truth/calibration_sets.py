@@ -145,7 +145,7 @@ def guess(world, unknowns, priors: dict[str, Prior]):
         distortion=(known["k1"], known["k2"], *lens.distortion[2:]),
     )  # fmt: skip
     position = np.array([known["east"], known["north"], known["height"]])
-    return State.of(camera, position, (known["tilt"], known["roll"], known["heading"]), known["elevation"])
+    return State.from_angles(camera, position, (known["tilt"], known["roll"], known["heading"]), known["elevation"])
 
 
 def solved(task, world, known):

@@ -84,7 +84,7 @@ def figures(title, answer):
     left = answer.document["residuals"]
     px, ground_m, left_out_m = (
         math.sqrt(np.mean(np.square([each[key] for each in left if not each["outlier"]])))
-        for key in ("px", "ground_m", "left_out_ground_m")
+        for key in ("px", "ground_m", "loo_ground_m")
     )
     print(
         f"\n{title}: {px:.3f} px rms, {ground_m:.3f} m on the ground, {left_out_m:.3f} m left out; "

@@ -173,7 +173,7 @@ def test_no_landmarks_are_taken_for_their_mirror_image(count):
         scene = World.random(np.random.default_rng(seed), std_px=0.5)
         known = EvidenceSet(evidence=tuple(spread(scene, count, most_above=0.0)))
         result = calibrate(known, scene.camera, names)
-        if result.solution.rival is not None or not result.weakest.is_determined:
+        if result.solution.alternative is not None or not result.weakest.is_determined:
             refused += 1
             continue
         answered += 1

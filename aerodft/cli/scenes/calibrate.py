@@ -1,25 +1,18 @@
 """``aerodft calibrate``: a camera's height and angles, and more, from what people know about a scene."""
 
-import hashlib
-import math
-from dataclasses import replace
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from aerodft.adapters.config.camera import FixedPose, load_camera, write_calibration
-from aerodft.adapters.config.evidence import EvidenceFile, check_against, load_evidence
-from aerodft.cli.calibrate_causes import Asked, cause_of_misfit
-from aerodft.cli.calibrate_unknowns import check_unknowns, names_from, unstated
-from aerodft.cli.calibrate_words import document, print_result, provenance, refusal, sentences
-from aerodft.cli.camera_mode import check_mode
-from aerodft.cli.output import check_output, print_json, say
+from aerodft.app.progress import no_progress
+from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError
-from aerodft.model import Camera, PoseStd, ProjectionModel
-from calibration.pose import Result, angles_deg
-from calibration.pose import calibrate as solve_for
+from aerodft.model import ProjectionModel
+
+if TYPE_CHECKING:
+    from aerodft.app.calibrate import CalibrationResult
 
 
 def calibrate(
@@ -54,113 +47,67 @@ def calibrate(
       aerodft calibrate site.toml --camera cam.toml --unknowns height,tilt,roll -o calibration.toml
       aerodft calibrate flight.toml --camera cam.toml --unknowns height,tilt,heading,time --telemetry flight.tlog
     """
-    lens = load_camera(camera)
-    names = names_from(unknowns)
+    from aerodft.app.calibrate import calibrate as solve
+
     check_output(output, [*observations, camera, *([] if detect is None else [detect])])
-    found = _evidence(observations, detect, crs, lens, names, model)
-    check_against(found, lens)
-    if found.flight is not None:
-        from aerodft.cli.calibrate_images import calibrate_flight
-
-        calibrate_flight(found, lens, names, model, telemetry, camera, output, report, as_json=json)
-        return
-    if telemetry is not None:
-        raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
-    check_unknowns(names, found.known, lens, model)
-    result = solve_for(found.known, lens, names, model)
-    asked = Asked(found, lens, names, model, result)
-    missing = unstated(result, found.known, found.path, is_written=output is not None)
-    why_not = cause_of_misfit(asked) or missing or refusal(result, found)
+    if detect is None and len(observations) != 1:
+        got, expected = f"{len(observations)} files", "one; images go with --detect MARKERS"
+        raise UsageError("observations", got=got, expected=expected)
+    with nullcontext(no_progress) if detect is None else progress("looking for markers") as advance:
+        found = solve(
+            detect or observations[0],
+            camera,
+            [name.strip() for name in unknowns.split(",") if name.strip()],
+            model=model,
+            crs=crs,
+            telemetry=telemetry,
+            images=None if detect is None else observations,
+            progress=advance,
+            check=False,
+        )
+    is_saved = output is not None
     if json:
-        print_json(document(result, found, why_not))
+        print_json(found.document(is_saved=is_saved))
     else:
-        print_result(result, found)
-    for sentence in sentences(result, found):
+        _print(found)
+    for sentence in found.notes:
         say(f"aerodft: {sentence}")
-    if why_not is not None:
-        raise why_not
-    _write(asked, camera, output, report)
-
-
-def _evidence(
-    given: list[Path],
-    detect: Path | None,
-    crs: str | None,
-    lens: Camera,
-    names: tuple[str, ...],
-    model: ProjectionModel,
-) -> EvidenceFile:
-    if detect is not None:
-        if crs is not None:
-            raise UsageError("--crs beside --detect", expected="it in the file of markers")
-        from aerodft.cli.detect import detected_evidence
-
-        return detected_evidence(detect, given, lens, names, model)
-    if len(given) != 1:
-        raise UsageError("observations", got=f"{len(given)} files", expected="one; images go with --detect MARKERS")
-    found = load_evidence(given[0], crs)
-    return found.with_notes(*check_mode(found.image_paths, lens))
-
-
-def _write(asked: Asked, camera: Path, output: Path | None, report: Path | None) -> None:
-    result, found = asked.result, asked.found
+    if error := found.refusal(is_saved=is_saved):
+        raise error
     if report is not None:
-        from aerodft.cli.calibrate_report import write_report
-
-        write_report(result, found, report)
+        say(f"wrote {found.write_report(report)}")
     if output is not None:
-        inputs = {
-            "images_sha256": {each.name: _sha256(each) for each in found.image_paths} or None,
-            "camera_file": camera.name,
-            "camera_sha256": _sha256(camera),
-        }
-        lens_found = any(np.any(row) for row in result.camera.covariance)
-        lens = replace(result.camera, mode=asked.camera.mode) if lens_found else None
-        about = provenance(result, found, asked.names, inputs)
-        write_calibration(output, fixed_pose(result, found), lens, result.solution.state.model, about)
+        found.save(output)
         say(f"wrote {output}")
 
 
-def _sha256(path: Path) -> str:
-    """Of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _print(found: "CalibrationResult") -> None:
+    """Two tables, the unknowns and what is left of each observation, and how well it fits."""
+    from rich.table import Table
 
+    from aerodft.adapters.config.evidence import takes_degrees
+    from aerodft.reports.calibration import decimals
+    from calibration.pose import Result
 
-def fixed_pose(result: Result, found: EvidenceFile) -> FixedPose:
-    """The pose as stations take it: on the map with true north where the file's coordinates are on one."""
-    state, cov, lens = result.solution.state, result.pose_covariance.copy(), result.lens_covariance.copy()
-    tilt_deg, roll_deg, heading_deg = angles_deg(state)
-    place, heading_rad = found.frame.wgs84(state.position_m), math.radians(heading_deg)
-    true_rad = found.frame.true_heading_rad(heading_rad)
-    if true_rad is not None:
-        turn = true_rad - heading_rad
-        from_grid = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
-        cov[:2] = from_grid @ cov[:2]
-        cov[:, :2] = cov[:, :2] @ from_grid.T
-        lens[:2] = from_grid @ lens[:2]
-        heading_rad = true_rad
-    stds = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    names, named = result.problem.unknowns.names, np.sqrt(np.maximum(np.diag(result.named_covariance), 0.0))
-    by_name = dict(zip(names, named.tolist(), strict=True))
-    here_m = state.position_m if place is not None else found.frame.file_coordinates(state.position_m)
-    return FixedPose(
-        height_agl_m=float(state.position_m[2]) - state.elevation_m,
-        tilt_rad=math.radians(tilt_deg),
-        roll_rad=math.radians(roll_deg),
-        heading_rad=heading_rad,
-        lat_rad=None if place is None else float(place[0]),
-        lon_rad=None if place is None else float(place[1]),
-        alt_msl_m=None if place is None else float(place[2]),
-        std=PoseStd(
-            height_agl_m=by_name.get("height", 0.0),
-            horizontal_m=float(np.hypot(*stds[:2])) / math.sqrt(2),
-            tilt_rad=by_name.get("tilt", 0.0),
-            roll_rad=by_name.get("roll", 0.0),
-            heading_rad=by_name.get("heading", 0.0),
-        ),
-        covariance=tuple(map(tuple, cov.tolist())),
-        lens_covariance=tuple(map(tuple, lens.tolist())) if np.any(lens) else (),
-        east_m=float(here_m[0]),
-        north_m=float(here_m[1]),
-    )
+    fit, frame = found.fit, found.evidence.frame
+    table = Table("unknown", "value", "std")
+    for (name, value), std in zip(found.values.items(), found.stds.values(), strict=True):
+        shown = f"{value:.{decimals(std)}f}" if isinstance(fit, Result) else f"{value:.6g}"
+        table.add_row(name, shown, f"{std:.3g}")
+    tables().print(table)
+    residuals = Table("observation", "px", "sigma", "on the ground (m)", "not having seen it (m)")
+    for left in fit.left:
+        ground, loo_ground = ("" if value is None else f"{value:.3f}" for value in (left.ground_m, left.loo_ground_m))
+        name = f"{left.name} (left out)" if left.is_outlier else left.name
+        residuals.add_row(name, f"{left.px:.2f}", f"{left.sigma:.2f}", ground, loo_ground)
+    tables().print(residuals)
+    rms = "" if fit.rms_px is None else f"rms {fit.rms_px:.2f} px, "
+    chi2 = f"{rms}chi-square {fit.solution.chi2:.1f} with {fit.solution.dof} degrees of freedom"
+    if not isinstance(fit, Result):
+        tables().print(f"{chi2}; {len(fit.problem.views)} images")
+        return
+    place = ", ".join(f"{value:.3f}" for value in frame.file_coordinates(fit.solution.state.position_m))
+    tables().print(f"{chi2}; camera at {place} ({frame.crs})")
+    if {"east", "north"} & set(fit.names) and takes_degrees(frame.crs):
+        origin = ", ".join(f"{value:.10g}" for value in frame.origin[:2])
+        tables().print(f"east_m and north_m count from {origin}")

@@ -1,14 +1,16 @@
 """``aerodft calibrate-lens``: images of a board in, a camera file with its covariance out."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodft.cli.lens_run import describe_lens, print_board_picture, run_lens, say_lens, write_camera_file
-from aerodft.cli.output import check_output, print_json
+from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError
 from calibration.lens import DEFAULT_CHARUCO, LensChoice, parse_board
+
+if TYPE_CHECKING:
+    from aerodft.app.calibrate_lens import LensCalibration
 
 
 def calibrate_lens(
@@ -41,10 +43,18 @@ def calibrate_lens(
       aerodft calibrate-lens board.mp4 --board charuco -o cam.toml --report lens
       aerodft calibrate-lens photos --board chessboard:9x6:25mm -o cam.toml --json
     """
-    wanted = parse_board(board)
+    from aerodft.app.calibrate_lens import calibrate_lens as calibrate
+    from aerodft.app.calibrate_lens import print_board as write_board
+
     if print_board is not None:
-        _refuse_beside_print_board(sources, output, report)
-        document = print_board_picture(wanted, print_board)
+        for what, value in (("images", sources), ("--output", output), ("--report", report)):
+            if value:
+                expected = "one of the two: first print, then calibrate"
+                raise UsageError(f"{what} beside --print-board", expected=expected)
+        document = write_board(board, print_board)
+        width_mm, height_mm = document["size_mm"]
+        on_paper = f"print it at 100 %, {width_mm:g} x {height_mm:g} mm, on something flat"
+        say(f"aerodft: wrote {print_board}: {parse_board(board)}; {on_paper}")
         if json:
             print_json(document)
         return
@@ -53,23 +63,35 @@ def calibrate_lens(
             "no images", expected="videos, images or folders of images", hint="see --print-board for a board"
         )
     check_output(output, sources)
-    camera_name = name or (output.stem if output else f"camera of {sources[0].stem}")
-    run = run_lens(sources, wanted, lens, camera_name)
-    files = []
+    with progress("looking for the board") as advance:
+        found = calibrate(sources, board, lens=lens, name=name or (output.stem if output else None), progress=advance)
+    files: list[Path] = []
     if output is not None:
-        write_camera_file(run, output)
-        files.append(str(output))
+        found.save(output)
+        files.append(output)
     if report is not None:
-        from aerodft.cli.lens_report import write_lens_report
-
-        files += write_lens_report(run, report)
+        files += found.write_report(report)
     if json:
-        print_json(describe_lens(run, files))
+        print_json(found.document([str(each) for each in files]))
     else:
-        say_lens(run, files)
+        _print(found, files)
 
 
-def _refuse_beside_print_board(sources: list[Path] | None, output: Path | None, report: Path | None) -> None:
-    for what, given in (("images", sources), ("--output", output), ("--report", report)):
-        if given:
-            raise UsageError(f"{what} beside --print-board", expected="one of the two: first print, then calibrate")
+def _print(found: "LensCalibration", files: list[Path]) -> None:
+    """A table on stdout, and what to know about the lens on stderr."""
+    from rich.table import Table
+
+    from aerodft.reports.lens import parameter_rows
+
+    camera, solution = found.camera, found.solution
+    title = (
+        f"{camera.name}: {camera.width_px} x {camera.height_px} px, {camera.lens},"
+        f" {len(solution.views)} views of {found.images} images, {solution.rms_px:.3f} px rms"
+    )
+    tables().print(title, soft_wrap=True)
+    table = Table("parameter", "value", "std")
+    for row in parameter_rows(camera):
+        table.add_row(*row)
+    tables().print(table)
+    for sentence in [*found.notes, *(f"wrote {file}" for file in files)]:
+        say(f"aerodft: {sentence}")

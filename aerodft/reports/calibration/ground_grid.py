@@ -9,11 +9,10 @@ import numpy as np
 
 from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
-from aerodft.cli.calibrate_report_marks import from_foot, pixels_of
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
-from aerodft.dft import project
 from aerodft.geometry import camera_angles, horizon_line
-from aerodft.model import BoolArray, FloatArray, Landmark, Pose, ProjectionModel
+from aerodft.model import BoolArray, FloatArray, Landmark, ProjectionModel
+from aerodft.reports.calibration.marks import from_foot, pixels_of
 from calibration.pose import Result, State
 
 GAP: Final = 0.035
@@ -117,8 +116,8 @@ def map_axes(frame: LocalFrame, elevation_m: float) -> GridAxes:
 
     def to_enu(coordinates: FloatArray) -> FloatArray:
         height = np.full((*coordinates.shape[:-1], 1), frame.origin[2] + elevation_m)
-        given = np.concatenate([coordinates, height], axis=-1)
-        points = frame.local_m(given) if in_metres else given.copy()
+        in_file = np.concatenate([coordinates, height], axis=-1)
+        points = frame.local_m(in_file) if in_metres else in_file.copy()
         points[..., 2] = elevation_m
         return points
 
@@ -189,8 +188,7 @@ def _lattice(state: State, elevation_m: float) -> tuple[FloatArray, FloatArray, 
     size = np.array([state.camera.width_px, state.camera.height_px], dtype=np.float64)
     across, down = (np.linspace(0.0, side - 1, max(2, round(_LATTICE * side / max(size)))) for side in size.tolist())
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    ground = project(state.camera, pose, pixels, elevation_m, state.model)
+    ground = state.ground_points(pixels, elevation_m)
     reach = _FARTHEST_HEIGHTS * (float(state.position_m[2]) - elevation_m)
     shown = np.linalg.norm(ground.points_enu_m - state.position_m, axis=-1) <= reach  # false for NaN
     along, across = np.linalg.svd(ground.jac_px[shown, :2], compute_uv=False).T
@@ -272,7 +270,7 @@ def in_image(state: State, pixels_px: FloatArray) -> BoolArray:
 def horizon_px(state: State) -> tuple[FloatArray, ...]:
     """The horizon's polylines ``(k, 2)`` in the image; under the paper's model a row of it."""
     if state.model is ProjectionModel.PINHOLE:
-        return horizon_line(state.camera, Pose(position_enu_m=state.position_m, wxyz=state.wxyz))
+        return horizon_line(state.camera, state.pose)
     camera = state.camera
     tilt, _, _ = camera_angles(state.wxyz)
     row = camera.height_px * (0.5 - (math.pi / 2 - float(tilt)) / camera.vfov_rad)

@@ -9,17 +9,15 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, Stated
-from aerodft.dft import project
 from aerodft.errors import InputError
 from aerodft.geometry import rays_from_pixels, reproject
-from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, Pose, SlantRange
+from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, SlantRange
 from calibration.pose import Result, State
 
-_LEAST_M: Final = 10.0  # by which datums differ at least, where it matters
+_MIN_SHIFT_M: Final = 10.0  # by which datums differ at least, where it matters
 _SAME_M, _SAME = 2.0, 0.05  # how well the shifts of several landmarks agree
 _NEAR_STDS, _NEAR_PX = 6.0, 3.0
-_LEAST_KEPT: Final = 3
-_TWO_DATUMS: Final = "are they of two datums, above the ellipsoid and above the sea?"
+_MIN_KEPT: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,16 +34,16 @@ class _Stray:
         return np.array(self.landmark.position_m, dtype=np.float64)
 
 
-def group_error(found: EvidenceFile, result: Result) -> InputError | None:
-    """What explains all landmarks that were left out, taking the others' word for the camera; None if nothing does."""
+def common_error(found: EvidenceFile, result: Result) -> InputError | None:
+    """What explains all rejected landmarks, seen from the camera of the others; None if nothing does."""
     state, kept = result.solution.state, result.solution.kept
     landmarks = [isinstance(each, Landmark) for each in found.known.evidence]
-    if not result.weakest.is_determined or np.count_nonzero(kept & landmarks) < _LEAST_KEPT:
+    if not result.weakest.is_determined or np.count_nonzero(kept & landmarks) < _MIN_KEPT:
         return None
     strays = list(_strays(found, result))
     if not strays:
         return None
-    return _raised(found, state, strays) or _shifted(found, state, strays) or _exchanged(found, state, strays)
+    return _raised(found, state, strays) or _shifted(found, state, strays) or _swapped(found, state, strays)
 
 
 def unseen_error(found: EvidenceFile, result: Result) -> InputError | None:
@@ -71,17 +69,17 @@ def unseen_error(found: EvidenceFile, result: Result) -> InputError | None:
 
 
 def _strays(found: EvidenceFile, result: Result) -> Iterator[_Stray]:
-    scaled = result.solution.scaled
+    sigma_scale = result.solution.sigma_scale
     for evidence, stated, is_kept in zip(found.known.evidence, found.stated, result.solution.kept, strict=True):
         if not is_kept and isinstance(evidence, Landmark) and None not in evidence.position_m:
-            yield _Stray(evidence, stated, max(_NEAR_PX, _NEAR_STDS * scaled * evidence.std_px))
+            yield _Stray(evidence, stated, max(_NEAR_PX, _NEAR_STDS * sigma_scale * evidence.std_px))
 
 
 def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
-    """Their heights are all off by the same."""
+    """Heights of all strays that are off by one number."""
     ups_m = np.array([_height_seen(state, each) for each in strays])
     off_m = np.array([each.place_m[2] for each in strays]) - ups_m
-    if not _agree(off_m[:, None], _LEAST_M):
+    if not _agree(off_m[:, None]):
         return None
     typical_m = float(np.median(off_m))
     moved = np.array([[*each.place_m[:2], each.place_m[2] - typical_m] for each in strays])
@@ -92,20 +90,17 @@ def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inpu
         where=found.path,
         got=f"{abs(typical_m):.1f} m {'above' if typical_m > 0 else 'below'} where the other landmarks' camera sees it",
         expected="heights of one datum",
-        hint=_TWO_DATUMS,
+        hint="are they of two datums, above the ellipsoid and above the sea?",
     )
 
 
 def _shifted(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
-    """Their places are all shifted by the same, which a single one cannot tell."""
+    """Places of all strays that are shifted by one vector, which a single stray cannot tell."""
     if len(strays) == 1:
         return None
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    seen = [
-        project(state.camera, pose, np.array([each.landmark.pixel]), each.place_m[2], state.model) for each in strays
-    ]
+    seen = [state.ground_points(np.array([each.landmark.pixel]), each.place_m[2]) for each in strays]
     off_m = np.array([each.place_m[:2] - ground.points_enu_m[0, :2] for each, ground in zip(strays, seen, strict=True)])
-    if not _agree(off_m, _LEAST_M):
+    if not _agree(off_m):
         return None
     east_m, north_m = np.median(off_m, axis=0)
     got = f"{abs(east_m):.1f} m {'east' if east_m > 0 else 'west'} and {abs(north_m):.1f} m"
@@ -118,8 +113,8 @@ def _shifted(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inp
     )
 
 
-def _exchanged(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
-    """Two have each other's pixel."""
+def _swapped(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:
+    """Two strays that have each other's pixel."""
     for first, second in combinations(strays, 2):
         pixels = reproject(state.camera, state.position_m, state.rotation, np.stack([first.place_m, second.place_m]))
         one, other = pixels.pixels_px
@@ -146,21 +141,21 @@ def _height_seen(state: State, stray: _Stray) -> float:
 
 
 def _all_near(state: State, strays: Sequence[_Stray], places_m: FloatArray) -> bool:
-    """Whether they are seen at their pixels if they are at these places ``(n, 3)``."""
+    """Whether strays are seen at their pixels if they are at these places ``(n, 3)``."""
     pixels = reproject(state.camera, state.position_m, state.rotation, places_m).pixels_px
     return all(
         math.dist(pixel, each.landmark.pixel) <= each.near_px for pixel, each in zip(pixels, strays, strict=True)
     )
 
 
-def _agree(off_m: FloatArray, least_m: float) -> bool:
-    """Whether shifts ``(n, d)`` are finite, the same, and large enough to be one."""
+def _agree(off_m: FloatArray) -> bool:
+    """Whether shifts ``(n, d)`` are finite, equal, and large enough to be one."""
     if not np.all(np.isfinite(off_m)):
         return False
     typical_m = np.median(off_m, axis=0)
     size_m = float(np.linalg.norm(typical_m))
     apart_m = float(np.max(np.linalg.norm(off_m - typical_m, axis=1)))
-    return size_m >= least_m and apart_m <= _SAME_M + _SAME * size_m
+    return size_m >= _MIN_SHIFT_M and apart_m <= _SAME_M + _SAME * size_m
 
 
 def _is_behind(state: State, landmark: Landmark) -> bool:

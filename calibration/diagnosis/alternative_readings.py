@@ -12,10 +12,10 @@ from aerodft.model import Camera, Evidence, EvidenceSet, FloatArray, Landmark
 from calibration.pose import expanded
 
 _EDGE_PX: Final = 0.5
-_MOST: Final = 60  # landmarks that a reading is tried with
+_MAX_LANDMARKS: Final = 60  # that a reading is tried with
 _FOOT_M: Final = 0.3048
 _SMALLER: Final = (1.5, 2.0, 3.0, 4.0)
-_MOST_LAT, _MOST_LON, _SITE_DEG = 90.0, 180.0, 1.0
+_MAX_LAT, _MAX_LON, _SITE_DEG = 90.0, 180.0, 1.0
 _LARGE_M: Final = 1e5
 _WEB_MERCATOR: Final = "EPSG:3857"
 _PLACE: Final = ("east", "north", "heading")
@@ -41,7 +41,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Points:
+class CompleteLandmarks:
     """The landmarks of a file that are known in all three dimensions: some dozens at most, evenly from all of it.
 
     Attributes:
@@ -57,11 +57,11 @@ class Points:
     places: FloatArray
 
     @classmethod
-    def of(cls, found: EvidenceFile) -> "Points":
-        """Those of a file."""
+    def from_file(cls, found: EvidenceFile) -> "CompleteLandmarks":
+        """The complete landmarks of a file."""
         evidence = found.known.evidence
         whole = [each for each in evidence if isinstance(each, Landmark) and None not in each.position_m]
-        chosen = whole[:: max(1, -(-len(whole) // _MOST))]
+        chosen = whole[:: max(1, -(-len(whole) // _MAX_LANDMARKS))]
         places_m = np.array([each.position_m for each in chosen], dtype=np.float64).reshape(-1, 3)
         return cls(
             tuple(chosen),
@@ -78,7 +78,7 @@ class Points:
         )
 
 
-def readings(found: EvidenceFile, camera: Camera, names: tuple[str, ...]) -> Iterator[Reading]:
+def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, ...]) -> Iterator[Reading]:
     """Every other reading of a file's landmarks that it allows, the likeliest first.
 
     Args:
@@ -86,60 +86,57 @@ def readings(found: EvidenceFile, camera: Camera, names: tuple[str, ...]) -> Ite
         camera: Whose image it is of.
         names: The unknowns that were asked for.
     """
-    points = Points.of(found)
+    points = CompleteLandmarks.from_file(found)
     if not points.landmarks:
         return
     priors = found.known.priors
     others = {name: prior for name, prior in priors.items() if name not in _OWN_PLACE}
-    asked = tuple(dict.fromkeys((*expanded(names), *(name for name in _PLACE if name in priors))))
+    unknowns = tuple(dict.fromkeys((*expanded(names), *(name for name in _PLACE if name in priors))))
     for what, hint, places_m in _other_places(found.frame, points.places):
         if np.all(np.isfinite(places_m)):
             evidence = (*points.at(points.pixels, places_m), *points.others)
-            yield Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence, priors=others), names=asked)
+            yield Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence, priors=others), names=unknowns)
     here_m = found.frame.local_m(points.places)
     for what, hint, pixels in _other_pixels(points.pixels, camera):
-        if is_inside(pixels, camera):
+        if _is_inside(pixels, camera):
             known = EvidenceSet(evidence=points.at(pixels, here_m), priors=priors)
             yield Reading(what=what, hint=hint, known=known, names=names)
 
 
-def columns_swapped(found: EvidenceFile, camera: Camera) -> Reading | None:
+def columns_swapped(points: CompleteLandmarks, camera: Camera) -> Reading | None:
     """Pixels as places and places as pixels; None where no place could be a pixel."""
-    points = Points.of(found)
-    if not points.landmarks or not is_inside(points.places[:, :2], camera):
+    if not points.landmarks or not _is_inside(points.places[:, :2], camera):
         return None
     evidence = points.at(points.places[:, :2], np.column_stack([points.pixels, points.places[:, 2]]))
-    hint = "swap their columns"
-    return Reading(
-        what="pixels and places look interchanged", hint=hint, known=EvidenceSet(evidence=evidence), names=_POSE
-    )
+    what, hint = "pixels and places look interchanged", "swap their columns"
+    return Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence), names=_POSE)
 
 
-def is_inside(pixels: FloatArray, camera: Camera) -> bool:
+def _is_inside(pixels: FloatArray, camera: Camera) -> bool:
     """Whether all pixels ``(n, 2)`` lie in the image."""
     return bool(np.all((pixels >= -_EDGE_PX) & (pixels <= np.array([camera.width_px, camera.height_px]) - _EDGE_PX)))
 
 
 def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, FloatArray]]:
     """What is wrong, what to do, and places in metres ``(n, 3)``."""
-    first, second, height = places.T
+    _, second, height = places.T
     swapped, in_degrees = places[:, [1, 0, 2]], takes_degrees(frame.crs)
     x, y = ("latitude", "longitude") if in_degrees else ("x" if frame.crs == LOCAL else "easting", "northing")
     y = "y" if frame.crs == LOCAL else y
-    if not in_degrees or np.all(np.abs(second) <= _MOST_LAT):
-        turned = replace(frame, origin=(frame.origin[1], frame.origin[0], frame.origin[2]))
+    if not in_degrees or np.all(np.abs(second) <= _MAX_LAT):
+        mirrored = replace(frame, origin=(frame.origin[1], frame.origin[0], frame.origin[2]))
         yield (
             f"{x} and {y} of the landmarks look interchanged",
             f"swap {x} and {y}, if the image is not mirrored",
-            turned.local_m(swapped),
+            mirrored.local_m(swapped),
         )
     if frame.crs == LOCAL and np.all(np.ptp(places[:, :2], axis=0) < _SITE_DEG):
-        for label, given in (("latitudes and longitudes", places), ("longitudes and latitudes", swapped)):
-            lat_lon = given[:, :2]
-            if np.all(np.abs(lat_lon) <= (_MOST_LAT, _MOST_LON)) and np.any(np.abs(lat_lon) > 1):
+        for label, read in (("latitudes and longitudes", places), ("longitudes and latitudes", swapped)):
+            lat_lon = read[:, :2]
+            if np.all(np.abs(lat_lon) <= (_MAX_LAT, _MAX_LON)) and np.any(np.abs(lat_lon) > 1):
                 origin = (float(lat_lon[0, 0]), float(lat_lon[0, 1]), float(np.median(height)))
                 hint = 'write lat_deg, lon_deg and alt_m, with crs = "geo"'
-                yield f"the landmarks' places look like {label}", hint, LocalFrame(GEO, origin).local_m(given)
+                yield f"the landmarks' places look like {label}", hint, LocalFrame(GEO, origin).local_m(read)
     if frame.crs == LOCAL and np.all(np.abs(places[0, :2]) > _LARGE_M):
         mercator = replace(frame, crs=_WEB_MERCATOR)
         hint = f'write crs = "{_WEB_MERCATOR}"'
@@ -147,17 +144,11 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
     elif frame.crs != LOCAL and not in_degrees:
         hint = "check crs"
         yield f"the landmarks' places do not look like {frame.crs}", hint, replace(frame, crs=LOCAL).local_m(places)
-    plane = np.column_stack([first, second])
-    yield (
-        "the landmarks' heights look like depths, counted downwards",
-        "change their signs",
-        frame.local_m(np.column_stack([plane, -height])),
-    )
-    yield (
-        "the landmarks' heights look like feet",
-        "convert them to metres",
-        frame.local_m(np.column_stack([plane, _FOOT_M * height])),
-    )
+    for label, hint, scale in (
+        ("depths, counted downwards", "change their signs", -1.0),
+        ("feet", "convert them to metres", _FOOT_M),
+    ):
+        yield f"the landmarks' heights look like {label}", hint, frame.local_m(places * [1.0, 1.0, scale])
 
 
 def _other_pixels(pixels: FloatArray, camera: Camera) -> Iterator[tuple[str, str, FloatArray]]:

@@ -34,7 +34,7 @@ from aerodft.model import (
     Steadiness,
 )
 from aerodft.service import CameraMotionSettings, PipelineSettings
-from calibration.camera_motion import CameraMotionCalibrator, KnownTurn, Look, SteadyState, turned_pose
+from calibration.camera_motion import CameraMotionCalibrator, CameraMotionState, KnownTurn, Look, rotated_pose
 from tests.one_image import measure
 
 CAMERA = Camera(
@@ -220,7 +220,7 @@ def straight(rotvec, std_rad=1e-5):
 def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks():
     rng, states = np.random.default_rng(12), set()
     for _ in range(2):
-        state = SteadyState(CameraMotionSettings())
+        state = CameraMotionState(CameraMotionSettings())
         for second in range(2500):
             state.take(START_NS + second * SECOND_NS, straight(rng.normal(scale=math.radians(0.05), size=3)))
             states.add(state.state)
@@ -323,7 +323,7 @@ def test_pose_and_lens_are_off_together_as_stated():
     known = KnownTurn(
         from_rotation_vector(rotvec), np.zeros((3, 3)), hat.by_intrinsics, np.cov(np.array(lens).T), shift_m=0.0
     )
-    pose = turned_pose(camera_pose(height_agl_m=8.0, tilt_rad=1.0), known)
+    pose = rotated_pose(camera_pose(height_agl_m=8.0, tilt_rad=1.0), known)
     drawn = np.cov(np.concatenate([off, lens], axis=1).T)
     scale = np.sqrt(np.diag(drawn))
     np.testing.assert_allclose(

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.adapters.config.evidence import LocalFrame
-from aerodft.cli.calibrate_report_grid import GAP, ground_grid, horizon_px, map_axes
-from aerodft.cli.calibrate_report_marks import from_foot, mark_of, pixels_of
 from aerodft.dft import equations
 from aerodft.model import (
     Camera,
@@ -27,6 +25,8 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
+from aerodft.reports.calibration.ground_grid import GAP, ground_grid, horizon_px, map_axes
+from aerodft.reports.calibration.marks import from_foot, mark_of, pixels_of
 from calibration.pose import State
 
 MICRO_PX, MILLIMETRE = 1e-6, 1e-3
@@ -48,7 +48,7 @@ LOCAL = LocalFrame("local", (0.0, 0.0, 0.0))
 
 def state_of(camera=BROWN, tilt=66.0, roll=-3.0, heading=155.0, model=ProjectionModel.PINHOLE, elevation_m=0.0):
     angles = tuple(math.radians(each) for each in (tilt, roll, heading))
-    return State.of(camera, np.array(POSITION), angles, elevation_m, model)
+    return State.from_angles(camera, np.array(POSITION), angles, elevation_m, model)
 
 
 def by_opencv(state, points):

@@ -9,9 +9,9 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.cli.calibrate_report_image import shortened
-from aerodft.cli.calibrate_report_marks import Row
 from aerodft.model import FloatArray
+from aerodft.reports.calibration.marks import Row
+from aerodft.reports.calibration.picture import shortened
 from calibration.flight import ImagesResult
 from calibration.pose import Result, correlations
 
@@ -24,7 +24,7 @@ PLANE_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 _SIZE_IN, _DPI = (15.0, 9.4), 110
 _KEPT, _LINE_LIKE, _OUTLIER, _EXPECTED = "tab:blue", "tab:orange", "tab:red", "0.15"
-_MARGIN, _ROOM, _NAMED, _LOG_FROM, _MOST_BINS, _MOST_CELLS = 1.15, 1.4, 4, 8.0, 40, 9
+_MARGIN, _ROOM, _NAMED, _LOG_FROM, _MAX_BINS, _MAX_CELLS = 1.15, 1.4, 4, 8.0, 40, 9
 _DARK, _RIGHT, _LETTERS = 0.6, 0.65, 24
 
 
@@ -38,13 +38,13 @@ def draw_residuals(rows: Sequence[Row], result: Result | ImagesResult, path: Pat
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout="constrained")
     panels = figure.subplots(2, 3)
-    scaled = result.solution.scaled
+    sigma_scale = result.solution.sigma_scale
     _scatter_px(panels[0, 0], rows)
-    _scatter_sigma(panels[0, 1], rows, scaled)
-    _histogram(panels[0, 2], rows, scaled)
+    _scatter_sigma(panels[0, 1], rows, sigma_scale)
+    _histogram(panels[0, 2], rows, sigma_scale)
     _over_range(panels[1, 0], rows, [row.left.px for row in rows], "residual (px)")
     panels[1, 0].set_title("Residuals over distance")
-    ground = [math.nan if row.left.left_out_ground_m is None else row.left.left_out_ground_m for row in rows]
+    ground = [math.nan if row.left.loo_ground_m is None else row.left.loo_ground_m for row in rows]
     _over_range(panels[1, 1], rows, ground, "error on the ground, not having seen it (m)")
     panels[1, 1].set_title("How well the next point would be measured")
     _correlations(panels[1, 2], result)
@@ -68,10 +68,10 @@ def _scatter_px(axes: Axes, rows: Sequence[Row]) -> None:
     axes.set(xlabel="right (px)", ylabel="down (px)", title="From seen to calibrated")
 
 
-def _scatter_sigma(axes: Axes, rows: Sequence[Row], scaled: float) -> None:
+def _scatter_sigma(axes: Axes, rows: Sequence[Row], sigma_scale: float) -> None:
     circles = [(PLANE_95, "-", "95 % as stated")]
-    if scaled > 1:
-        circles.append((PLANE_95 * scaled, "--", f"95 % with stds scaled by {scaled:.2g}"))
+    if sigma_scale > 1:
+        circles.append((PLANE_95 * sigma_scale, "--", f"95 % with stds scaled by {sigma_scale:.2g}"))
     _scatter(axes, rows, np.array([row.sigma for row in rows]), circles)
     axes.set(xlabel="right (standard deviations)", ylabel="down (standard deviations)", title="In standard deviations")
 
@@ -110,18 +110,18 @@ def _scatter(axes: Axes, rows: Sequence[Row], at: FloatArray, circles: Sequence[
         axes.legend(fontsize="x-small", loc="upper right")
 
 
-def _histogram(axes: Axes, rows: Sequence[Row], scaled: float) -> None:
+def _histogram(axes: Axes, rows: Sequence[Row], sigma_scale: float) -> None:
     kept = [row.values for row in rows if not row.left.is_outlier]
     values = np.concatenate([*kept, np.zeros(0)])
-    reach = max(3.5, float(np.max(np.abs(values), initial=0.0)) * _MARGIN, PLANE_95 * scaled)
-    bins = int(np.clip(round(2 * math.sqrt(max(len(values), 1)) * reach / 3.5), 10, _MOST_BINS))
+    reach = max(3.5, float(np.max(np.abs(values), initial=0.0)) * _MARGIN, PLANE_95 * sigma_scale)
+    bins = int(np.clip(round(2 * math.sqrt(max(len(values), 1)) * reach / 3.5), 10, _MAX_BINS))
     edges = np.linspace(-reach, reach, bins + 1)
     axes.hist(values, edges.tolist(), color=_KEPT, alpha=0.6, label=f"{len(values)} residuals")
     x = np.linspace(-reach, reach, 401)
     width = float(edges[1] - edges[0])
     stds = [(1.0, "-", "expected as stated")]
-    if scaled > 1:
-        stds.append((scaled, "--", f"with stds scaled by {scaled:.2g}"))
+    if sigma_scale > 1:
+        stds.append((sigma_scale, "--", f"with stds scaled by {sigma_scale:.2g}"))
     for std, style, label in stds:
         density = np.exp(-0.5 * np.square(x / std)) / (std * math.sqrt(2 * math.pi))
         axes.plot(x, len(values) * width * density, style, color=_EXPECTED, label=label)
@@ -170,7 +170,7 @@ def _correlations(axes: Axes, result: Result | ImagesResult) -> None:
     axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(names)), names)
     axes.set_title("Correlations of what was found")
-    if len(names) <= _MOST_CELLS:
+    if len(names) <= _MAX_CELLS:
         for (down, across), value in np.ndenumerate(matrix):
             colour = "white" if abs(value) > _DARK else "black"
             axes.text(across, down, f"{value:.2f}", ha="center", va="center", fontsize="small", color=colour)

@@ -10,9 +10,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.patheffects import withStroke
 
-from aerodft.cli.calibrate_report_grid import Grid, horizon_px, in_image
-from aerodft.cli.calibrate_report_marks import Mark, from_foot, ground_of, pixels_of
 from aerodft.model import FloatArray, ImageArray
+from aerodft.reports.calibration.ground_grid import Grid, horizon_px, in_image
+from aerodft.reports.calibration.marks import Mark, from_foot, ground_of, pixels_of
 from calibration.pose import State, angles_deg
 
 mpl.use("Agg")
@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-_LEAST_PX, _MOST_PX = 1280, 3840  # of the picture's width
+_MIN_PX, _MAX_PX = 1280, 3840  # of the picture's width
 _STRIP_PX, _DPI = 112.0, 100.0
 _CANVAS = (0.23, 0.25, 0.28)
 _SEEN, _OUTLIER, _ARROW, _HORIZON, _GRID, _NORTH = "#ffd500", "#ff3b30", "#00e5ff", "#ff7ad9", "#ffffff", "#7dff7d"
@@ -38,7 +38,7 @@ TEXT_PX, SMALL_PX = 20.0, 17.0
 
 _CROSS_PX, _RING_PX, _THICK_PX, _ARROW_PX, _RIM_PX, _LINE_RIM_PX = 22.0, 11.0, 2.2, 13.0, 2.0, 1.2
 _LETTER = 0.58  # width over height of a letter, on the average
-_MOST_LETTERS = 48
+_MAX_LETTERS = 48
 
 _Box = tuple[float, float, float, float]
 
@@ -72,13 +72,13 @@ class Pen:
         return [withStroke(linewidth=self.points(size), foreground=(0.0, 0.0, 0.0, alpha))]
 
     def line(self, pixels: FloatArray, colour: str, width: float = _THICK_PX, alpha: float = 1.0) -> None:
-        """A polyline ``(k, 2)``."""
+        """Draw a polyline ``(k, 2)``."""
         rim = self._rim(width + _LINE_RIM_PX, 0.4)
         thick = self.points(width)
         self._axes.plot(pixels[:, 0], pixels[:, 1], color=colour, linewidth=thick, alpha=alpha, path_effects=rim)
 
     def cross(self, pixels: FloatArray, colour: str, marker: str = "+") -> None:
-        """Crosses ``+`` or ``x``, or rings ``o``, at pixels ``(k, 2)``; no text goes there."""
+        """Draw crosses ``+`` or ``x``, or rings ``o``, at pixels ``(k, 2)``; no text goes there."""
         self._axes.plot(
             *pixels.T,
             linestyle="none",
@@ -93,7 +93,7 @@ class Pen:
         self._taken += [(u - half, v - half, u + half, v + half) for u, v in pixels.tolist()]
 
     def arrow(self, start: FloatArray, end: FloatArray, colour: str) -> None:
-        """From one pixel ``(2,)`` to another, clipped at the image."""
+        """Draw an arrow from one pixel ``(2,)`` to another, clipped at the image."""
         style = {
             "arrowstyle": "-|>",
             "color": colour,
@@ -137,7 +137,7 @@ class Pen:
 
     def _extent(self, text: str, size: float) -> tuple[float, float]:
         high = size * self._pixels
-        return _LETTER * high * min(len(text), _MOST_LETTERS), high
+        return _LETTER * high * min(len(text), _MAX_LETTERS), high
 
     def _place(
         self, at: FloatArray, places: list[tuple[float, float]], extent: tuple[float, float], *, must: bool
@@ -158,7 +158,7 @@ class Pen:
         self._axes.text(
             box[0],
             box[3],
-            shortened(text, _MOST_LETTERS),
+            shortened(text, _MAX_LETTERS),
             color=colour,
             fontsize=self.points(size),
             va="bottom",
@@ -196,9 +196,9 @@ class Picture:
             return 1.0
         width = self.state.camera.width_px
         typical, largest = float(np.median(known)), float(np.max(known))
-        wanted = min(_TYPICAL_SHARE * width / max(typical, _TINY_PX), _LONGEST_SHARE * width / largest)
-        power = 10.0 ** math.floor(math.log10(max(wanted, 1.0)))
-        return max((factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= wanted), default=1.0)
+        ideal = min(_TYPICAL_SHARE * width / max(typical, _TINY_PX), _LONGEST_SHARE * width / largest)
+        power = 10.0 ** math.floor(math.log10(max(ideal, 1.0)))
+        return max((factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= ideal), default=1.0)
 
 
 def draw_picture(picture: Picture, path: Path) -> tuple[str, ...]:
@@ -208,7 +208,7 @@ def draw_picture(picture: Picture, path: Path) -> tuple[str, ...]:
         What a reader has to know of it, in sentences.
     """
     camera = picture.state.camera
-    width_px = min(max(camera.width_px, _LEAST_PX), _MOST_PX)
+    width_px = min(max(camera.width_px, _MIN_PX), _MAX_PX)
     image_px, strip_px = camera.height_px * width_px / camera.width_px, _STRIP_PX * width_px / REFERENCE_PX
     figure = Figure(figsize=(width_px / _DPI, (image_px + strip_px) / _DPI), dpi=_DPI, facecolor="white")
     share = strip_px / (image_px + strip_px)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.cli.detect import detected_evidence
+from aerodft.app.calibrate import detected_evidence
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from calibration.lens import dictionary_names
 from calibration.markers import find_markers, judge

@@ -2,12 +2,11 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from aerodft.dft import project
 from aerodft.geometry import EARTH_RADIUS_M, STANDARD_REFRACTION, camera_angles, pixels_from_rays, rays_from_pixels
 from aerodft.model import (
     Evidence,
@@ -18,7 +17,6 @@ from aerodft.model import (
     KnownHeight,
     KnownLength,
     Landmark,
-    Pose,
     ProjectionModel,
     Px,
     SlantRange,
@@ -26,7 +24,6 @@ from aerodft.model import (
 )
 from calibration.flight import ImagesResult
 from calibration.pose import ObservationResidual, Result, State
-from calibration.pose import Rows as Residuals
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -85,7 +82,7 @@ def mark_of(state: State, evidence: Evidence) -> Mark:
 
 
 def _about(evidence: Evidence) -> tuple[str, tuple[Px, ...], str]:
-    """Its kind, its pixels, and the number that is known of it."""
+    """Kind and pixels of a piece of evidence, and the number that is known of it."""
     match evidence:
         case SlantRange(pixel=pixel, range_m=range_m):
             about: tuple[str, tuple[Px, ...], str] = "range", (pixel,), f"{range_m:g} m"
@@ -133,8 +130,7 @@ def pixels_of(state: State, points_enu_m: FloatArray) -> FloatArray:
 
 def ground_of(state: State, pixels_px: FloatArray, elevation_m: float) -> FloatArray:
     """Where pixels ``(..., 2)`` meet the level plane at ``elevation_m``: ``(..., 3)``, NaN where they do not."""
-    pose = Pose(position_enu_m=state.position_m, wxyz=state.wxyz)
-    return project(state.camera, pose, pixels_px, elevation_m, state.model).points_enu_m
+    return state.ground_points(pixels_px, elevation_m).points_enu_m
 
 
 def _rays(state: State, pixels: tuple[Px, ...]) -> FloatArray:
@@ -147,7 +143,7 @@ def _pixels_along(state: State, rays_enu: FloatArray) -> FloatArray:
 
 
 def _landmark(state: State, evidence: Landmark) -> FloatArray:
-    """Of a landmark with an unknown component: the point nearest to the line of sight among all that it may be."""
+    """A landmark's pixel; of one with an unknown component, that of the possible point nearest to the line of sight."""
     east, north, up = (math.nan if value is None else value for value in evidence.position_m)
     point = np.array([east, north, up])
     unknown = np.isnan(point)
@@ -158,7 +154,7 @@ def _landmark(state: State, evidence: Landmark) -> FloatArray:
         else:
             sight = ground_of(state, np.array(evidence.pixel), state.elevation_m) - state.position_m
         across = np.cross(sight, unknown.astype(np.float64))
-        # camera + s sight = point + t unknown + r across, for s, t and r: t is wanted
+        # camera + s sight = point + t unknown + r across, for s, t and r: t is angle_rad
         axes = np.stack([sight, -unknown.astype(np.float64), -across], axis=-1)
         if not np.all(np.isfinite(axes)) or np.linalg.matrix_rank(axes) < len(axes):
             return np.full((1, 2), np.nan)
@@ -219,8 +215,8 @@ def _lines(state: State, evidence: GroundLines) -> FloatArray:
         return np.full((len(rays), 2), np.nan)  # a level line does not cross the horizon
     along = level[1::2, :2] - level[0::2, :2]
     first, second = np.arctan2(along[:, 1], along[:, 0]).tolist()
-    wanted = math.pi / 2 if evidence.at_right_angle else 0.0
-    turn = ((second - first - wanted + math.pi / 2) % math.pi - math.pi / 2) / 2
+    angle_rad = math.pi / 2 if evidence.at_right_angle else 0.0
+    turn = ((second - first - angle_rad + math.pi / 2) % math.pi - math.pi / 2) / 2
     turned = [_turned(pair, angle) for pair, angle in ((level[:2], turn), (level[2:], -turn))]
     return _pixels_along(state, np.concatenate(turned))
 
@@ -285,28 +281,15 @@ class Row:
         return len(self.values) == 2  # noqa: PLR2004 - dimensions of an image
 
 
-def rows_of(result: Result) -> tuple[Row, ...]:
-    """All observations, in their order."""
-    evidence, residuals = result.problem.known.evidence, result.solution.residuals
-    states = (result.solution.state,) * len(evidence)
-    return _rows(evidence, states, result.left, residuals)
-
-
-def rows_of_images(result: ImagesResult) -> tuple[Row, ...]:
-    """All observations of all images, one image after the other."""
-    problem, solution = result.problem, result.solution
-    states = tuple(solution.cameras[image] for image in problem.image_of)
-    return _rows(problem.evidence, states, result.left, solution.residuals)
-
-
-def _rows(
-    evidence: Sequence[Evidence],
-    states: Sequence[State],
-    leftovers: Sequence[ObservationResidual],
-    residuals: Residuals,
-) -> tuple[Row, ...]:
+def rows_of(result: Result | ImagesResult) -> tuple[Row, ...]:
+    """All observations in their order, of many images one image after the other."""
+    evidence, residuals = result.evidence, result.solution.residuals
+    if isinstance(result, ImagesResult):
+        states = [result.solution.cameras[image] for image in result.problem.image_of]
+    else:
+        states = [result.solution.state] * len(evidence)
     rows = []
-    for index, (each, state, left) in enumerate(zip(evidence, states, leftovers, strict=True)):
+    for index, (each, state, left) in enumerate(zip(evidence, states, result.left, strict=True)):
         mark, values = mark_of(state, each), residuals.values[residuals.owner == index]
         rows.append(Row(mark, left, values, _range_m(state, each, mark)))
     return tuple(rows)

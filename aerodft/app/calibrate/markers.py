@@ -1,23 +1,22 @@
-"""``aerodft calibrate --detect``: evidence from surveyed markers that images show."""
+"""Evidence from surveyed markers that images show."""
 
 import math
 import os
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
-from aerodft.adapters.images import STILLS, Gathered, gather, image_files
-from aerodft.cli.calibrate_unknowns import check_unknowns
-from aerodft.cli.camera_mode import check_mode, refuse_other_size
-from aerodft.cli.output import progress_bar
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.adapters.images import STILLS, Gathered, check_mode, gather, image_files, refuse_other_size
+from aerodft.app.calibrate.checks import check_unknowns
+from aerodft.app.progress import Progress, no_progress
+from aerodft.errors import InputError, NotDetermined, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
-from calibration.markers import LEAST_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
+from calibration.markers import MIN_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
 from calibration.pose import calibrate
 
 _THOROUGH: Final = 3  # images that are looked into in every way; of a video, the others show the same
@@ -25,12 +24,8 @@ _PROGRESS: Final = 1000
 _MOVED_PX, _MOVED_STDS = 2.0, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """What one image shows."""
-
-    name: str
-    sightings: dict[int, MarkerSighting]
+_Sightings: TypeAlias = dict[int, MarkerSighting]
+"""The surveyed markers that one image shows, by their ids."""
 
 
 def detected_evidence(
@@ -39,6 +34,7 @@ def detected_evidence(
     camera: Camera,
     names: tuple[str, ...],
     model: ProjectionModel = ProjectionModel.PINHOLE,
+    progress: Progress = no_progress,
 ) -> EvidenceFile:
     """Evidence from markers: all that their file says, with a landmark for each that is seen and can be true.
 
@@ -46,11 +42,12 @@ def detected_evidence(
         markers: File of surveyed markers.
         images: Stills, folders or videos of one view: the camera stands still.
         camera: Whose images they are.
-        names: What the evidence is for: the unknowns that markers must agree on, as ``calibration.result`` names them.
+        names: What the evidence is for: the unknowns that markers must agree on, as ``calibration.pose`` names them.
         model: Projection model.
+        progress: Called with thousandths of the images.
 
     Returns:
-        The evidence, and in ``notes`` what was not seen, what was left out and why, and how far poses miss a marker
+        The evidence, and in ``notes`` what was not seen, what was rejected and why, and how far poses miss a marker
         that they have not seen.
 
     Raises:
@@ -58,55 +55,56 @@ def detected_evidence(
         ConfigError: The file of markers is wrong.
         InputError: An image is unreadable or of another size than the camera's, shows a marker twice or one that is
             not surveyed, or the camera moved.
-        NoAnswerError: No surveyed marker is seen, or they contradict each other.
+        NotDetermined: No surveyed marker is seen, or they contradict each other.
     """
     file = load_markers(markers)
     if not images:
         raise UsageError("--detect", got="no images", expected="images, a folder of images or a video")
     paths = tuple(image_files(images))
     doubts = check_mode(paths, camera)
-    seen, first = _look(file, paths, camera)
+    seen, first = _look(file, paths, camera, progress)
     together, moved = _combined(seen, camera)
     if not together:
         raise _nothing(file, first, len(seen))
     picture = images[0] if images[0].suffix.lower() in STILLS and images[0].is_file() else None
-    beside = None if picture is None else os.path.relpath(picture, markers.parent)
+    image = None if picture is None else os.path.relpath(picture, markers.parent)
     size_px = (camera.width_px, camera.height_px)
-    found = file.evidence([together[marker] for marker in sorted(together)], size_px, beside)
+    found = file.evidence([together[marker] for marker in sorted(together)], size_px, image)
     check_unknowns(names, found.known, camera, model)
     sides_m = {marker: each.side_m for marker, each in file.survey.by_id.items() if each.side_m is not None}
     judgement = judge(found.known, together, sides_m, partial(calibrate, camera=camera, names=names, model=model))
-    if judgement.contradiction:
+    if judgement.conflict:
         hint = "check ids, places, side_m and std_m, or add markers"
-        got = f"{_ids(together)}: {judgement.contradiction}"
-        raise NoAnswerError("the markers contradict each other", where=markers, got=got, hint=hint)
-    unseen = sorted(set(file.survey.by_id) - {marker for each in seen for marker in each.sightings})
+        got = f"{_ids(together)}: {judgement.conflict}"
+        raise NotDetermined("the markers contradict each other", where=markers, got=got, hint=hint)
+    unseen = sorted(set(file.survey.by_id).difference(*seen.values()))
     notes = (*doubts, *_notes(unseen, moved, together, judgement))
     kept = {each.name for each in judgement.known.evidence}
     stated = (each for each, evidence in zip(found.stated, found.known.evidence, strict=True) if evidence.name in kept)
     return replace(found, known=judgement.known, stated=tuple(stated), notes=notes, image_paths=paths)
 
 
-def _look(file: MarkersFile, images: Sequence[Path], camera: Camera) -> tuple[list[_Seen], Gathered]:
-    """What every image shows, and the first image."""
-    seen: list[_Seen] = []
+def _look(
+    file: MarkersFile, images: Sequence[Path], camera: Camera, progress: Progress
+) -> tuple[dict[str, _Sightings], Gathered]:
+    """What every image shows, by its name, and the first image."""
+    seen: dict[str, _Sightings] = {}
     first: Gathered | None = None
-    with progress_bar("looking for markers", 0, _PROGRESS) as advance:
-        for image in gather(images):
-            first = first or image
-            height_px, width_px = image.pixels.shape[:2]
-            refuse_other_size((width_px, height_px), camera, image.name)
-            found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
-            seen.append(_Seen(image.name, _each_once(found, file, image.name)))
-            advance(round(_PROGRESS * image.done))
+    for image in gather(images):
+        first = first or image
+        height_px, width_px = image.pixels.shape[:2]
+        refuse_other_size((width_px, height_px), camera, image.name)
+        found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
+        seen[image.name] = _by_id(found, file, image.name)
+        progress(round(_PROGRESS * image.done), _PROGRESS)
     if first is None:
         raise InputError("no image could be read", where=images[0], expected="images, folders of images or videos")
     return seen, first
 
 
-def _each_once(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> dict[int, MarkerSighting]:
+def _by_id(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -> _Sightings:
     """The sightings of surveyed markers by id."""
-    surveyed, once = file.survey.by_id, dict[int, MarkerSighting]()
+    surveyed, by_id = file.survey.by_id, dict[int, MarkerSighting]()
     for each in found:
         if each.id in file.ignore:
             continue
@@ -118,40 +116,40 @@ def _each_once(found: Sequence[MarkerSighting], file: MarkersFile, image: str) -
                 expected=f"{_ids(surveyed)} of {file.path}",
                 hint=f"survey it, or write ignore = [{each.id}] there",
             )
-        if each.id in once:
+        if each.id in by_id:
             raise InputError(
                 f"marker {each.id} is there twice",
                 where=image,
-                got=f"it at {_at(once[each.id].pixel)} and at {_at(each.pixel)}",
+                got=f"it at {_at(by_id[each.id].pixel)} and at {_at(each.pixel)}",
                 expected="each id once",
                 hint="cover one of the two, or give it another id",
             )
-        once[each.id] = each
-    return once
+        by_id[each.id] = each
+    return by_id
 
 
-def _combined(seen: Sequence[_Seen], camera: Camera) -> tuple[dict[int, MarkerSighting], dict[int, float]]:
+def _combined(seen: dict[str, _Sightings], camera: Camera) -> tuple[_Sightings, dict[int, float]]:
     """One sighting of each marker from all images, and by how many px others moved between them."""
     by_id: dict[int, list[MarkerSighting]] = {}
-    for image in seen:
-        for marker, sighting in image.sightings.items():
+    for sightings in seen.values():
+        for marker, sighting in sightings.items():
             by_id.setdefault(marker, []).append(sighting)
-    typical = {marker: _typical(sightings) for marker, sightings in by_id.items()}
-    for image in seen:
-        excess = [_excess(sighting, typical[marker]) for marker, sighting in image.sightings.items()]
+    typical = {marker: _typical(several) for marker, several in by_id.items()}
+    for image, sightings in seen.items():
+        excess = [_excess(sighting, typical[marker]) for marker, sighting in sightings.items()]
         if excess and np.median(excess) > 0:
-            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in image.sightings.items()])
+            px = np.median([math.dist(each.pixel, typical[marker].pixel) for marker, each in sightings.items()])
             raise InputError(
                 "the camera moved between the images",
-                where=image.name,
+                where=image,
                 got=f"markers {px:.0f} px from where they are in the others",
                 expected=f'one view of camera "{camera.name}"',
                 hint="calibrate each view by itself",
             )
     moved = {
-        marker: max(math.dist(each.pixel, typical[marker].pixel) for each in sightings)
-        for marker, sightings in by_id.items()
-        if any(_excess(each, typical[marker]) > 0 for each in sightings)
+        marker: max(math.dist(each.pixel, typical[marker].pixel) for each in several)
+        for marker, several in by_id.items()
+        if any(_excess(each, typical[marker]) > 0 for each in several)
     }
     return {marker: each for marker, each in typical.items() if marker not in moved}, moved
 
@@ -180,11 +178,11 @@ def _px(pixel: FloatArray) -> Px:
     return float(pixel[0]), float(pixel[1])
 
 
-def _nothing(file: MarkersFile, first: Gathered, count: int) -> NoAnswerError:
+def _nothing(file: MarkersFile, first: Gathered, count: int) -> NotDetermined:
     """Why no marker can be used, and what to try."""
     height_px, width_px = first.pixels.shape[:2]
     more = f" and {count - 1} more" if count > 1 else ""
-    return NoAnswerError(
+    return NotDetermined(
         "no surveyed marker is seen",
         where=first.name + more,
         got=f"{width_px} x {height_px} px without one that stays in its place",
@@ -197,12 +195,10 @@ def _suggestion(file: MarkersFile, pixels: ImageArray) -> str:
     other = other_dictionary(pixels, file.survey.dictionary).lower()
     if other:
         return f"markers of {other} are there: is that the dictionary?"
-    return f"are they at least {LEAST_SIDE_PX} px wide, sharp, whole, and with a white margin?"
+    return f"are they at least {MIN_SIDE_PX} px wide, sharp, whole, and with a white margin?"
 
 
-def _notes(
-    unseen: Sequence[int], moved: dict[int, float], together: dict[int, MarkerSighting], judgement: Judgement
-) -> Iterator[str]:
+def _notes(unseen: Sequence[int], moved: dict[int, float], together: _Sightings, judgement: Judgement) -> Iterator[str]:
     if unseen:
         yield f"{_ids(unseen)} {'is' if len(unseen) == 1 else 'are'} surveyed, but not seen"
     for marker, px in sorted(moved.items()):

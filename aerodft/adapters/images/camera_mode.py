@@ -8,14 +8,14 @@ from typing import Final
 
 from PIL import Image as PillowImage
 
-from aerodft.adapters.images import still_mode
+from aerodft.adapters.images.stills import still_mode
 from aerodft.errors import InputError
 from aerodft.model import Camera, CameraMode
 
-_SAME: Final = 0.015  # share by which lengths of one zoom may differ: EXIF rounds them
+_ROUNDING: Final = 0.015  # share by which lengths of one zoom may differ: EXIF rounds them
 _FILM_DIAGONAL_MM: Final = 43.27
-_ROUGHLY: Final = 1.4  # factor within which a focal length that was rounded to whole millimetres of film must be
-_SAID: Final = {
+_FILM_ROUNDING: Final = 1.4  # factor within which a focal length is that was rounded to whole millimetres of film
+_UNITS: Final = {
     "device": "",
     "focal_mm": " mm focal length",
     "focal_35mm_mm": " mm focal length for 35 mm film",
@@ -37,11 +37,11 @@ def check_mode(images: Iterable[Path], camera: Camera) -> tuple[str, ...]:
     Raises:
         InputError: Another size, device, focal length or digital zoom.
     """
-    return tuple(dict.fromkeys(sentence for image in images for sentence in _checked(image, camera)))
+    return tuple(dict.fromkeys(sentence for image in images for sentence in _doubts(image, camera)))
 
 
 def common_mode(images: Iterable[Path]) -> CameraMode | None:
-    """The mode of all stills, of what their EXIF data say; None where they say nothing.
+    """The mode of all stills by their EXIF data; None where these say nothing.
 
     Raises:
         InputError: They are of several modes.
@@ -65,13 +65,34 @@ def common_mode(images: Iterable[Path]) -> CameraMode | None:
     return None if first is None else first[1]
 
 
-def _checked(path: Path, camera: Camera) -> Iterator[str]:
-    _check_size(path, camera)
+def refuse_other_size(size_px: tuple[int, int], camera: Camera, where: object) -> None:
+    """Refuse an image of another size than the camera's.
+
+    Raises:
+        InputError: It has one.
+    """
+    if size_px != (camera.width_px, camera.height_px):
+        expected = f'{camera.width_px} x {camera.height_px} px, the size of camera "{camera.name}"'
+        raise _wrong_mode(where, f"{size_px[0]} x {size_px[1]} px", expected)
+
+
+def _wrong_mode(where: object, got: str, expected: str) -> InputError:
+    what = "the image is not of this camera's mode"
+    return InputError(what, where=where, got=got, expected=expected, hint=_HINT)
+
+
+def _doubts(path: Path, camera: Camera) -> Iterator[str]:
+    try:
+        with PillowImage.open(path) as image:
+            size_px = image.size
+    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError):
+        pass
+    else:
+        refuse_other_size(size_px, camera, path)
     mode, taken_px = still_mode(path)
     if camera.mode is not None and (difference := _difference(mode, camera.mode)):
         got, expected = difference
-        expected = f'{expected}, the mode of camera "{camera.name}"'
-        raise InputError("the image is not of this camera's mode", where=path, got=got, expected=expected, hint=_HINT)
+        raise _wrong_mode(path, got, f'{expected}, the mode of camera "{camera.name}"')
     if taken_px not in (None, (camera.width_px, camera.height_px), (camera.height_px, camera.width_px)):
         yield (
             f"{path.name} was taken with {taken_px[0]} x {taken_px[1]} px and made {camera.width_px} x"
@@ -80,36 +101,11 @@ def _checked(path: Path, camera: Camera) -> Iterator[str]:
     if camera.mode is None and mode.focal_35mm_mm is not None:
         zoom = mode.digital_zoom or 1.0
         focal_px = mode.focal_35mm_mm / _FILM_DIAGONAL_MM * math.hypot(camera.width_px, camera.height_px)
-        if not 1 / _ROUGHLY < focal_px / camera.fx_px < _ROUGHLY:
+        if not 1 / _FILM_ROUNDING < focal_px / camera.fx_px < _FILM_ROUNDING:
             yield (
                 f"{path.name} was taken with {mode.focal_35mm_mm:g} mm for 35 mm film (digital zoom {zoom:g}), about"
                 f' {focal_px:.0f} px, and camera "{camera.name}" has {camera.fx_px:.0f} px: is it of another zoom?'
             )
-
-
-def _check_size(path: Path, camera: Camera) -> None:
-    try:
-        with PillowImage.open(path) as image:
-            size_px = image.size
-    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError):
-        return
-    refuse_other_size(size_px, camera, path)
-
-
-def refuse_other_size(size_px: tuple[int, int], camera: Camera, where: object) -> None:
-    """Refuse an image of another size than the camera's.
-
-    Raises:
-        InputError: It has one.
-    """
-    if size_px != (camera.width_px, camera.height_px):
-        raise InputError(
-            "the image is not of this camera's mode",
-            where=where,
-            got=f"{size_px[0]} x {size_px[1]} px",
-            expected=f'{camera.width_px} x {camera.height_px} px, the size of camera "{camera.name}"',
-            hint=_HINT,
-        )
 
 
 def _difference(mode: CameraMode, other: CameraMode) -> tuple[str, str] | None:
@@ -119,13 +115,10 @@ def _difference(mode: CameraMode, other: CameraMode) -> tuple[str, str] | None:
         expected = others[key]
         if value is None or expected is None:
             continue
+        unit = _UNITS[key]
         if isinstance(value, str):
-            is_same = value.casefold() == str(expected).casefold()
-        else:
-            is_same = abs(value - expected) <= _SAME * expected
-        if not is_same:
-            return tuple(  # type: ignore[return-value]  # two of them
-                f"{each}{_SAID[key]}" if isinstance(each, str) else f"{each:g}{_SAID[key]}"
-                for each in (value, expected)
-            )
+            if value.casefold() != str(expected).casefold():
+                return f"{value}{unit}", f"{expected}{unit}"
+        elif abs(value - expected) > _ROUNDING * expected:
+            return f"{value:g}{unit}", f"{expected:g}{unit}"
     return None

@@ -1,4 +1,4 @@
-"""Images of a file of evidence as a calibration takes them: each with its poses by telemetry, in the file's frame."""
+"""Poses by telemetry of a file's images, as it states them or as a log or recording has them, in the file's frame."""
 
 import math
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from aerodft.adapters.config.evidence import EvidenceFile, Flight, GivenImage, L
 from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
 from aerodft.adapters.telemetry import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.app.assembly import recorded_station
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, UsageError
 from aerodft.geometry import Ground, camera_attitude, from_rotation_vector, matrix, multiply
@@ -33,15 +34,16 @@ from aerodft.service import LAST, MergedFeed, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, Ticks, survey_span
 from aerodft.service.pose import PoseSource
 from calibration.flight import PoseTrack, View, shared_and_new
+from replay.foreign import ForeignTelemetry, open_recording
+from replay.recordings import Recording, RecordingSource, is_mcap
 
-_REACH_S, _LEAST_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
-
+_REACH_S, _MIN_STEP_S, _STEPS, _STDS = 2.0, 0.05, 40, 4.0
 _TICK_NS = SECOND_NS // 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Said:
-    """What telemetry says of an image."""
+class _Reported:
+    """The poses of an image by telemetry."""
 
     track: PoseTrack
     std: PoseStd
@@ -49,59 +51,55 @@ class _Said:
 
 
 def views_of(
-    found: EvidenceFile, telemetry: Path | None, *, is_time_asked: bool
+    evidence: EvidenceFile, flight: Flight, telemetry: Path | None, *, needs_time: bool
 ) -> tuple[tuple[View, ...], dict[str, Prior]]:
     """The images, and what is known beforehand of biases, lens and ground.
 
     Args:
-        found: A file of evidence with images.
+        evidence: A file of evidence.
+        flight: Its images.
         telemetry: Log or recording to take the place of the file's.
-        is_time_asked: The time offset is unknown: poses are needed around the stamps.
+        needs_time: The time offset is unknown: poses are needed around the stamps.
 
     Raises:
         AerodftError: An image has no pose, or the telemetry cannot be used.
     """
-    flight = found.flight
-    if flight is None:
-        raise ValueError("a file of one image")
-    reach_s = _reach_s(flight) if is_time_asked or flight.time is not None else 0.0
-    said = _stated(found, flight, reach_s) | _looked_up(found, flight, telemetry, reach_s)
-    _check_heights(said, found.path)
-    stds = [said[image.name].std for image in flight.images]
+    reach_s = 0.0
+    if flight.time is not None:
+        reach_s = abs(flight.time.value) + (_STDS * flight.time.std or _REACH_S)
+    elif needs_time:
+        reach_s = _REACH_S
+    reported = _stated(evidence, flight, reach_s) | _looked_up(evidence, flight, telemetry, reach_s)
+    _check_heights(reported, evidence.path)
+    stds = [reported[image.name].std for image in flight.images]
     priors, noises = shared_and_new(stds, flight.noise_share, flight.noise)
     if flight.time is not None:
         priors["time"] = flight.time
     views = tuple(
-        View(image.name, image.evidence, said[image.name].track, noise)
+        View(image.name, image.evidence, reported[image.name].track, noise)
         for image, noise in zip(flight.images, noises, strict=True)
     )
-    return views, priors | found.known.priors
-
-
-def _reach_s(flight: Flight) -> float:
-    if flight.time is None or not flight.time.std:
-        return _REACH_S + (0.0 if flight.time is None else abs(flight.time.value))
-    return abs(flight.time.value) + _STDS * flight.time.std
+    return views, priors | evidence.known.priors
 
 
 def _needs_place(image: GivenImage) -> bool:
     return any(isinstance(each, Landmark) for each in image.evidence)
 
 
-def _stated(found: EvidenceFile, flight: Flight, reach_s: float) -> dict[str, _Said]:
-    said = {}
+def _stated(evidence: EvidenceFile, flight: Flight, reach_s: float) -> dict[str, _Reported]:
+    reported = {}
     for image in flight.images:
         if image.pose is None:
             continue
         for name, key in (("heading", "heading_deg"), ("east", "position_m, or lat_deg and lon_deg")):
             if name not in image.pose.known and _needs_place(image):
                 expected = f"{key} by telemetry: landmarks are seen in it"
-                raise ConfigError(f'image "{image.name}"', where=found.path, got=f"no {key}", expected=expected)
-        said[image.name] = _as_stated(image.pose, flight.settings, reach_s)
-    return said
+                raise ConfigError(f'image "{image.name}"', where=evidence.path, got=f"no {key}", expected=expected)
+        reported[image.name] = _as_stated(image.pose, flight.settings, reach_s)
+    return reported
 
 
-def _as_stated(pose: StatedPose, settings: TelemetrySettings, reach_s: float) -> _Said:
+def _as_stated(pose: StatedPose, settings: TelemetrySettings, reach_s: float) -> _Reported:
     usual = settings.attitude.std
 
     def value(name: str) -> float:
@@ -117,7 +115,7 @@ def _as_stated(pose: StatedPose, settings: TelemetrySettings, reach_s: float) ->
         velocity_enu_mps=np.array(pose.velocity_mps),
         rate_cam_radps=np.array(pose.rate_cam_radps),
     )
-    return _Said(
+    return _Reported(
         PoseTrack.steady(moving, reach_s),
         PoseStd(
             height_agl_m=std("height", settings.height.std_m[HeightSource.HOME]),
@@ -130,7 +128,7 @@ def _as_stated(pose: StatedPose, settings: TelemetrySettings, reach_s: float) ->
     )
 
 
-def _looked_up(found: EvidenceFile, flight: Flight, telemetry: Path | None, reach_s: float) -> dict[str, _Said]:
+def _looked_up(evidence: EvidenceFile, flight: Flight, telemetry: Path | None, reach_s: float) -> dict[str, _Reported]:
     images = [image for image in flight.images if image.pose is None]
     path = telemetry or flight.log
     if not images:
@@ -139,25 +137,25 @@ def _looked_up(found: EvidenceFile, flight: Flight, telemetry: Path | None, reac
         return {}
     if path is None:
         expected = 'telemetry = "flight.tlog" at its top, or --telemetry'
-        raise ConfigError(f'image "{images[0].name}"', where=found.path, got="no pose", expected=expected)
-    origin = flight.origin or found.frame.geo_origin
-    opened = open_telemetry(path, flight.settings, origin, says_settings=flight.says_settings)
+        raise ConfigError(f'image "{images[0].name}"', where=evidence.path, got="no pose", expected=expected)
+    origin = flight.origin or evidence.frame.geo_origin
+    opened = _open_telemetry(path, flight.settings, origin, are_settings_stated=flight.says_settings)
     if opened.origin is None and any(map(_needs_place, images)):
         expected = f'{{ lat_deg, lon_deg }} of the zero of crs = "{LOCAL}"'
-        raise ConfigError("telemetry.origin", where=found.path, got="nothing", expected=expected)
-    step_s = max(_LEAST_STEP_S, reach_s / _STEPS)
+        raise ConfigError("telemetry.origin", where=evidence.path, got="nothing", expected=expected)
+    step_s = max(_MIN_STEP_S, reach_s / _STEPS)
     count = round(reach_s / step_s)
     offsets_s: FloatArray = np.asarray(np.arange(-count, count + 1) * step_s)
-    poses = poses_of(opened, images, offsets_s.tolist())
+    poses = _poses_of(opened, images, offsets_s.tolist())
     return {
-        image.name: _as_reported(image, samples, offsets_s, found.frame, path)
+        image.name: _as_reported(image, samples, offsets_s, evidence.frame, path)
         for image, samples in zip(images, poses, strict=True)
     }
 
 
 def _as_reported(
     image: GivenImage, samples: tuple[PoseSample, ...], offsets_s: FloatArray, frame: LocalFrame, path: Path
-) -> _Said:
+) -> _Reported:
     middle = samples[len(samples) // 2]
     if middle.pose is None or middle.reasons:
         got = "; ".join((str(middle.status), *middle.reasons))
@@ -166,18 +164,18 @@ def _as_reported(
     if middle.lat_rad is None and _needs_place(image):
         expected = "a position: landmarks are seen in it"
         raise InputError(f'image "{image.name}"', where=path, got="no position in the telemetry", expected=expected)
-    chosen = unbroken(samples, offsets_s.tolist())
+    chosen = _unbroken(samples)
     poses = [pose for pose in (samples[index].pose for index in chosen) if pose is not None]
     turn = from_rotation_vector(np.array([0.0, 0.0, frame.true_heading_rad(0.0) or 0.0]))
     positions = np.array([pose.position_enu_m for pose in poses]) @ matrix(turn).T
     track = PoseTrack(offsets_s[chosen], positions, multiply(turn, np.array([pose.wxyz for pose in poses])))
-    return _Said(track, middle.std, middle.height_source)
+    return _Reported(track, middle.std, middle.height_source)
 
 
-def _check_heights(said: dict[str, _Said], path: Path) -> None:
+def _check_heights(reported: dict[str, _Reported], path: Path) -> None:
     """Refuse heights of two sources, which have two biases."""
     first: dict[HeightSource, str] = {}
-    for name, each in said.items():
+    for name, each in reported.items():
         if each.height_source is not None:
             first.setdefault(each.height_source, name)
     if len(first) > 1:
@@ -188,7 +186,7 @@ def _check_heights(said: dict[str, _Said], path: Path) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Telemetry:
+class _Telemetry:
     """A log or recording, and how it becomes poses.
 
     Attributes:
@@ -209,42 +207,40 @@ class Telemetry:
     has_images: bool = False
     offset_ns: int = 0
 
+    def pose_source(self) -> PoseSource:
+        """Poses of events that are appended to it."""
+        return PoseSource(self.settings, origin=self.origin, time_std_s=0.0, ground=self.ground)
 
-def open_telemetry(
-    path: Path, settings: TelemetrySettings, origin: GeoOrigin | None, *, says_settings: bool
-) -> Telemetry:
+
+def _open_telemetry(
+    path: Path, settings: TelemetrySettings, origin: GeoOrigin | None, *, are_settings_stated: bool
+) -> _Telemetry:
     """Open a log or a recording.
 
     Args:
         path: A .tlog, a .bin, a recording, or another tool's MCAP file.
         settings: How telemetry becomes a pose.
         origin: Of the coordinates; None for a recording's own.
-        says_settings: Somebody stated the settings; else a recording's own are taken.
+        are_settings_stated: Somebody stated the settings; else a recording's own are taken.
 
     Raises:
         InputError: It is missing, unreadable, or of a fixed camera.
     """
-    from replay.recordings import is_mcap
-
     if not is_mcap(path) and not path.is_dir():
-        return Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
-    from aerodft.app.assembly import recorded_station
-    from replay.foreign import ForeignTelemetry, open_recording
-    from replay.recordings import Recording, RecordingSource
-
+        return _Telemetry(path=path, source=open_log(path), settings=settings, origin=origin)
     recording = open_recording(path)
     if not isinstance(recording, Recording):
-        return Telemetry(path=path, source=ForeignTelemetry(recording), settings=settings, origin=origin)
+        return _Telemetry(path=path, source=ForeignTelemetry(recording), settings=settings, origin=origin)
     station = recorded_station(recording)
     own = station.pipeline.telemetry
     if own is None:
         raise InputError("a fixed camera's recording", where=path, got="[pose]", expected="one with telemetry")
     has_stamps = isinstance(station.images.source, VideoFile | Stills | Stream | Device)  # others' are the pipeline's
     before = station.calibration.bias.time_s if station.calibration is not None and has_stamps else 0.0
-    return Telemetry(
+    return _Telemetry(
         path=path,
         source=RecordingSource(recording),
-        settings=settings if says_settings else own,
+        settings=settings if are_settings_stated else own,
         origin=origin or station.pipeline.origin,
         ground=station.pipeline.ground,
         has_images=True,
@@ -252,8 +248,8 @@ def open_telemetry(
     )
 
 
-def poses_of(
-    telemetry: Telemetry, images: Sequence[GivenImage], offsets_s: Sequence[float]
+def _poses_of(
+    telemetry: _Telemetry, images: Sequence[GivenImage], offsets_s: Sequence[float]
 ) -> tuple[tuple[PoseSample, ...], ...]:
     """For each image its poses at some times around its stamp.
 
@@ -272,7 +268,7 @@ def poses_of(
     offsets_ns = [round(offset_s * SECOND_NS) for offset_s in offsets_s]
     found: dict[int, tuple[PoseSample, ...]] = {}
     waiting = sorted(set(stamps), reverse=True)
-    poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
+    poses, decoder = telemetry.pose_source(), decoder_of(telemetry.settings)
     late_ns = offsets_ns[-1] + span.lateness_ns + 2 * telemetry.settings.height.max_gap_ns
     for batches in MergedFeed([telemetry.source], _TICK_NS, idle_ticks_ns=0, longest_ns=0).batches():
         for block in batches.raw:
@@ -284,10 +280,6 @@ def poses_of(
     return tuple(found[stamp_ns] for stamp_ns in stamps)
 
 
-def _pose_source(telemetry: Telemetry) -> PoseSource:
-    return PoseSource(telemetry.settings, origin=telemetry.origin, time_std_s=0.0, ground=telemetry.ground)
-
-
 def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tuple[PoseSample, ...]:
     stamps_ns = stamp_ns + np.array(offsets_ns)
     no = np.full(len(stamps_ns), fill_value=False)
@@ -295,7 +287,7 @@ def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tupl
     return tuple(found)
 
 
-def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
+def _stamps(telemetry: _Telemetry, images: Sequence[GivenImage]) -> list[int]:
     """UTC of each image, without what an older calibration had added."""
     by_index: dict[int, int] = {}
     if any(image.index is not None for image in images):
@@ -311,8 +303,8 @@ def _stamps(telemetry: Telemetry, images: Sequence[GivenImage]) -> list[int]:
     return [by_index[image.index] if image.index is not None else image.stamp_ns or 0 for image in images]
 
 
-def _recorded_stamps(telemetry: Telemetry) -> dict[int, int]:
-    poses, decoder = _pose_source(telemetry), decoder_of(telemetry.settings)
+def _recorded_stamps(telemetry: _Telemetry) -> dict[int, int]:
+    poses, decoder = telemetry.pose_source(), decoder_of(telemetry.settings)
     stamps: dict[int, int] = {}
     by_host: set[int] = set()
     for event in telemetry.source.events():
@@ -340,13 +332,9 @@ def _check_inside(image: GivenImage, stamp_ns: int, span: LogSpan, path: Path) -
         )
 
 
-def unbroken(samples: Sequence[PoseSample], offsets_s: Sequence[float]) -> np.ndarray:
-    """Indices of the poses around the stamp that have a place in one run without a gap."""
-    middle = int(np.argmin(np.abs(offsets_s)))
-    has = [sample.status is Status.OK and sample.pose is not None for sample in samples]
-    first, last = middle, middle
-    while first > 0 and has[first - 1]:
-        first -= 1
-    while last < len(has) - 1 and has[last + 1]:
-        last += 1
-    return np.arange(first, last + 1)
+def _unbroken(samples: Sequence[PoseSample]) -> np.ndarray:
+    """Indices of the poses around the middle one that come in one run without a gap."""
+    middle = len(samples) // 2
+    gaps = [index for index, sample in enumerate(samples) if sample.status is not Status.OK or sample.pose is None]
+    first = max((gap + 1 for gap in gaps if gap < middle), default=0)
+    return np.arange(first, min((gap for gap in gaps if gap > middle), default=len(samples)))

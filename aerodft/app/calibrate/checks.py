@@ -1,0 +1,143 @@
+"""Whether a calibration may be asked for, and whether its evidence determines what is asked."""
+
+import difflib
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from aerodft.adapters.config.evidence import EvidenceFile
+from aerodft.errors import NotDetermined, UsageError
+from aerodft.model import Camera, EvidenceSet, ProjectionModel
+from aerodft.reports.calibration import values_of
+from calibration.flight import ImagesResult
+from calibration.pose import LIMIT, Result, Unknowns, display_unit, expanded, possible_unknowns, unknowns_of
+
+_OPTION: Final = "--unknowns"
+_UNITS: Final = ("_agl_m", "_m", "_deg", "_px")
+_SYNONYMS: Final = {
+    "pitch": "tilt (from straight down: 90 deg + pitch)",
+    "yaw": "heading",
+    "azimuth": "heading",
+    "altitude": "height",
+    "fov": "focal",
+    "f": "focal",
+    "x": "east",
+    "y": "north",
+    "z": "height",
+}
+_LINE, _NARROW = 3, 0.01  # landmarks that make one, and how narrow it is for its length
+_MAX_SCALE = 30.0  # of residuals, in stated stds; beyond that no scaling makes them true
+_MAX_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
+
+
+def check_unique(names: Sequence[str]) -> None:
+    """Refuse no unknowns at all, and one that is named twice, by itself or in a group.
+
+    Raises:
+        UsageError: Which one.
+    """
+    if not names:
+        raise UsageError(_OPTION, got="none", expected="e.g. height,tilt")
+    every = expanded(tuple(names))
+    twice = next((name for name in every if every.count(name) > 1), None)
+    if twice is not None:
+        got = f"{twice} twice in {','.join(names)}"
+        raise UsageError(_OPTION, got=got, expected="each once", hint=f"remove one {twice}")
+
+
+def check_unknowns(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> None:
+    """Refuse unknowns that there are not, or that exclude each other or the evidence.
+
+    Raises:
+        UsageError: Which, and what may be meant.
+    """
+    possible = possible_unknowns(camera)
+    wrong = next((name for name in names if name not in possible), None)
+    if wrong is not None:
+        expected = f"some of {', '.join(possible)}"
+        raise UsageError(_OPTION, got=wrong, expected=expected, hint=_suggestion(wrong, possible))
+    try:
+        unknowns_of(names, known, camera, model)
+    except ValueError as error:
+        raise wrong_unknowns(error) from None
+
+
+def wrong_unknowns(error: ValueError) -> UsageError:
+    """What the solver says of unknowns, as an error of whoever asked for them."""
+    return UsageError(_OPTION, got=str(error).removeprefix("got "))
+
+
+def _suggestion(wrong: str, possible: tuple[str, ...]) -> str:
+    lower = wrong.lower()
+    if lower[:1] in ("k", "p") and lower[1:].isdigit():
+        return "the camera file needs a distortion with that coefficient, which may be 0"
+    stem = next((lower.removesuffix(unit) for unit in _UNITS if lower.endswith(unit)), lower)
+    close = difflib.get_close_matches(stem, possible, n=1, cutoff=0.6)
+    meant = _SYNONYMS.get(stem) or next(iter(close), "")
+    return f"did you mean {meant}?" if meant else ""
+
+
+def unstated(result: Result, evidence: EvidenceFile, *, is_saved: bool) -> NotDetermined | None:
+    """A height or tilt that nobody stated or asked for; None where nothing needs it.
+
+    A roll, a heading or a place may be taken as 0, but nobody hangs at no height and looks in no direction.
+
+    Args:
+        result: The calibration, made with a guess of it.
+        evidence: What is known beforehand, with what is stated as exact.
+        is_saved: The pose goes into a file, which needs both.
+    """
+    for name in ("height", "tilt"):
+        if name in result.names or name in evidence.known.priors:
+            continue
+        state = result.solution.state
+        found = result.problem.observed(state, Unknowns((name,)).by_unknowns(state))
+        if is_saved or (found is not None and np.any(found.by_unknowns)):
+            return NotDetermined(
+                "no calibration",
+                where=evidence.path,
+                got=f"a {name} that is neither stated nor asked for",
+                expected=f"{display_unit(name)[0]} under [camera], or --unknowns {','.join((*result.names, name))}",
+            )
+    return None
+
+
+def not_determined(result: Result | ImagesResult, evidence: EvidenceFile) -> NotDetermined | None:
+    """Why the evidence gives no calibration; None where it gives one."""
+    why_not = _why_not(result, evidence)
+    return NotDetermined("no calibration", where=evidence.path, got=why_not) if why_not else None
+
+
+def _why_not(result: Result | ImagesResult, evidence: EvidenceFile) -> str:
+    solution, kept = result.solution, result.solution.kept
+    if result.weakest.std_share > LIMIT * solution.sigma_scale:
+        return f"{result.weakest.sentence}{_in_line(result)}"
+    if not result.weakest.is_determined or solution.sigma_scale > _MAX_SCALE:
+        return (
+            f"the observations contradict each other: residuals are {solution.sigma_scale:.0f} times as large as the"
+            " stated stds; check the coordinates, the pixels and the stds"
+        )
+    if isinstance(result, Result) and result.solution.alternative is not None:
+        values = values_of(result.solution.alternative, result.names, evidence.frame)
+        other = ", ".join(f"{key} {value:.4g}" for key, value in values.items())
+        return (
+            f"the observations fit another camera as well ({other}): add a landmark, or what you know of the camera"
+            " under [camera]"
+        )
+    outliers = np.count_nonzero(~kept)
+    if outliers <= _MAX_OUTLIERS * len(kept):
+        return ""
+    return (
+        f"{outliers} of {len(kept)} observations disagree with the rest: check"
+        " what is unknown (heading, position), the camera file, the coordinates and their stds"
+    )
+
+
+def _in_line(result: Result | ImagesResult) -> str:
+    """What to say of landmarks of one image that are all in one line; empty where they are not."""
+    places_m = result.problem.landmarks[0] if isinstance(result, Result) else np.zeros((0, 3))
+    if len(places_m) < _LINE:
+        return ""
+    along, across, *_ = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
+    return "; all landmarks lie in one line: add one beside it" if across <= _NARROW * along else ""

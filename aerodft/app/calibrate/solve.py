@@ -1,0 +1,325 @@
+"""A calibration from files to a result that can be read, saved and shown."""
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aerodft.adapters.config.camera import FixedPose, load_camera, write_calibration
+from aerodft.adapters.config.evidence import EvidenceFile, Flight, check_against, load_evidence
+from aerodft.adapters.images import check_mode
+from aerodft.app.calibrate.checks import check_unique, check_unknowns, not_determined, unstated, wrong_unknowns
+from aerodft.app.calibrate.image_poses import views_of
+from aerodft.app.calibrate.markers import detected_evidence
+from aerodft.app.progress import Progress, no_progress
+from aerodft.errors import AerodftError, UsageError
+from aerodft.model import BIASES, BiasValues, Calibration, Camera, FloatArray, PoseStd, ProjectionModel
+from aerodft.reports.calibration import (
+    calibration_document,
+    calibration_notes,
+    displayed_covariance,
+    displayed_values,
+    write_calibration_page,
+)
+from aerodft.version import SOFTWARE
+from calibration.diagnosis import Attempt, likely_mistake
+from calibration.flight import ImagesResult, calibrate_images, typical_noise
+from calibration.pose import Result, angles_deg, expanded
+from calibration.pose import calibrate as solve_for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CalibrationResult:
+    """What a calibration found.
+
+    Attributes:
+        fit: The fit of a camera that stands still, or of many images of a flight.
+        evidence: The file that it is from.
+        unknowns: What was asked for.
+        inputs: Names and hashes of other files that it is from, for the provenance.
+        mistake: What looks wrong with evidence that does not fit; None where nothing does.
+    """
+
+    fit: Result | ImagesResult
+    evidence: EvidenceFile
+    unknowns: tuple[str, ...]
+    inputs: dict[str, Any] = field(default_factory=dict)
+    mistake: AerodftError | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with its lens as found or known, and how well."""
+        return self.fit.camera
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What was found, by names with their units (``height_agl_m``, ``tilt_deg``, ``focal_px``, ...)."""
+        return displayed_values(self.fit, self.evidence.frame)
+
+    @property
+    def stds(self) -> dict[str, float]:
+        """Standard deviations of the values, by the same names and in the same units."""
+        return dict(zip(self.fit.display_units, displayed_covariance(self.fit)[1].tolist(), strict=True))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """``(n, n)`` of the values, in their order and units."""
+        return displayed_covariance(self.fit)[0]
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know: rejected observations, stds that are too small, doubts about images."""
+        return calibration_notes(self.fit, self.evidence)
+
+    def refusal(self, *, is_saved: bool = False) -> AerodftError | None:
+        """Why it cannot be used; None where it can.
+
+        Args:
+            is_saved: It goes into a file, which needs a height and a tilt.
+        """
+        if isinstance(self.fit, ImagesResult):
+            return not_determined(self.fit, self.evidence)
+        missing = self.mistake or unstated(self.fit, self.evidence, is_saved=is_saved)
+        return missing or not_determined(self.fit, self.evidence)
+
+    def document(self, *, is_saved: bool = False) -> dict[str, Any]:
+        """Everything as ``aerodft calibrate --json`` prints it, with why it cannot be used, as ``refusal``."""
+        return calibration_document(self.fit, self.evidence, self.refusal(is_saved=is_saved))
+
+    def save(self, path: Path | str) -> None:
+        """Write a calibration file that stations, ``measure`` and ``recompute`` take.
+
+        Args:
+            path: The TOML file; one that is there is replaced.
+
+        Raises:
+            NotDetermined: A height or tilt that the file needs was neither stated nor asked for.
+            InputError: It cannot be written.
+        """
+        if error := self.refusal(is_saved=True):
+            raise error
+        if isinstance(self.fit, ImagesResult):
+            found: FixedPose | Calibration = _biases(self.fit, self.evidence)
+            model = self.fit.solution.state.base.model
+        else:
+            found = _fixed_pose(self.fit, self.evidence)
+            model = self.fit.solution.state.model
+        lens = self.camera if np.any(self.camera.covariance) else None
+        provenance = {
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
+            "software": SOFTWARE,
+            "observations": self.evidence.path.name,
+            "observations_sha256": self.evidence.sha256,
+            **self.inputs,
+            "unknowns": list(self.unknowns),
+            "rms_px": self.fit.rms_px,
+            "chi2": self.fit.solution.chi2,
+            "degrees_of_freedom": self.fit.solution.dof,
+            "outliers": [left.name for left in self.fit.left if left.is_outlier],
+        }
+        write_calibration(Path(path), found, lens, model, provenance)
+
+    def write_report(self, folder: Path | str) -> Path:
+        """Write a page with pictures and tables.
+
+        Args:
+            folder: The folder, made where it is not there.
+
+        Returns:
+            The page, ``report.md``; beside it residuals as figure and CSV, and the image with the ground's metres.
+
+        Raises:
+            InputError: The folder cannot be written to.
+        """
+        return write_calibration_page(self.fit, self.evidence, Path(folder))
+
+
+def calibrate(  # noqa: PLR0913 - each is something that a person knows
+    evidence: Path | str,
+    camera: Camera | Path | str,
+    unknowns: Sequence[str] = ("height", "tilt"),
+    *,
+    model: ProjectionModel = ProjectionModel.PINHOLE,
+    crs: str | None = None,
+    telemetry: Path | str | None = None,
+    images: Sequence[Path | str] | None = None,
+    progress: Progress = no_progress,
+    check: bool = True,
+) -> CalibrationResult:
+    """Find a camera's pose (and lens) from landmarks, ranges, lengths, heights, verticals, lines and the horizon.
+
+    With several images in the file, each with a pose by telemetry: what telemetry is off by, in all of them.
+
+    Args:
+        evidence: What is known: TOML, or CSV with a row for each landmark; with ``images``, a file of markers.
+        camera: The camera, or its file.
+        unknowns: What to find: height, tilt, roll, heading, position, focal (or fx, fy), principal_point, elevation,
+            k1, k2, ...; in many images height, tilt, roll, heading, pan, position and time.
+        model: Projection model.
+        crs: Of a CSV file: local, geo or an EPSG code.
+        telemetry: Log or recording that the poses of the file's images are looked up in.
+        images: Stills, folders or videos in which the surveyed ArUco or AprilTag markers of ``evidence`` are found.
+        progress: Called with how many thousandths of these images are done, and 1000.
+        check: Raise what ``refusal`` would return; without, a fit that cannot be used is returned too, to be looked at.
+
+    Returns:
+        What was found, with its covariance; ``save`` writes the file that stations take.
+
+    Raises:
+        NotDetermined: The evidence does not determine what is asked for, or contradicts itself; says what to add.
+        InputError: A file is missing, unreadable or impossible, or the evidence looks mistaken: says what fits.
+        UsageError: Unknowns that there are not.
+
+    Example:
+        >>> import aerodft as ad
+        >>> found = ad.calibrate(
+        ...     "configs/calibration/bridge-landmarks.toml",
+        ...     "configs/cameras/demo-1080p.toml",
+        ...     unknowns=["position", "height", "tilt", "roll", "heading", "focal"],
+        ... )
+        >>> round(found.values["tilt_deg"], 1), round(found.stds["tilt_deg"], 2)
+        (62.3, 0.05)
+        >>> found.save("/tmp/bridge.toml")
+    """
+    camera_file = None if isinstance(camera, Camera) else Path(camera)
+    lens = camera if isinstance(camera, Camera) else load_camera(Path(camera))
+    names = tuple(unknowns)
+    check_unique(names)
+    if images is None:
+        known = load_evidence(Path(evidence), crs)
+        known = known.with_notes(*check_mode(known.image_paths, lens))
+    elif crs is None:
+        known = detected_evidence(Path(evidence), list(map(Path, images)), lens, names, model, progress)
+    else:
+        raise UsageError("--crs beside --detect", expected="it in the file of markers")
+    check_against(known, lens)
+    if known.flight is not None:
+        log = None if telemetry is None else Path(telemetry)
+        found = _solve_flight(known, known.flight, lens, names, model, log)
+    elif telemetry is None:
+        found = _solve_camera(known, lens, names, model)
+    else:
+        raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
+    if camera_file is not None:
+        of_camera = {"camera_file": camera_file.name}
+        if known.flight is None:
+            of_camera["camera_sha256"] = _sha256(camera_file)
+        found = replace(found, inputs=found.inputs | of_camera)
+    if check and (error := found.refusal()):
+        raise error
+    return found
+
+
+def _solve_camera(
+    evidence: EvidenceFile, camera: Camera, names: tuple[str, ...], model: ProjectionModel
+) -> CalibrationResult:
+    """Pose and lens of a camera that stands still."""
+    check_unknowns(names, evidence.known, camera, model)
+    fit = solve_for(evidence.known, camera, names, model)
+    return CalibrationResult(
+        fit=fit,
+        evidence=evidence,
+        unknowns=names,
+        inputs={"images_sha256": {each.name: _sha256(each) for each in evidence.image_paths} or None},
+        mistake=likely_mistake(Attempt(evidence, camera, names, model, fit)),
+    )
+
+
+def _solve_flight(
+    evidence: EvidenceFile,
+    flight: Flight,
+    camera: Camera,
+    names: tuple[str, ...],
+    model: ProjectionModel,
+    telemetry: Path | None,
+) -> CalibrationResult:
+    """What telemetry is off by in all images of a flight."""
+    views, priors = views_of(evidence, flight, telemetry, needs_time="time" in expanded(names))
+    try:
+        fit = calibrate_images(views, priors, camera, names, model)
+    except ValueError as error:
+        raise wrong_unknowns(error) from None
+    log = telemetry or flight.log
+    inputs = {"telemetry": None if log is None else log.name, "camera_file": None, "images": len(views)}
+    return CalibrationResult(fit=fit, evidence=evidence, unknowns=names, inputs=inputs)
+
+
+def _sha256(path: Path) -> str:
+    """Hash of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _to_true_north(turn_rad: float) -> FloatArray:
+    """``(2, 2)`` from eastings and northings to true east and north, which are turned by so much clockwise."""
+    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def _fixed_pose(fit: Result, evidence: EvidenceFile) -> FixedPose:
+    """The pose as stations take it: on the map with true north where the file's coordinates are on one."""
+    state, cov, lens = fit.solution.state, fit.pose_covariance.copy(), fit.lens_covariance.copy()
+    tilt_deg, roll_deg, heading_deg = angles_deg(state)
+    place, heading_rad = evidence.frame.wgs84(state.position_m), math.radians(heading_deg)
+    true_rad = evidence.frame.true_heading_rad(heading_rad)
+    if true_rad is not None:
+        to_true = _to_true_north(true_rad - heading_rad)
+        cov[:2] = to_true @ cov[:2]
+        cov[:, :2] = cov[:, :2] @ to_true.T
+        lens[:2] = to_true @ lens[:2]
+        heading_rad = true_rad
+    stds = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    by_name = dict(zip(fit.names, np.sqrt(np.maximum(np.diag(fit.named_covariance), 0.0)).tolist(), strict=True))
+    here_m = state.position_m if place is not None else evidence.frame.file_coordinates(state.position_m)
+    return FixedPose(
+        height_agl_m=float(state.position_m[2]) - state.elevation_m,
+        tilt_rad=math.radians(tilt_deg),
+        roll_rad=math.radians(roll_deg),
+        heading_rad=heading_rad,
+        lat_rad=None if place is None else float(place[0]),
+        lon_rad=None if place is None else float(place[1]),
+        alt_msl_m=None if place is None else float(place[2]),
+        std=PoseStd(
+            height_agl_m=by_name.get("height", 0.0),
+            horizontal_m=float(np.hypot(*stds[:2])) / math.sqrt(2),
+            tilt_rad=by_name.get("tilt", 0.0),
+            roll_rad=by_name.get("roll", 0.0),
+            heading_rad=by_name.get("heading", 0.0),
+        ),
+        covariance=tuple(map(tuple, cov.tolist())),
+        lens_covariance=tuple(map(tuple, lens.tolist())) if np.any(lens) else (),
+        east_m=float(here_m[0]),
+        north_m=float(here_m[1]),
+    )
+
+
+def _biases(fit: ImagesResult, evidence: EvidenceFile) -> Calibration:
+    """The biases as stations take them: east and north are true ones."""
+    count, places = len(BIASES), [BIASES.index("east"), BIASES.index("north")]
+    to_true = np.eye(count)
+    to_true[np.ix_(places, places)] = _to_true_north(evidence.frame.true_heading_rad(0.0) or 0.0)
+    height, tilt, roll, heading, pan, east, north, time = fit.solution.state.biases.tolist()
+    east, north = (to_true[np.ix_(places, places)] @ [east, north]).tolist()
+    cov = to_true @ fit.bias_covariance
+    lens = cov[:, count:]
+    return Calibration(
+        id="",
+        bias=BiasValues(
+            height_m=height - fit.ground_m,
+            tilt_rad=tilt,
+            roll_rad=roll,
+            heading_rad=heading,
+            pan_rad=pan,
+            east_m=east,
+            north_m=north,
+            time_s=time,
+        ),
+        bias_cov=cov[:, :count] @ to_true.T,
+        lens_cov=lens if np.any(lens) else None,
+        noise=typical_noise([view.noise for view in fit.problem.views]),
+    )

@@ -1,0 +1,11 @@
+"""Calibrations as documents, pages, pictures and plots."""
+
+from aerodft.reports.calibration.document import (
+    calibration_document,
+    calibration_notes,
+    decimals,
+    displayed_covariance,
+    displayed_values,
+    values_of,
+)
+from aerodft.reports.calibration.page import write_calibration_page

@@ -11,20 +11,35 @@ from aerodft.version import VERSION
 
 if TYPE_CHECKING:
     from aerodft.app.align import VideoAlignment, align
+    from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError
 
 __version__ = VERSION
 
 _ROOM_OF: Final = {
     "AerodftError": "aerodft.errors",
+    "ConfigError": "aerodft.errors",
+    "Diagnosis": "aerodft.app.diagnose",
+    "InputError": "aerodft.errors",
+    "LinkOptions": "aerodft.app.diagnose",
+    "NoAnswerError": "aerodft.errors",
     "VideoAlignment": "aerodft.app.align",
     "align": "aerodft.app.align",
-    "ConfigError": "aerodft.errors",
-    "InputError": "aerodft.errors",
-    "NoAnswerError": "aerodft.errors",
+    "diagnose": "aerodft.app.diagnose",
 }
 
-__all__ = ["AerodftError", "ConfigError", "InputError", "NoAnswerError", "VideoAlignment", "__version__", "align"]
+__all__ = [
+    "AerodftError",
+    "ConfigError",
+    "Diagnosis",
+    "InputError",
+    "LinkOptions",
+    "NoAnswerError",
+    "VideoAlignment",
+    "__version__",
+    "align",
+    "diagnose",
+]
 
 
 def __getattr__(name: str) -> object:

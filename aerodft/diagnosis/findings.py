@@ -8,9 +8,9 @@ from typing import Any, Final
 from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked
 from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, FrameCounts, is_link, is_peripheral, message_name
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis.message_requests import OFF
+from aerodft.diagnosis.log_diagnosis import USED, ClockSummary, DiagnosisReport, SourceSummary, StreamGap
+from aerodft.diagnosis.message_requests import SWITCHED_OFF_BY
 from aerodft.diagnosis.streams import Stream
-from aerodft.diagnosis.survey import USED, ClockSummary, Gap, SurveyReport, ValueSource
 from aerodft.model import GimbalSource, HeightSource, ReportFrame
 from aerodft.service import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.attitude import FrameEvidence
@@ -47,7 +47,7 @@ _MOST_JUMPS: Final = 5
 _HOST_OFFSET_S: Final = 1.0
 
 
-def _senders(report: SurveyReport) -> list[str]:
+def _other_senders(report: DiagnosisReport) -> list[str]:
     """One sentence for each kind of sender that there is more than one of."""
     sentences = []
     if len(report.systems) > 1:
@@ -92,13 +92,13 @@ def _is_of_another(reason: str) -> bool:
     return reason.startswith(OF_ANOTHER_ADDRESS) or _ANOTHER_GIMBAL in reason
 
 
-def _followed_gimbal(report: SurveyReport, name: str, gimbals: list[int]) -> int:
+def _followed_gimbal(report: DiagnosisReport, name: str, gimbals: list[int]) -> int:
     """The one that was asked for, else the one that was heard first."""
     first_ns = {s.component: s.first_ns for s in report.streams if s.system == report.system and s.name == name}
     return report.gimbal if report.gimbal in gimbals else min(gimbals, key=lambda each: first_ns[each])
 
 
-def _components(report: SurveyReport, *names: str) -> list[int]:
+def _components(report: DiagnosisReport, *names: str) -> list[int]:
     """Who of the followed system sends one of these messages."""
     found = {s.component for s in report.streams if s.system == report.system and s.name in names}
     return sorted(component for component in found if component is not None)
@@ -108,22 +108,22 @@ def _listed(ids: tuple[int, ...] | list[int]) -> str:
     return ", ".join(map(str, ids))
 
 
-def _contradictions(report: SurveyReport, settings: TelemetrySettings) -> list[str]:
+def _cross_checks(report: DiagnosisReport, settings: TelemetrySettings) -> list[str]:
     """One sentence for each setting that does not fit what came."""
-    return [*_heights(report, settings), *_attitudes(report, settings)]
+    return [*_height_checks(report, settings), *_attitude_checks(report, settings)]
 
 
-def _heights(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
+def _height_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
     there = {each.name for each in report.heights} | {str(HeightSource.MANUAL)}
     missing = [str(each) for each in settings.height.order if str(each) not in there]
     if len(missing) == len(settings.height.order):
         yield f"telemetry.height.order lists {', '.join(missing)}, and none of them comes: no image would have a height"
     elif missing:
         yield f"telemetry.height.order lists {', '.join(missing)}, which does not come: the next in the order is taken"
-    yield from _minimum(report, settings)
+    yield from _minimum_height_check(report, settings)
 
 
-def _minimum(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
+def _minimum_height_check(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
     """The minimum height against the highest flown."""
     above_m = {str(HeightSource.HOME): settings.height.home_above_plane_m}
     order = {str(each) for each in settings.height.order}
@@ -135,7 +135,7 @@ def _minimum(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]
         )
 
 
-def _attitudes(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
+def _attitude_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
     there = {each.name for each in report.attitudes}
     if report.vehicle_attitude is not None:
         there.add(str(GimbalSource.FIXED_MOUNT))
@@ -150,7 +150,7 @@ def _attitudes(report: SurveyReport, settings: TelemetrySettings) -> Iterator[st
             yield f'telemetry.attitude.frame = "{stated}", but {name} reports against {against}: set "auto"'
 
 
-def _rows_left_out(report: SurveyReport) -> Iterator[str]:
+def _rows_left_out(report: DiagnosisReport) -> Iterator[str]:
     """One sentence for a message whose rows hold no value, where that is not rare; one for a vehicle that starts up."""
     totals: dict[str, int] = {}
     for stream in report.streams:
@@ -175,7 +175,7 @@ def _rows_left_out(report: SurveyReport) -> Iterator[str]:
             yield f"{name}: {said} of {total} messages, which are left out{_hint(report, name, is_all=is_all)}"
 
 
-def _hint(report: SurveyReport, name: str, *, is_all: bool) -> str:
+def _hint(report: DiagnosisReport, name: str, *, is_all: bool) -> str:
     if name != _ESTIMATOR or not is_all:
         return ""
     kind = report.parameters.values.get("AHRS_EKF_TYPE")
@@ -183,14 +183,14 @@ def _hint(report: SurveyReport, name: str, *, is_all: bool) -> str:
     return f": whether the estimator is well will not be known{why}"
 
 
-def _damage(report: SurveyReport) -> Iterator[str]:
+def _damage(report: DiagnosisReport) -> Iterator[str]:
     """Frames that do not pass their check, and those of messages that are not known."""
     counts = report.counts
     if counts.bad_crc and not report.warnings:
         yield f"{counts.bad_crc} damaged frames left out ({counts.skipped_bytes} bytes belong to no good frame)"
     if counts.unknown:
         ids = report.unknown_ids.most_common(_MOST_IDS)
-        said = ", ".join(f"{count} of {_called(message_id)}" for message_id, count in ids)
+        said = ", ".join(f"{count} of {_id_and_name(message_id)}" for message_id, count in ids)
         more = ", ..." if len(report.unknown_ids) > _MOST_IDS else ""
         yield (
             f"{counts.unknown} frames of messages that are not known here left out"
@@ -198,7 +198,7 @@ def _damage(report: SurveyReport) -> Iterator[str]:
         )
 
 
-def _called(message_id: int) -> str:
+def _id_and_name(message_id: int) -> str:
     name = message_name(message_id)
     return str(message_id) if name.startswith("UNKNOWN") else f"{message_id} ({name} of another length)"
 
@@ -216,12 +216,12 @@ class _Silence:
         return f"{self.end_s - self.start_s:.1f} s at {self.start_s:.1f} s"
 
 
-def _interruptions(report: SurveyReport) -> list[str]:
+def _interruptions(report: DiagnosisReport) -> list[str]:
     """One sentence for all silences of the same messages, for all messages that stop, and for an early end."""
     return [*_silences(report), *_ends(report)]
 
 
-def _silences(report: SurveyReport) -> Iterator[str]:
+def _silences(report: DiagnosisReport) -> Iterator[str]:
     silences = _merged(report.gaps)
     if len(silences) > _MOST_TOLD:
         longest = max(silences, key=lambda each: each.end_s - each.start_s)
@@ -244,7 +244,7 @@ def _consequence(messages: set[str]) -> str:
     return ": images stamped then have no answer" if messages & _ATTITUDES else ""
 
 
-def _merged(gaps: tuple[Gap, ...]) -> list[_Silence]:
+def _merged(gaps: tuple[StreamGap, ...]) -> list[_Silence]:
     silences: list[_Silence] = []
     for gap in sorted(gaps, key=lambda each: each.start_s):
         end_s = gap.start_s + gap.duration_s
@@ -256,7 +256,7 @@ def _merged(gaps: tuple[Gap, ...]) -> list[_Silence]:
     return silences
 
 
-def _ends(report: SurveyReport) -> Iterator[str]:
+def _ends(report: DiagnosisReport) -> Iterator[str]:
     own = [each for each in report.streams if each.system == report.system]
     used = [each.last_ns for each in own if each.name in USED]
     if not used or report.first_ns is None or report.last_ns is None:
@@ -281,7 +281,7 @@ def _stops(stream: Stream, end_ns: int) -> bool:
     return end_ns - stream.last_ns > max(_EARLY_END_S, _SLOW_PERIODS * period_s) * SECOND_NS
 
 
-def _missing(report: SurveyReport) -> Iterator[str]:
+def _missing(report: DiagnosisReport) -> Iterator[str]:
     """What no image can be measured without, or only with a setting."""
     if not report.heights:
         yield "no height: neither a rangefinder, nor terrain data, nor a position with a height above home"
@@ -297,7 +297,7 @@ def _missing(report: SurveyReport) -> Iterator[str]:
         and not any(map(_is_of_another, report.rejected))
         and _settings(report).attitude.fixed_mount is None
     ):
-        setting = report.parameters.switch_off(*OFF["GIMBAL_DEVICE_ATTITUDE_STATUS"])
+        setting = report.parameters.switch_off(*SWITCHED_OFF_BY["GIMBAL_DEVICE_ATTITUDE_STATUS"])
         off = f" (switched off by {setting}: the type of a gimbal, if there is one)" if setting else ""
         yield f"no gimbal attitude{off}: {_FIXED}"
     elif report.attitudes and not report.vehicle_attitude:
@@ -306,23 +306,23 @@ def _missing(report: SurveyReport) -> Iterator[str]:
         yield f"RANGEFINDER never says more than {report.rangefinder.high:.2f} m: was the vehicle in the air at all?"
 
 
-def _settings(report: SurveyReport) -> TelemetrySettings:
+def _settings(report: DiagnosisReport) -> TelemetrySettings:
     return report.settings or TelemetrySettings()
 
 
-def _switched_off(report: SurveyReport) -> Iterator[str]:
+def _switched_off(report: DiagnosisReport) -> Iterator[str]:
     """Heights that do not come because the vehicle's own parameters say so."""
     heights = {source.name for source in report.heights}
     for source, message, then in (
         ("rangefinder", "DISTANCE_SENSOR", "if the vehicle has one, set that to its type"),
         ("terrain", "TERRAIN_REPORT", "set that to 1 if the ground station has terrain data"),
     ):
-        setting = report.parameters.switch_off(*OFF[message])
+        setting = report.parameters.switch_off(*SWITCHED_OFF_BY[message])
         if setting and source not in heights:
             yield f"heights of the {source} are switched off by {setting}: {then}"
 
 
-def _frames(report: SurveyReport) -> Iterator[str]:
+def _frames(report: DiagnosisReport) -> Iterator[str]:
     """What gimbals' roll and pitch are against, where that is not simply the horizon; and demands."""
     stated = _settings(report).attitude
     for name, evidence in report.frames.items():
@@ -351,7 +351,7 @@ def _frames(report: SurveyReport) -> Iterator[str]:
         yield "MOUNT_STATUS has no time stamp of its own: its arrival is used, late by the link's delay"
 
 
-def _gimbal_notes(report: SurveyReport) -> Iterator[str]:
+def _gimbal_notes(report: DiagnosisReport) -> Iterator[str]:
     """What is good to know of gimbals, and no problem."""
     for name, evidence in report.frames.items():
         if evidence.frame is ReportFrame.EARTH and not evidence.contradictory:
@@ -431,7 +431,7 @@ def _when(at_s: tuple[float, ...]) -> str:
     return f" about {', '.join(f'{each:.0f}' for each in at_s[:_MOST_JUMPS])}{more} s after the start"
 
 
-def problems(report: SurveyReport) -> list[str]:
+def problems(report: DiagnosisReport) -> list[str]:
     """One sentence for each thing that limits what can be measured; empty where all is well."""
     signing = [] if report.signing is None else signing_sentences(report.signing)
     if report.first_ns is None and report.signing is not None and report.signing.refused:
@@ -445,13 +445,13 @@ def problems(report: SurveyReport) -> list[str]:
     return [*_silence(report), *signing, *_of_telemetry(report), *report.warnings]
 
 
-def _of_telemetry(report: SurveyReport) -> Iterator[str]:
+def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
     settings = report.settings
     if report.poses.spans and (problem := report.poses.problem()):
         yield problem
     yield from _missing(report)
-    yield from _senders(report)
-    yield from () if settings is None else _contradictions(report, settings)
+    yield from _other_senders(report)
+    yield from () if settings is None else _cross_checks(report, settings)
     yield from report.health.sentences(report.camera, settings, report.ready_s)
     yield from clock_sentences(report.clock_health, report.clock)
     yield from _rows_left_out(report)
@@ -463,7 +463,7 @@ def _of_telemetry(report: SurveyReport) -> Iterator[str]:
     yield from _damage(report)
 
 
-def _not_heard(report: SurveyReport) -> str:
+def _not_heard(report: DiagnosisReport) -> str:
     """Which of the ids that were asked for does not come, by the option that asked for it."""
     settings = report.settings
     what, asked, heard = "system", report.system, set(report.heard)
@@ -477,19 +477,19 @@ def _not_heard(report: SurveyReport) -> str:
     )
 
 
-def _silence(report: SurveyReport) -> list[str]:
+def _silence(report: DiagnosisReport) -> list[str]:
     if not report.is_silent_since:
         return []
     return ["the vehicle is silent since it was asked: what follows is of the time before"]
 
 
-def notes(report: SurveyReport) -> list[str]:
+def notes(report: DiagnosisReport) -> list[str]:
     """What is good to know, and no problem."""
     is_told = not report.poses.spans or report.poses.problem()
     return [*([] if is_told else [report.poses.note()]), *_gimbal_notes(report)]
 
 
-def document(report: SurveyReport) -> dict[str, Any]:
+def document(report: DiagnosisReport) -> dict[str, Any]:
     """The report as plain JSON values; stamps as decimal strings, unknown fields null."""
     return {
         "schema": "aerodft.doctor/1",
@@ -530,7 +530,7 @@ def _stream(stream: Stream) -> dict[str, Any]:
     }
 
 
-def _frame_counts(counts: FrameCounts, report: SurveyReport) -> dict[str, Any]:
+def _frame_counts(counts: FrameCounts, report: DiagnosisReport) -> dict[str, Any]:
     return {
         "good": counts.frames,
         "bad_crc": counts.bad_crc,
@@ -542,13 +542,13 @@ def _frame_counts(counts: FrameCounts, report: SurveyReport) -> dict[str, Any]:
     }
 
 
-def _attitude(report: SurveyReport, source: ValueSource) -> dict[str, Any]:
+def _attitude(report: DiagnosisReport, source: SourceSummary) -> dict[str, Any]:
     is_demand = report.demands.get(source.name)
     feedback = {None: None, True: "demand", False: "measured"}[is_demand]
     return {**_source(source), **_frame(report.frames.get(source.name)), "feedback": feedback}
 
 
-def _source(source: ValueSource) -> dict[str, Any]:
+def _source(source: SourceSummary) -> dict[str, Any]:
     return {
         "source": source.name,
         "count": source.count,

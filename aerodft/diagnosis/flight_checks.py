@@ -22,7 +22,7 @@ _FEW: Final = 0.1  # share of the comparisons; noise makes one in twenty
 
 
 @dataclass(slots=True)
-class Reason:
+class MissingPose:
     """Why there was no pose at moments of one status.
 
     Attributes:
@@ -37,7 +37,7 @@ class Reason:
 
 
 @dataclass(slots=True)
-class Span:
+class StatusTime:
     """All moments of one status.
 
     Attributes:
@@ -46,12 +46,12 @@ class Span:
     """
 
     seconds: float = 0.0
-    reasons: dict[str, Reason] = field(default_factory=dict)
+    reasons: dict[str, MissingPose] = field(default_factory=dict)
 
     def add(self, words: str, at_s: float, seconds: float) -> None:
         """Count one moment."""
         self.seconds += seconds
-        self.reasons.setdefault(_NUMBER.sub("", words), Reason(words, at_s)).seconds += seconds
+        self.reasons.setdefault(_NUMBER.sub("", words), MissingPose(words, at_s)).seconds += seconds
 
     @property
     def example(self) -> str:
@@ -61,10 +61,10 @@ class Span:
 
 
 @dataclass(slots=True)
-class Poses:
+class PoseAvailability:
     """What became of the moments of a flight, by status."""
 
-    spans: dict[Status, Span] = field(default_factory=dict)
+    spans: dict[Status, StatusTime] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
@@ -79,14 +79,14 @@ class Poses:
     def add(self, sample: PoseSample, at_s: float, seconds: float) -> None:
         """Count one moment."""
         words = "" if sample.status is Status.OK else next(iter(sample.reasons), "")
-        self.spans.setdefault(sample.status, Span()).add(words, at_s, seconds)
+        self.spans.setdefault(sample.status, StatusTime()).add(words, at_s, seconds)
 
     def document(self) -> dict[str, Any]:
         """Plain JSON values."""
         worst = {str(status): round(span.seconds, 1) for status, span in self.faults()}
         return {"seconds": round(self.seconds, 1), "ok_s": round(self.ok_s, 1), "no_answer_s": worst}
 
-    def faults(self) -> list[tuple[Status, Span]]:
+    def faults(self) -> list[tuple[Status, StatusTime]]:
         """What is no pose, the longest first."""
         faults = ((status, span) for status, span in self.spans.items() if status is not Status.OK)
         return sorted(faults, key=lambda item: -item[1].seconds)
@@ -110,7 +110,7 @@ class Poses:
         return f"images could be measured only in {self.ok_s:.0f} of {self.seconds:.0f} s: {told}"
 
 
-class PoseSurvey:
+class PoseSampler:
     """Asks for a pose at every tenth of a second of a link, at every second of a long log.
 
     Args:
@@ -119,7 +119,7 @@ class PoseSurvey:
 
     def __init__(self, source: PoseSource) -> None:
         self._source = source
-        self._poses = Poses()
+        self._poses = PoseAvailability()
         self._waiting: deque[tuple[int, int]] = deque()
         self._first_ns: int | None = None
         self._next_ns = 0
@@ -139,7 +139,7 @@ class PoseSurvey:
             self._next_ns += step_ns
         self._ask(final=False)
 
-    def poses(self) -> Poses:
+    def poses(self) -> PoseAvailability:
         """What became of all moments; nothing is waited for any more."""
         self._ask(final=True)
         return self._poses

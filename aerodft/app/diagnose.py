@@ -104,8 +104,8 @@ def diagnose(
         >>> found = ad.diagnose("samples/copter.tlog")
         >>> found.usable
         True
-        >>> found.problems[0].partition(":")[0]
-        'heights are above home only'
+        >>> found.problems[1].partition(":")[0]
+        "the vehicle did not move enough to tell the gimbal's frame"
     """
     station = load_station(Path(station)) if isinstance(station, str | Path) else station
     settings = None if station is None else station.pipeline.telemetry

@@ -336,8 +336,8 @@ def _frames(report: DiagnosisReport) -> Iterator[str]:
             )
         elif evidence.frame is None and evidence.body_probability > _UNLIKELY and stated.frame is None:
             yield (
-                f"whether {name} is earth-frame or body-frame (against the horizon or the vehicle) cannot be told from "
-                f"the vehicle's {evidence.motions} motions: {_AUTO} takes the horizon with a wider std; "
+                f"the vehicle did not move enough to tell the gimbal's frame: {name} may be earth-frame or body-frame "
+                f"(against the horizon or the vehicle), and {_AUTO} takes the horizon with a wider std; "
                 'for a servo mount set "body"'
             )
     demands = [name for name, is_demand in report.demands.items() if is_demand]

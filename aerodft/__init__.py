@@ -10,35 +10,64 @@ from typing import TYPE_CHECKING, Final
 from aerodft.version import VERSION
 
 if TYPE_CHECKING:
+    from aerodft.adapters.recording.recover import Recovery
     from aerodft.app.align import VideoAlignment, align
     from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
+    from aerodft.app.recordings import (
+        ExportSummary,
+        Measurements,
+        StationRecording,
+        compare,
+        export,
+        open_recording,
+        recover,
+    )
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError
+    from replay.compare import Comparison
 
 __version__ = VERSION
 
 _ROOM_OF: Final = {
     "AerodftError": "aerodft.errors",
+    "Comparison": "replay.compare",
     "ConfigError": "aerodft.errors",
     "Diagnosis": "aerodft.app.diagnose",
+    "ExportSummary": "aerodft.app.recordings",
     "InputError": "aerodft.errors",
     "LinkOptions": "aerodft.app.diagnose",
+    "Measurements": "aerodft.app.recordings",
     "NoAnswerError": "aerodft.errors",
+    "Recovery": "aerodft.adapters.recording.recover",
+    "StationRecording": "aerodft.app.recordings",
     "VideoAlignment": "aerodft.app.align",
     "align": "aerodft.app.align",
+    "compare": "aerodft.app.recordings",
     "diagnose": "aerodft.app.diagnose",
+    "export": "aerodft.app.recordings",
+    "open_recording": "aerodft.app.recordings",
+    "recover": "aerodft.app.recordings",
 }
 
 __all__ = [
     "AerodftError",
+    "Comparison",
     "ConfigError",
     "Diagnosis",
+    "ExportSummary",
     "InputError",
     "LinkOptions",
+    "Measurements",
     "NoAnswerError",
+    "Recovery",
+    "StationRecording",
     "VideoAlignment",
     "__version__",
     "align",
+    "compare",
     "diagnose",
+    "export",
+    "open_recording",
+    "recover",
 ]
 
 

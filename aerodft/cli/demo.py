@@ -20,7 +20,7 @@ from aerodft.cli.demo_report import report_demo
 from aerodft.cli.output import print_json, say
 from aerodft.errors import AerodftError, InputError
 from aerodft.sim import default_camera
-from replay.compare import ComparisonRun, Tolerance
+from replay.compare import compare_measurements
 from replay.recordings import Recording
 
 _MARK = ".aerodft-demo"
@@ -63,7 +63,7 @@ def demo(
     say("replaying the recording on the bus, and recomputing it from its raw input ...")
     replayed = _replay(output, live)
     _command("recompute", live, "-o", output / "recomputed")
-    comparison = ComparisonRun(live, output / "recomputed").comparison(Tolerance())
+    comparison = compare_measurements(live, output / "recomputed")
     table = report_demo(output / "flight", Recording(live), output)
     received = _lines(output / "received.jsonl")
     say(f"a subscriber in another process received {len(received)} of {comparison.total.paired} measurements live,")

@@ -291,11 +291,18 @@ _IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg",
 
 
 class ExportFormat(StrEnum):
-    """What text a recording's measurements can be written as."""
+    """What a recording can be written as."""
 
     CSV = "csv"
     GEOJSON = "geojson"
     JSONL = "jsonl"
+    PARQUET = "parquet"
+    MCAP = "mcap"
+    MP4 = "mp4"
+
+
+TEXT_FORMATS: Final = frozenset({ExportFormat.CSV, ExportFormat.GEOJSON, ExportFormat.JSONL})
+"""What ``export_text`` writes."""
 
 
 def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
@@ -303,7 +310,7 @@ def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
 
     Args:
         payloads: ``aerodft.measurement/1`` payloads.
-        form: The format.
+        form: One of ``TEXT_FORMATS``.
 
     Raises:
         InputError: A payload is no measurement.

@@ -12,9 +12,9 @@ from aerodft.adapters.bus import DEFAULT_LISTEN, session_on
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.telemetry.mavlink import LinkKind, open_transport, parse_address
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.keys import has_keys, pressed
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, progress_bar, say
+from aerodft.cli.recordings.keys import has_keys, pressed
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clocks import WallClock

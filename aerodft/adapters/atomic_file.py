@@ -1,4 +1,4 @@
-"""Files that are written as a whole or not at all."""
+"""Files that are written as a whole or not at all, and folders to write to."""
 
 import os
 from collections.abc import Iterator
@@ -86,3 +86,30 @@ def _take_name(partial: Path, target: Path) -> None:
         raise
     except OSError:  # a file system without hard links
         partial.replace(target)
+
+
+@contextmanager
+def output_folder(folder: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
+    """A folder, made where it is not there, that something is written to.
+
+    Args:
+        folder: The folder.
+        what: What is written, for the sentence where that fails.
+        expected: What would have been right, for that sentence.
+
+    Raises:
+        InputError: The folder cannot be written to.
+    """
+    with writable(folder, what, expected):
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+
+
+@contextmanager
+def writable(path: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
+    """Errors of the system in this block are an ``InputError`` that says what cannot be written, and where."""
+    try:
+        yield
+    except OSError as error:
+        got = error.strerror or error
+        raise InputError(f"{what} cannot be written", where=path, got=got, expected=expected) from error

@@ -5,8 +5,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
+from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.output import output_folder
 from aerodft.model import FloatArray
 from calibration.sync import Alignment
 

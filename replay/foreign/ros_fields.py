@@ -12,7 +12,7 @@ _MOST_NUMBERS: Final = 1000  # of a sequence that is read as numbers: a lens has
 _MOST_TEXT_BYTES: Final = 1 << 16
 
 
-class Fields:
+class RosFields:
     """Reads from the front; every method raises ``ValueError`` where the message ends before the field.
 
     Args:

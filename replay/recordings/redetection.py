@@ -1,4 +1,4 @@
-"""What aerodft saw in the images, found again in the recorded ones, and how far it is from where it was."""
+"""Detection repeated in recorded images, and how far what is found lies from what was recorded."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +14,8 @@ _Key = tuple[str, int]
 
 
 @dataclass(slots=True)
-class Moved:
-    """How points that were found again lie to the recorded ones.
+class RedetectionStatistics:
+    """How points that were detected again differ from the recorded ones.
 
     Attributes:
         moves_px: Of each point that is in both.
@@ -30,7 +30,7 @@ class Moved:
     kept: int = 0
 
     def document(self) -> dict[str, object]:
-        """For the summary; px are null where nothing was found again."""
+        """Plain JSON values; px are null where nothing was found again."""
         moves: FloatArray = np.array(self.moves_px)
         return {
             "found": len(moves),
@@ -42,7 +42,7 @@ class Moved:
         }
 
     def sentence(self) -> str:
-        """The same for people."""
+        """One sentence for people."""
         counts = f"{len(self.moves_px)} points found again, {self.lost} lost, {self.new} new"
         moves = ""
         if self.moves_px:
@@ -51,8 +51,8 @@ class Moved:
         return f"vision: {counts}{moves}{kept}"
 
 
-class _Noted:
-    """An observer, and what it saw in which image."""
+class _NotingObserver:
+    """An observer that notes what it detected in which image."""
 
     def __init__(self, observer: ImageObserver) -> None:
         self._observer = observer
@@ -72,36 +72,38 @@ class _Noted:
 
 
 class Redetection:
-    """A recording's source with what aerodft saw looked for again; what others observed stays as it is.
+    """A recording's source with aerodft's own detections made again; what others observed stays as it is.
 
     Args:
         source: The recording's, with pixels.
-        lookouts: Who looks.
+        schedules: Observers, and how often each looks.
     """
 
-    def __init__(self, source: Source, lookouts: Sequence[ObserverSchedule]) -> None:
+    def __init__(self, source: Source, schedules: Sequence[ObserverSchedule]) -> None:
         self._source = source
-        self._noted = [_Noted(each.observer) for each in lookouts]
-        pairs = zip(self._noted, lookouts, strict=True)
-        self._looked = ObservedImages(_Without(self), [ObserverSchedule(noted, each.every_s) for noted, each in pairs])
-        self.moved = Moved()
+        self._noted = [_NotingObserver(each.observer) for each in schedules]
+        pairs = zip(self._noted, schedules, strict=True)
+        self._looked = ObservedImages(
+            _RecordedSource(self), [ObserverSchedule(observer, each.every_s) for observer, each in pairs]
+        )
+        self.moved = RedetectionStatistics()
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """What became of the images, one for each lookout."""
+        """What became of the images, one for each observer."""
         return self._looked.counts
 
     def events(self) -> Iterator[Event]:
         """The source's events; what is seen again comes right behind its image, in place of what was recorded."""
-        self.moved = Moved()
-        for noted in self._noted:
-            noted.looked.clear()
-            noted.seen.clear()
+        self.moved = RedetectionStatistics()
+        for observer in self._noted:
+            observer.looked.clear()
+            observer.seen.clear()
         yield from self._looked.events()
         self.moved.new += sum(
-            len(_now(name, points))
-            for noted in self._noted
-            for (name, _), each in noted.seen.items()
+            len(_current_pixels(name, points))
+            for observer in self._noted
+            for (name, _), each in observer.seen.items()
             for points in each
         )
 
@@ -111,25 +113,25 @@ class Redetection:
             if not isinstance(event, Observation) or event.source != VISION or event.image is None:
                 yield event
                 continue
-            noted = next((each for each in self._noted if event.image in each.looked), None)
-            if noted is None:
+            observer = next((each for each in self._noted if event.image in each.looked), None)
+            if observer is None:
                 self.moved.kept += 1
                 yield event
             else:
-                self._compare(event, noted)
+                self._compare(event, observer)
 
-    def _compare(self, old: Observation, noted: _Noted) -> None:
+    def _compare(self, old: Observation, observer: _NotingObserver) -> None:
         """Pair the points of a recorded observation with what was found; what is left of that is new."""
         key = (old.name, old.image or 0)
-        candidates = noted.seen.get(key)
+        candidates = observer.seen.get(key)
         points = _points(old)
         if not candidates:  # nor is anything lost where there was nothing
-            self.moved.lost += len(_now(old.name, points))
+            self.moved.lost += len(_current_pixels(old.name, points))
         elif not len(points) and old.name != STEADY:
             return
         elif old.name == STEADY:
             self._compare_steady(points, candidates[0])
-            del noted.seen[key]
+            del observer.seen[key]
         else:
             moves = [_to_nearest_px(points, each) for each in candidates]
             nearest = int(np.argmin([np.median(each) for each in moves]))
@@ -151,7 +153,7 @@ class Redetection:
         self.moved.new += len(new_then) - len(taken)
 
 
-class _Without:
+class _RecordedSource:
     """The recorded events of a ``Redetection``, as a source."""
 
     def __init__(self, again: Redetection) -> None:
@@ -162,7 +164,7 @@ class _Without:
 
 
 def _points(seen: Observation) -> FloatArray:
-    """Its pixels ``(n, 2)``; of an outline the middle of its lowest side, and nothing where nothing was seen."""
+    """An observation's pixels ``(n, 2)``; of an outline the middle of its lowest side."""
     if not seen.contour:
         return np.array(seen.pixels, dtype=np.float64).reshape(-1, 2)
     outline = np.array(seen.contour)
@@ -174,6 +176,6 @@ def _to_nearest_px(points: FloatArray, others: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(points[:, None] - others, axis=-1).min(axis=1))
 
 
-def _now(name: str, points: FloatArray) -> FloatArray:
-    """Of an observation's pixels those of the image."""
+def _current_pixels(name: str, points: FloatArray) -> FloatArray:
+    """An observation's pixels ``(n, 2)`` in its own image: of steady points every second one."""
     return points[1::2] if name == STEADY else points

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked
-from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, FrameCounts, is_link, is_peripheral, message_name
+from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, is_link, is_peripheral, message_name
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.log_diagnosis import USED, ClockSummary, DiagnosisReport, SourceSummary, StreamGap
 from aerodft.diagnosis.message_requests import SWITCHED_OFF_BY
@@ -108,23 +108,14 @@ def _listed(ids: tuple[int, ...] | list[int]) -> str:
     return ", ".join(map(str, ids))
 
 
-def _cross_checks(report: DiagnosisReport, settings: TelemetrySettings) -> list[str]:
-    """One sentence for each setting that does not fit what came."""
-    return [*_height_checks(report, settings), *_attitude_checks(report, settings)]
-
-
 def _height_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
+    """One sentence for each setting of heights that does not fit what came."""
     there = {each.name for each in report.heights} | {str(HeightSource.MANUAL)}
     missing = [str(each) for each in settings.height.order if str(each) not in there]
     if len(missing) == len(settings.height.order):
         yield f"telemetry.height.order lists {', '.join(missing)}, and none of them comes: no image would have a height"
     elif missing:
         yield f"telemetry.height.order lists {', '.join(missing)}, which does not come: the next in the order is taken"
-    yield from _minimum_height_check(report, settings)
-
-
-def _minimum_height_check(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
-    """The minimum height against the highest flown."""
     above_m = {str(HeightSource.HOME): settings.height.home_above_plane_m}
     order = {str(each) for each in settings.height.order}
     highest_m = [each.high + above_m.get(each.name, 0.0) for each in report.heights if each.name in order]
@@ -136,6 +127,7 @@ def _minimum_height_check(report: DiagnosisReport, settings: TelemetrySettings) 
 
 
 def _attitude_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
+    """One sentence for each setting of attitudes that does not fit what came."""
     there = {each.name for each in report.attitudes}
     if report.vehicle_attitude is not None:
         there.add(str(GimbalSource.FIXED_MOUNT))
@@ -189,18 +181,16 @@ def _damage(report: DiagnosisReport) -> Iterator[str]:
     if counts.bad_crc and not report.warnings:
         yield f"{counts.bad_crc} damaged frames left out ({counts.skipped_bytes} bytes belong to no good frame)"
     if counts.unknown:
-        ids = report.unknown_ids.most_common(_MOST_IDS)
-        said = ", ".join(f"{count} of {_id_and_name(message_id)}" for message_id, count in ids)
+        said = ", ".join(
+            f"{count} of {number}" + ("" if name.startswith("UNKNOWN") else f" ({name} of another length)")
+            for number, count in report.unknown_ids.most_common(_MOST_IDS)
+            for name in [message_name(number)]
+        )
         more = ", ..." if len(report.unknown_ids) > _MOST_IDS else ""
         yield (
             f"{counts.unknown} frames of messages that are not known here left out"
             f"{f' (by id: {said}{more})' if said else ''}"
         )
-
-
-def _id_and_name(message_id: int) -> str:
-    name = message_name(message_id)
-    return str(message_id) if name.startswith("UNKNOWN") else f"{message_id} ({name} of another length)"
 
 
 @dataclass(slots=True)
@@ -216,12 +206,8 @@ class _Silence:
         return f"{self.end_s - self.start_s:.1f} s at {self.start_s:.1f} s"
 
 
-def _interruptions(report: DiagnosisReport) -> list[str]:
-    """One sentence for all silences of the same messages, for all messages that stop, and for an early end."""
-    return [*_silences(report), *_ends(report)]
-
-
 def _silences(report: DiagnosisReport) -> Iterator[str]:
+    """One sentence for all silences of the same messages; one for all where they are many."""
     silences = _merged(report.gaps)
     if len(silences) > _MOST_TOLD:
         longest = max(silences, key=lambda each: each.end_s - each.start_s)
@@ -257,6 +243,7 @@ def _merged(gaps: tuple[StreamGap, ...]) -> list[_Silence]:
 
 
 def _ends(report: DiagnosisReport) -> Iterator[str]:
+    """One sentence for each message that stops, and for telemetry that ends before the log."""
     own = [each for each in report.streams if each.system == report.system]
     used = [each.last_ns for each in own if each.name in USED]
     if not used or report.first_ns is None or report.last_ns is None:
@@ -442,7 +429,8 @@ def problems(report: DiagnosisReport) -> list[str]:
         signing = [unchecked(report.signed_frames, report.counts.frames)]
     if not report.is_heard:
         return [_not_heard(report), *signing, *_damage(report), *report.warnings]
-    return [*_silence(report), *signing, *_of_telemetry(report), *report.warnings]
+    silent = "the vehicle is silent since it was asked: what follows is of the time before"
+    return [*([silent] if report.is_silent_since else []), *signing, *_of_telemetry(report), *report.warnings]
 
 
 def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
@@ -451,13 +439,16 @@ def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
         yield problem
     yield from _missing(report)
     yield from _other_senders(report)
-    yield from () if settings is None else _cross_checks(report, settings)
+    if settings is not None:
+        yield from _height_checks(report, settings)
+        yield from _attitude_checks(report, settings)
     yield from report.health.sentences(report.camera, settings, report.ready_s)
     yield from clock_sentences(report.clock_health, report.clock)
     yield from _rows_left_out(report)
     yield from _frames(report)
     yield from report.height_pairs.sentences(0.0 if settings is None else settings.height.home_above_plane_m)
-    yield from _interruptions(report)
+    yield from _silences(report)
+    yield from _ends(report)
     yield from (request.sentence() for request in report.requests)
     yield from _switched_off(report)
     yield from _damage(report)
@@ -475,12 +466,6 @@ def _not_heard(report: DiagnosisReport) -> str:
     return (
         f"{option} = {asked} is not heard, {what}s {', '.join(map(str, sorted(heard)))} are: nothing would be measured"
     )
-
-
-def _silence(report: DiagnosisReport) -> list[str]:
-    if not report.is_silent_since:
-        return []
-    return ["the vehicle is silent since it was asked: what follows is of the time before"]
 
 
 def notes(report: DiagnosisReport) -> list[str]:
@@ -505,11 +490,19 @@ def document(report: DiagnosisReport) -> dict[str, Any]:
         "vehicle_attitude": _source(report.vehicle_attitude) if report.vehicle_attitude else None,
         "clock": clock_document(report.clock_health, report.clock),
         "height_differences": report.height_pairs.documents(),
-        "gaps": [{"message": gap.message, "start_s": gap.start_s, "duration_s": gap.duration_s} for gap in report.gaps],
+        "gaps": [asdict(gap) for gap in report.gaps],
         "followed": {"system": report.system, "component": report.component},
         "systems": list(report.systems),
         "rejected": report.rejected,
-        "frames": _frame_counts(report.counts, report),
+        "frames": {
+            "good": report.counts.frames,
+            "bad_crc": report.counts.bad_crc,
+            "unknown": report.counts.unknown,
+            "unknown_ids": {str(message_id): count for message_id, count in report.unknown_ids.most_common()},
+            "skipped_bytes": report.counts.skipped_bytes,
+            "truncated": report.counts.truncated,
+            "signed": report.signed_frames,
+        },
         "signing": None if report.signing is None else signing_document(report.signing),
         "health": report.health.document(),
         "requests": [request.document() for request in report.requests],
@@ -527,18 +520,6 @@ def _stream(stream: Stream) -> dict[str, Any]:
         "rate_hz": round(stream.rate_hz, 3),
         "first_ns": str(stream.first_ns),
         "last_ns": str(stream.last_ns),
-    }
-
-
-def _frame_counts(counts: FrameCounts, report: DiagnosisReport) -> dict[str, Any]:
-    return {
-        "good": counts.frames,
-        "bad_crc": counts.bad_crc,
-        "unknown": counts.unknown,
-        "unknown_ids": {str(message_id): count for message_id, count in report.unknown_ids.most_common()},
-        "skipped_bytes": counts.skipped_bytes,
-        "truncated": counts.truncated,
-        "signed": report.signed_frames,
     }
 
 

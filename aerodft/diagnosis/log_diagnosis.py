@@ -388,7 +388,12 @@ class LogDiagnosis:
             clock=self._clock.summary(self._first_ns),
             clock_health=self._frames.clock.health,
             height_pairs=self._pairs,
-            gaps=tuple(gap for stream in streams if _is_used(stream, vehicle.system) for gap in self._gaps(stream)),
+            gaps=tuple(
+                gap
+                for stream in streams
+                if stream.name in USED and stream.system == vehicle.system
+                for gap in self._gaps(stream)
+            ),
             system=vehicle.system,
             component=self._followed.component if vehicle.component is None else vehicle.component,
             systems=tuple(sorted(system for system in systems if system is not None)),
@@ -440,10 +445,6 @@ def _signed_count(block: RawBlock) -> int:
         return 0
     data = np.frombuffer(block.data, dtype=np.uint8)
     return int(np.count_nonzero((data[block.offset] == V2) & (data[block.offset + 2] & SIGNED != 0)))
-
-
-def _is_used(stream: Stream, system: int | None) -> bool:
-    return stream.name in USED and stream.system == system
 
 
 def _pitch_deg(wxyz: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ import hashlib
 import math
 from array import array
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -92,14 +92,19 @@ def read_input(path: Path) -> ComparisonInput:
     if path.is_file() and path.suffix.lower() in _TABLES:
         return _read_table(path)
     recording = Recording(path)
-    digest, collector = hashlib.sha256(), _SeriesCollector(path)
-    with located(path):
+    digest = hashlib.sha256()
+
+    def rows() -> Iterator[_Row]:
         for payload in recording.measurements():
             digest.update(len(payload).to_bytes(8, "little") + payload)
-            collector.add(_row_of_payload(payload, path))
+            item = parsed(payload)
+            yield _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item, path)
+
+    with located(path):
+        series = _series(rows(), path)
     return ComparisonInput(
         where=path,
-        series=collector.series(),
+        series=series,
         digest=f"payloads {digest.hexdigest()}",
         images=_first_images(recording),
         recording=recording,
@@ -114,11 +119,6 @@ class _Row(NamedTuple):
     std: float
     status: str
     place: tuple[float, ...]
-
-
-def _row_of_payload(payload: bytes, where: Path) -> _Row:
-    item = parsed(payload)
-    return _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item, where)
 
 
 def _row(row: Item, where: Path) -> _Row:
@@ -200,26 +200,19 @@ class _SeriesBuilder:
         )
 
 
-class _SeriesCollector:
-    """Rows by probe.
+def _series(rows: Iterable[_Row], where: Path) -> dict[ProbeKey, ProbeSeries]:
+    """The rows by probe.
 
-    Args:
-        where: Their file, for messages.
+    Raises:
+        InputError: A row cannot be kept: its status is unknown, or a number too large.
     """
-
-    def __init__(self, where: Path) -> None:
-        self._where = where
-        self._builders: defaultdict[ProbeKey, _SeriesBuilder] = defaultdict(_SeriesBuilder)
-
-    def add(self, row: _Row) -> None:
+    builders: defaultdict[ProbeKey, _SeriesBuilder] = defaultdict(_SeriesBuilder)
+    for row in rows:
         try:
-            self._builders[row.key].add(row)
+            builders[row.key].add(row)
         except (TypeError, ValueError, OverflowError) as error:
-            got = f"{row.key.name}: {error}"
-            raise InputError("a measurement is damaged", where=self._where, got=got) from error
-
-    def series(self) -> dict[ProbeKey, ProbeSeries]:
-        return {key: builder.series() for key, builder in self._builders.items()}
+            raise InputError("a measurement is damaged", where=where, got=f"{row.key.name}: {error}") from error
+    return {key: builder.series() for key, builder in builders.items()}
 
 
 def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
@@ -236,10 +229,8 @@ def _read_table(path: Path) -> ComparisonInput:
     except OSError as error:
         raise InputError("the table cannot be read", where=path, got=error.strerror) from error
     rows = parquet_rows(path, _USED) if path.suffix.lower() == ".parquet" else _csv_rows(path)
-    collector = _SeriesCollector(path)
-    for row in rows:
-        collector.add(_row(row, path))
-    return ComparisonInput(where=path, series=collector.series(), digest=f"table {digest}", images={}, recording=None)
+    series = _series((_row(row, path) for row in rows), path)
+    return ComparisonInput(where=path, series=series, digest=f"table {digest}", images={}, recording=None)
 
 
 def _csv_rows(path: Path) -> Iterator[Item]:

@@ -43,6 +43,10 @@ class Controls:
         """Pause, or go on."""
         self.paused, self.steps = not self.paused, 0
 
+    def end(self) -> None:
+        """End it."""
+        self.ended = True
+
     def step(self) -> None:
         """Pause, and go to the next image."""
         self.paused, self.steps = True, self.steps + 1

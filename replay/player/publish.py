@@ -371,11 +371,6 @@ class PublisherPool:
         self._sent, self._next_check, self._has_heard = 0, 0, False
 
     @property
-    def was_heard(self) -> bool:
-        """Whether somebody was seen to listen, as far as was looked."""
-        return self._has_heard
-
-    @property
     def has_listeners(self) -> bool:
         """Whether anybody has subscribed to something that was published."""
         self._has_heard = self._has_heard or any(map(is_matched, self._publishers))
@@ -393,8 +388,11 @@ class PublisherPool:
             congestion = zenoh.CongestionControl.BLOCK
             self._session.put(key, payload, encoding=encoding, congestion_control=congestion, attachment=attachment)
         self._sent += 1
-        if self._sent % _CHECK_COUNT == 0 and not self._has_heard:
-            self._check_listeners()
+        if self._sent % _CHECK_COUNT == 0 and not self._has_heard:  # some of the keys, the next ones at the next check
+            self._next_check %= len(self._publishers)
+            some = self._publishers[self._next_check : self._next_check + _CHECK_COUNT]
+            self._next_check += len(some)
+            self._has_heard = any(map(is_matched, some))
 
     def close(self) -> None:
         """Withdraw what was declared."""
@@ -409,13 +407,6 @@ class PublisherPool:
         )
         self._publishers.append(publisher)
         return publisher
-
-    def _check_listeners(self) -> None:
-        """Whether somebody listens to some of them; to the next ones at the next look."""
-        self._next_check %= len(self._publishers)
-        some = self._publishers[self._next_check : self._next_check + _CHECK_COUNT]
-        self._next_check += len(some)
-        self._has_heard = any(map(is_matched, some))
 
 
 def is_matched(publisher: zenoh.Publisher) -> bool:

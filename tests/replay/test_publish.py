@@ -152,10 +152,9 @@ def test_a_listener_to_any_one_of_many_keys_is_noticed() -> None:
     with session_on(endpoint) as session, session_on(None, [endpoint]) as other:
         publishers = PublisherPool(session)
         with other.declare_subscriber("many/170"):
-            heard, end_s = False, time.monotonic() + 20
-            while not heard and time.monotonic() < end_s:
+            for _ in range(20):
                 for key in range(200):
                     publishers.put(f"many/{key}", b"", zenoh.Encoding.ZENOH_BYTES)
-                heard = publishers.was_heard
-            assert heard
+                time.sleep(0.05)
+        assert publishers.has_listeners  # noticed while it was there
         publishers.close()

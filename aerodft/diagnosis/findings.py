@@ -110,8 +110,8 @@ def _listed(ids: tuple[int, ...] | list[int]) -> str:
 
 def _height_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
     """One sentence for each setting of heights that does not fit what came."""
-    there = {each.name for each in report.heights} | {str(HeightSource.MANUAL)}
-    missing = [str(each) for each in settings.height.order if str(each) not in there]
+    available = {each.name for each in report.heights} | {str(HeightSource.MANUAL)}
+    missing = [str(each) for each in settings.height.order if str(each) not in available]
     if len(missing) == len(settings.height.order):
         yield f"telemetry.height.order lists {', '.join(missing)}, and none of them comes: no image would have a height"
     elif missing:
@@ -128,11 +128,11 @@ def _height_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iter
 
 def _attitude_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
     """One sentence for each setting of attitudes that does not fit what came."""
-    there = {each.name for each in report.attitudes}
+    available = {each.name for each in report.attitudes}
     if report.vehicle_attitude is not None:
-        there.add(str(GimbalSource.FIXED_MOUNT))
+        available.add(str(GimbalSource.FIXED_MOUNT))
     order = [str(each) for each in settings.attitude.order]
-    if not there & set(order):
+    if not available & set(order):
         names = ", ".join(order)
         yield f"telemetry.attitude.order lists {names}, and none of them comes: no image would have an attitude"
     stated = settings.attitude.frame
@@ -161,10 +161,12 @@ def _rows_left_out(report: DiagnosisReport) -> Iterator[str]:
     for name, counts in faults.items():
         total = totals.get(name, sum(counts.values()))
         is_all = sum(counts.values()) >= total
-        told = {why: count for why, count in counts.items() if is_all or not (why.endswith(_NOT_YET) or why in _LANDED)}
-        if sum(told.values()) >= max(_NOTABLE * total, 1):
-            said = ", ".join(f"{why} in {count}" for why, count in told.items())
-            yield f"{name}: {said} of {total} messages, which are left out{_hint(report, name, is_all=is_all)}"
+        notable = {
+            why: count for why, count in counts.items() if is_all or not (why.endswith(_NOT_YET) or why in _LANDED)
+        }
+        if sum(notable.values()) >= max(_NOTABLE * total, 1):
+            listed = ", ".join(f"{why} in {count}" for why, count in notable.items())
+            yield f"{name}: {listed} of {total} messages, which are left out{_hint(report, name, is_all=is_all)}"
 
 
 def _hint(report: DiagnosisReport, name: str, *, is_all: bool) -> str:
@@ -181,7 +183,7 @@ def _damage(report: DiagnosisReport) -> Iterator[str]:
     if counts.bad_crc and not report.warnings:
         yield f"{counts.bad_crc} damaged frames left out ({counts.skipped_bytes} bytes belong to no good frame)"
     if counts.unknown:
-        said = ", ".join(
+        listed = ", ".join(
             f"{count} of {number}" + ("" if name.startswith("UNKNOWN") else f" ({name} of another length)")
             for number, count in report.unknown_ids.most_common(_MOST_IDS)
             for name in [message_name(number)]
@@ -189,7 +191,7 @@ def _damage(report: DiagnosisReport) -> Iterator[str]:
         more = ", ..." if len(report.unknown_ids) > _MOST_IDS else ""
         yield (
             f"{counts.unknown} frames of messages that are not known here left out"
-            f"{f' (by id: {said}{more})' if said else ''}"
+            f"{f' (by id: {listed}{more})' if listed else ''}"
         )
 
 
@@ -202,7 +204,7 @@ class _Silence:
     messages: set[str]
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         return f"{self.end_s - self.start_s:.1f} s at {self.start_s:.1f} s"
 
 
@@ -214,7 +216,7 @@ def _silences(report: DiagnosisReport) -> Iterator[str]:
         names = ", ".join(sorted(set.union(*(each.messages for each in silences))))
         yield (
             f"telemetry ({names}) is silent {len(silences)} times for more than a second, the longest time for "
-            f"{longest.words}{_consequence(set(names.split(', ')))}"
+            f"{longest.text}{_consequence(set(names.split(', ')))}"
         )
         return
     by_messages: dict[tuple[str, ...], list[_Silence]] = {}
@@ -222,7 +224,7 @@ def _silences(report: DiagnosisReport) -> Iterator[str]:
         by_messages.setdefault(tuple(sorted(each.messages)), []).append(each)
     for messages, own in by_messages.items():
         verb = "is" if len(messages) == 1 else "are"
-        times = ", ".join(each.words for each in own)
+        times = ", ".join(each.text for each in own)
         yield f"{', '.join(messages)} {verb} silent for {times}{_consequence(set(messages))}"
 
 
@@ -457,14 +459,14 @@ def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
 def _not_heard(report: DiagnosisReport) -> str:
     """Which of the ids that were asked for does not come, by the option that asked for it."""
     settings = report.settings
-    what, asked, heard = "system", report.system, set(report.heard)
+    what, wanted, heard = "system", report.system, set(report.heard)
     if report.system is None or report.system in report.heard:
         own = (each.component for each in report.streams if report.system in {None, each.system})
-        what, asked, heard = "component", report.component, {each for each in own if each is not None}
-    is_configured = settings is not None and getattr(settings, what) == asked
+        what, wanted, heard = "component", report.component, {each for each in own if each is not None}
+    is_configured = settings is not None and getattr(settings, what) == wanted
     option = f"telemetry.{what}" if is_configured else f"--{what}"
     return (
-        f"{option} = {asked} is not heard, {what}s {', '.join(map(str, sorted(heard)))} are: nothing would be measured"
+        f"{option} = {wanted} is not heard, {what}s {', '.join(map(str, sorted(heard)))} are: nothing would be measured"
     )
 
 

@@ -101,9 +101,9 @@ class ClockSummary:
 
     Attributes:
         known_after_s: First UTC, since the log's first frame; None where the sender never knew it.
-        host_minus_utc_s: Median of arrival minus the sender's UTC; None likewise.
+        host_minus_utc_s: Median of arrival minus the sender's UTC; None where the sender never knew it.
         reboots_at_s: When the sender's time since boot was found to begin anew, since the log's first frame.
-        jumps_at_s: When its UTC was found to have jumped, likewise.
+        jumps_at_s: When its UTC was found to have jumped, since the log's first frame.
     """
 
     known_after_s: float | None
@@ -130,7 +130,7 @@ class DiagnosisReport:
         height_pairs: Sources of the height against each other.
         gaps: Silences in used streams.
         system: The system that is followed; None where no vehicle was heard, or in an on-board log.
-        component: Its autopilot's component, likewise.
+        component: Its autopilot's component; None where no vehicle was heard, or in an on-board log.
         systems: Systems that report an attitude or a position of their own.
         rejected: Rows of used messages that hold no value, by ``MESSAGE: reason``.
         counts: What the framer met.
@@ -140,7 +140,7 @@ class DiagnosisReport:
         health: What the vehicle says of itself.
         requests: What it should send more often.
         camera: What the vehicle's reports are held against; None for nothing.
-        settings: What the configuration asks of the telemetry, likewise.
+        settings: What the configuration asks of the telemetry; None for no configuration.
         poses: What an import would make of it.
         demands: Whether each source of the camera's attitude may be a demand, by its name.
         parameters: What the autopilot said of its parameters.
@@ -195,9 +195,12 @@ class DiagnosisReport:
     @property
     def is_heard(self) -> bool:
         """Whether the followed autopilot sent anything; also where there was none to follow."""
-        asked = (self.system, self.component)
+        vehicle_ids = (self.system, self.component)
         return any(
-            all(want is None or want == got for want, got in zip(asked, (each.system, each.component), strict=True))
+            all(
+                want is None or want == got
+                for want, got in zip(vehicle_ids, (each.system, each.component), strict=True)
+            )
             for each in self.streams
         )
 
@@ -373,7 +376,7 @@ class LogDiagnosis:
         streams = self._table.streams()
         vehicle = self._mavlink
         zoom = (self._settings or TelemetrySettings()).zoom
-        asked = {"system": vehicle.system, "component": vehicle.component, "autopilot": self._health.autopilot}
+        vehicle_ids = {"system": vehicle.system, "component": vehicle.component, "autopilot": self._health.autopilot}
         parameters = self._parameters.of(vehicle.system, vehicle.component)
         systems = {s.system for s in streams if s.name in {"ATTITUDE", "GLOBAL_POSITION_INT"}}
         return DiagnosisReport(
@@ -405,8 +408,8 @@ class LogDiagnosis:
             health=self._health,
             settings=self._settings,
             requests=(
-                *missing_messages(streams, **asked, parameters=parameters),
-                *missing_camera_messages(streams, **asked, zoom=zoom),
+                *missing_messages(streams, **vehicle_ids, parameters=parameters),
+                *missing_camera_messages(streams, **vehicle_ids, zoom=zoom),
             ),
             poses=self._poses.poses(),
             demands={str(source): is_demand for source, is_demand in self._frames.gimbal_demands().items()},

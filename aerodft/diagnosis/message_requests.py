@@ -252,10 +252,10 @@ def missing_messages(
     """
     if system is None or component is None:
         return ()
-    said = parameters or Parameters()
+    parameters = parameters or Parameters()
     own = _heard(streams, system, component)
     known = autopilot if autopilot in {ARDUPILOT, PX4} else None
-    port = said.port({each.group: _rate_hz(own, each.name) for each in _CATALOGUE if each.message_id in _OF_PORT})
+    port = parameters.port({each.group: _rate_hz(own, each.name) for each in _CATALOGUE if each.message_id in _OF_PORT})
     requests = [
         MessageRequest(
             message_id=each.message_id,
@@ -269,7 +269,7 @@ def missing_messages(
             needs=each.needs,
             port=port,
         )
-        for each in _catalogue(own, said)
+        for each in _catalogue(own, parameters)
         if (known is None or known in each.autopilots) and _is_slow(own, each)
     ]
     group_hz = {each.group: max(other.group_hz for other in requests if other.group == each.group) for each in requests}
@@ -431,7 +431,7 @@ def _sender_of(request: MessageRequest, senders: _Senders) -> str | None:
 def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:
     """What a block's frames say of a request; None where they are of something else, or it is being worked on."""
     sender = (heads[1] == request.system) & (heads[2] == request.component)
-    said = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
-    is_ours = np.isin(said["target_system"], (0, OWN_SYSTEM)) & (said["command"] == request.command_id)
-    results = said["result"][is_ours & (said["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
+    acknowledged = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
+    is_ours = np.isin(acknowledged["target_system"], (0, OWN_SYSTEM)) & (acknowledged["command"] == request.command_id)
+    results = acknowledged["result"][is_ours & (acknowledged["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
     return _ANSWERS.get(results[0], f"refused (result {results[0]})") if results else None

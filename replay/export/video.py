@@ -53,7 +53,7 @@ class Overlay:
 
     Args:
         width_px: Of the images.
-        height_px: Likewise.
+        height_px: Of the images.
     """
 
     def __init__(self, width_px: int, height_px: int) -> None:
@@ -90,12 +90,12 @@ class Overlay:
         if (width, height) != self._size:
             below, beside = height - canvas.shape[0], width - canvas.shape[1]
             canvas = np.asarray(cv2.copyMakeBorder(canvas, 0, below, 0, beside, cv2.BORDER_REPLICATE), dtype=np.uint8)
-        taken = [
+        boxes_written = [
             self._write(canvas, line, 0.0, self._line_px * row, _BLACK)
             for row, line in enumerate(_header(items, stamp_ns, index))
         ]
         for item in items:
-            taken.append(self._label(canvas, item, taken))
+            boxes_written.append(self._label(canvas, item, boxes_written))
         return canvas
 
     def _points(self, item: Item) -> FloatArray:
@@ -122,7 +122,7 @@ class Overlay:
             for u, v in points.tolist():
                 cv2.drawMarker(canvas, (u, v), paint, cv2.MARKER_CROSS, size, stroke, cv2.LINE_AA)
 
-    def _label(self, canvas: ImageArray, item: Item, taken: Sequence[_Box]) -> _Box:
+    def _label(self, canvas: ImageArray, item: Item, boxes_written: Sequence[_Box]) -> _Box:
         """Write a measurement beside its pixels, where nothing is written yet."""
         text, has_number = label_of(item), item["status"] == Status.OK
         points = self._points(item)
@@ -135,7 +135,7 @@ class Overlay:
         step = self._line_px / 2
         tops = sorted(np.arange(0, lowest + step / 2, step).tolist(), key=lambda top: abs(top - wanted))
         boxes = (_Box(left, top, left + width, top + self._line_px) for top in (wanted, *tops))
-        free = next((box for box in boxes if not any(box.overlaps(other) for other in taken)), None)
+        free = next((box for box in boxes if not any(box.overlaps(other) for other in boxes_written)), None)
         top = wanted if free is None else free.top
         return self._write(canvas, text, left, top, self._colour(item["name"]) if has_number else _NO_NUMBER)
 
@@ -318,8 +318,8 @@ class _MeasurementsByImage:
             item = parsed(payload)
             row_of(item)  # what is no measurement is refused, as in every other format
             index, stamp_ns = item["image"], int(item["stamp_ns"])
-            held, key = (self._by_stamp, stamp_ns) if index is None else (self._by_image, index)
-            held.setdefault(key, []).append(item)
+            by_key, key = (self._by_stamp, stamp_ns) if index is None else (self._by_image, index)
+            by_key.setdefault(key, []).append(item)
             if stamp_ns > image.stamp_ns + _LATE_NS or (index is not None and index > image.index + _AHEAD_IMAGES):
                 break
         found = self._by_image.pop(image.index, []) + self._by_stamp.pop(image.stamp_ns, [])

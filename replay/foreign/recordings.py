@@ -94,8 +94,8 @@ def _mavlink_topics(where: object, segments: Sequence[SegmentScan], channels: Ma
         return tuple(found)
     unknown = [topic for topic, kind in kinds.items() if kind is None]
     if len(unknown) > _MOST_LOOKED_THROUGH:
-        said = "%s: MAVLink is looked for in %d of %d topics; --topic mavlink=... says which has it"
-        _log.warning(said, where, _MOST_LOOKED_THROUGH, len(unknown))
+        warning = "%s: MAVLink is looked for in %d of %d topics; --topic mavlink=... says which has it"
+        _log.warning(warning, where, _MOST_LOOKED_THROUGH, len(unknown))
     return tuple(_with_frames(segments, unknown[:_MOST_LOOKED_THROUGH]))
 
 
@@ -115,7 +115,7 @@ def _telemetry_topics(where: object, channels: Mapping[str, Channel], framed: Se
 
 
 def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list[str]:
-    """Those of the topics whose first messages hold frames, in their order; reads no further than it must."""
+    """The topics whose first messages hold MAVLink frames, in order; reads no further than it must."""
     found, tried, open_topics = set[str](), Counter[str](), set(topics)
     readers: dict[str, FrameReader] = {}
     unwrapped: dict[str, bytes] = defaultdict(bytes)

@@ -102,10 +102,10 @@ def _by_time(
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
     topics = {channel.topic for channel in channels_of(segment).values() if is_wanted(channel)}
     if len(topics) * max(map(content_bytes, segment.chunks), default=0) > _MOST_HELD_BYTES:
-        said = (
+        warning = (
             "%s: %d topics that lie one behind the other are more than can be held; in order of time as far as they are"
         )
-        _log.warning(said, segment.path, len(topics))
+        _log.warning(warning, segment.path, len(topics))
         return (each for each in messages_by_time(segment, is_wanted) if is_within(each, from_ns, to_ns))
 
     def stream(topic: str) -> Iterator[ReadMessage]:

@@ -157,12 +157,12 @@ def _segment_paths(folder: Path, stem: str) -> list[Path]:
             raise InputError("no such file or folder", where=folder)
         raise InputError("there is no recording", where=folder, got="a file", expected="a folder with data_000.mcap")
     try:
-        there = list(folder.iterdir())
+        entries = list(folder.iterdir())
     except OSError as error:
         raise InputError("the recording cannot be read", where=folder, got=error.strerror) from error
-    paths = sorted((path for path in there if path.match(f"{stem}_*.mcap")), key=segment_order)
+    paths = sorted((path for path in entries if path.match(f"{stem}_*.mcap")), key=segment_order)
     if not paths and stem == "data":
-        found = there[0].name if there else None
+        found = entries[0].name if entries else None
         raise InputError(
             "there is no recording",
             where=folder,
@@ -178,8 +178,8 @@ def _unique_segments(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[S
         return segments
     first: dict[object, SegmentScan] = {}
     for segment in segments:
-        held = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
-        known = first.setdefault(held or segment.path, segment)
+        content = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
+        known = first.setdefault(content or segment.path, segment)
         if known is not segment:
             _log.warning("%s: %s is %s once more; it is left out", folder, segment.path.name, known.path.name)
     return tuple(first.values())

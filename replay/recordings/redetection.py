@@ -56,18 +56,18 @@ class _NotingObserver:
 
     def __init__(self, observer: ImageObserver) -> None:
         self._observer = observer
-        self.looked: set[int] = set()
-        self.seen: dict[_Key, list[FloatArray]] = {}
+        self.observed_images: set[int] = set()
+        self.detections: dict[_Key, list[FloatArray]] = {}
         self.names: set[str] = set()
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
         found = self._observer.observe(image)
-        self.looked.add(image.index)
+        self.observed_images.add(image.index)
         for each in found:
             self.names.add(each.name)
             points = _points(each)
             if each.name == STEADY or len(points):
-                self.seen.setdefault((each.name, image.index), []).append(points)
+                self.detections.setdefault((each.name, image.index), []).append(points)
         return found
 
 
@@ -97,13 +97,13 @@ class Redetection:
         """The source's events; what is seen again comes right behind its image, in place of what was recorded."""
         self.moved = RedetectionStatistics()
         for observer in self._noted:
-            observer.looked.clear()
-            observer.seen.clear()
+            observer.observed_images.clear()
+            observer.detections.clear()
         yield from self._looked.events()
         self.moved.new += sum(
             len(_current_pixels(name, points))
             for observer in self._noted
-            for (name, _), each in observer.seen.items()
+            for (name, _), each in observer.detections.items()
             for points in each
         )
 
@@ -113,7 +113,7 @@ class Redetection:
             if not isinstance(event, Observation) or event.source != VISION or event.image is None:
                 yield event
                 continue
-            observer = next((each for each in self._noted if event.image in each.looked), None)
+            observer = next((each for each in self._noted if event.image in each.observed_images), None)
             if observer is None:
                 self.moved.kept += 1
                 yield event
@@ -123,7 +123,7 @@ class Redetection:
     def _compare(self, old: Observation, observer: _NotingObserver) -> None:
         """Pair the points of a recorded observation with what was found; what is left of that is new."""
         key = (old.name, old.image or 0)
-        candidates = observer.seen.get(key)
+        candidates = observer.detections.get(key)
         points = _points(old)
         if not candidates:  # nor is anything lost where there was nothing
             self.moved.lost += len(_current_pixels(old.name, points))
@@ -131,7 +131,7 @@ class Redetection:
             return
         elif old.name == STEADY:
             self._compare_steady(points, candidates[0])
-            del observer.seen[key]
+            del observer.detections[key]
         else:
             moves = [_to_nearest_px(points, each) for each in candidates]
             nearest = int(np.argmin([np.median(each) for each in moves]))
@@ -141,16 +141,16 @@ class Redetection:
     def _compare_steady(self, old: FloatArray, new: FloatArray) -> None:
         """Pairs of pixels, of the reference and of now: points are the same where the reference's are."""
         old_then, old_now, new_then, new_now = old[::2], old[1::2], new[::2], new[1::2]
-        taken: set[int] = set()
+        matched: set[int] = set()
         for then, now in zip(old_then, old_now, strict=True):
-            apart = np.linalg.norm(new_then - then, axis=1)
-            nearest = int(np.argmin(apart)) if len(apart) else -1
-            if nearest < 0 or apart[nearest] > _SAME_PX or nearest in taken:
+            distances_px = np.linalg.norm(new_then - then, axis=1)
+            nearest = int(np.argmin(distances_px)) if len(distances_px) else -1
+            if nearest < 0 or distances_px[nearest] > _SAME_PX or nearest in matched:
                 self.moved.lost += 1
                 continue
-            taken.add(nearest)
+            matched.add(nearest)
             self.moved.moves_px.append(float(np.linalg.norm(new_now[nearest] - now)))
-        self.moved.new += len(new_then) - len(taken)
+        self.moved.new += len(new_then) - len(matched)
 
 
 class _RecordedSource:
@@ -163,11 +163,11 @@ class _RecordedSource:
         return self._again.recorded()
 
 
-def _points(seen: Observation) -> FloatArray:
+def _points(detections: Observation) -> FloatArray:
     """An observation's pixels ``(n, 2)``; of an outline the middle of its lowest side."""
-    if not seen.contour:
-        return np.array(seen.pixels, dtype=np.float64).reshape(-1, 2)
-    outline = np.array(seen.contour)
+    if not detections.contour:
+        return np.array(detections.pixels, dtype=np.float64).reshape(-1, 2)
+    outline = np.array(detections.contour)
     return np.array([[(outline[:, 0].min() + outline[:, 0].max()) / 2, outline[:, 1].max()]])
 
 

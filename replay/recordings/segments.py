@@ -64,7 +64,7 @@ def is_within(message: ReadMessage, from_ns: int | None, to_ns: int | None) -> b
 def message_tables(
     segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: Wanted
 ) -> Iterator[ChunkTable]:
-    """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
+    """Messages as columns, chunk after chunk; arguments as in ``messages_of``."""
 
     def within(table: ChunkTable) -> ChunkTable:
         rows = np.ones(len(table.log_ns), dtype=np.bool_)
@@ -84,13 +84,13 @@ def _wanted_chunks(
 ) -> Iterator[ChunkPlace]:
     """The chunks that may hold such messages, and those before them that may define their channels."""
     known = segment.channels.by_id
-    seen = set(known)
+    known_channels = set(known)
     ids = {number for number, channel in known.items() if wanted is None or wanted(channel)}
     for place in segment.chunks:
         is_within = (from_ns is None or place.end_ns >= from_ns) and (to_ns is None or place.start_ns < to_ns)
-        defines = place.channels is None or not place.channels <= seen
+        defines = place.channels is None or not place.channels <= known_channels
         if place.channels is not None:
-            seen |= place.channels
+            known_channels |= place.channels
         if defines and not segment.is_indexed:
             if to_ns is None or place.start_ns < to_ns:
                 yield place
@@ -107,12 +107,12 @@ def channels_of(segment: SegmentScan) -> dict[int, Channel]:
     if segment.is_indexed:
         return segment.channels.by_id
     reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
-    seen = set(segment.channels.by_id)
+    known_channels = set(segment.channels.by_id)
     for place in segment.chunks:
-        if place.channels is None or not place.channels <= seen:
+        if place.channels is None or not place.channels <= known_channels:
             for _ in reader.messages((place,)):
                 pass
-            seen |= place.channels or set()
+            known_channels |= place.channels or set()
     return reader.channels.by_id
 
 

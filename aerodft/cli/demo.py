@@ -163,7 +163,7 @@ def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
         *("--zenoh", ports.endpoint, "--station", _STATION),
     ]
     service = ("-m", "aerodft", "serve", output / "station.toml", "-o", output / "recording")
-    listener = ("-m", "aerodft.cli.demo_listener", ports.endpoint, _STATION, output / "received.jsonl")
+    listener = ("-m", "aerodft.cli.demo_process", "listen", ports.endpoint, _STATION, output / "received.jsonl")
     with _process(output, "listener", listener):
         with _process(output, "serve", service) as serving:
             _wait_until_recording(output / "serve.log", serving)
@@ -188,7 +188,7 @@ def _wait_until_recording(log: Path, service: subprocess.Popen[bytes]) -> None:
 def _replay(output: Path, recording: Path) -> list[str]:
     """Publish the recording at full speed to a subscriber of its own; returns what that received."""
     endpoint = _free_ports().endpoint
-    listener = ("-m", "aerodft.cli.demo_listener", endpoint, _STATION, output / "replayed.jsonl")
+    listener = ("-m", "aerodft.cli.demo_process", "listen", endpoint, _STATION, output / "replayed.jsonl")
     with _process(output, "replay-listener", listener):
         _command("replay", recording, "--rate", "max", "--listen", endpoint, "--wait", 20)
         time.sleep(0.5)  # what is under way arrives
@@ -205,7 +205,7 @@ def _process(
     """
     with (output / f"{name}.log").open("wb") as log:
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-            [sys.executable, "-m", "aerodft.cli.demo_child", *map(str, arguments)],
+            [sys.executable, "-m", "aerodft.cli.demo_process", *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=log,
             stderr=log,

@@ -16,8 +16,7 @@ from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, load_bounded_json
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Camera, LensModel
-from replay.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
-from replay.foreign.ros_fields import RosFields
+from replay.foreign.formats import CDR, JSON, PROTOBUF, ROS1, Kind, RosFields, kind_of, type_of
 
 SECONDS: Final = ("sec", "secs", "seconds")
 NANOSECONDS: Final = ("nsec", "nsecs", "nanosec", "nanos")

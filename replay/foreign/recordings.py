@@ -26,9 +26,9 @@ from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
 from aerodft.service import ArrivalLimiter, first_arrival_ns
+from replay.foreign.formats import JSON, Kind, kind_of
 from replay.foreign.frames import FrameReader
 from replay.foreign.images import EncodedImage, read_camera, read_encoded_image
-from replay.foreign.kinds import JSON, Kind, kind_of
 from replay.recordings import Recording, channels_of, is_mcap, messages_of, segment_order
 
 if TYPE_CHECKING:

@@ -55,25 +55,17 @@ def _document(recovery: "Recovery") -> dict[str, object]:
         "recording": str(recovery.folder),
         "messages": recovery.messages,
         "is_lossy": recovery.is_lossy,
-        "segments": [_segment(segment) for segment in recovery.segments],
-    }
-
-
-def _segment(segment: "SegmentRecovery") -> dict[str, object]:
-    return {
-        "name": segment.name,
-        "state": segment.state,
-        "messages": segment.messages,
-        "start_ns": _text(segment.start_ns),
-        "end_ns": _text(segment.end_ns),
-        "losses": [
-            asdict(loss) | {"from_ns": _text(loss.from_ns), "to_ns": _text(loss.to_ns)} for loss in segment.losses
+        "segments": [
+            _stamps_as_text(segment) | {"losses": [_stamps_as_text(loss) for loss in segment.losses]}
+            for segment in recovery.segments
         ],
     }
 
 
-def _text(stamp_ns: int | None) -> str | None:
-    return None if stamp_ns is None else str(stamp_ns)
+def _stamps_as_text(value: "SegmentRecovery | Loss") -> dict[str, object]:
+    return {
+        name: str(each) if name.endswith("_ns") and each is not None else each for name, each in asdict(value).items()
+    }
 
 
 def _sentence(loss: "Loss") -> str:

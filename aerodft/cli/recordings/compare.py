@@ -1,14 +1,16 @@
 """``aerodft compare``: two recordings side by side."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.table import Table
 
 from aerodft.adapters.atomic_file import whole_file
 from aerodft.cli.output import LOSS, check_output, print_json, say, tables
-from replay.compare import MAX_STAMP_GAP_S, Comparison, Difference, PairBy
+
+if TYPE_CHECKING:
+    from replay.compare import Comparison, Difference
 
 
 def compare(
@@ -22,12 +24,12 @@ def compare(
         ),
     ] = None,
     pair: Annotated[
-        PairBy,
+        Literal["auto", "image", "stamp"],
         typer.Option(help="What makes a pair: auto is image where both are of the same images, else stamp."),
-    ] = PairBy.AUTO,
+    ] = "auto",
     max_stamp_gap: Annotated[
         float, typer.Option(help="Stamps of a pair are at most so far apart, s, where stamps make pairs.", min=0)
-    ] = MAX_STAMP_GAP_S,
+    ] = 0.01,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Plot the differences: PNG, SVG or PDF, by its ending.")
     ] = None,
@@ -62,7 +64,7 @@ def compare(
         raise typer.Exit(LOSS)
 
 
-def _show(comparison: Comparison) -> None:
+def _show(comparison: "Comparison") -> None:
     table = Table("probe", "pairs", "mean", "median", "95 %", "max", "rms", "max std change", "in stds: median", "max")
     for name, difference in comparison.probes.items():
         table.add_row(name, *_cells(difference))
@@ -76,7 +78,7 @@ def _show(comparison: Comparison) -> None:
         say(sentence)
 
 
-def _changes(difference: Difference) -> list[str]:
+def _changes(difference: "Difference") -> list[str]:
     """What else changed of one probe."""
     lines = [f"status {change}: {count}" for change, count in difference.status_changes.items()]
     counts = (
@@ -87,10 +89,9 @@ def _changes(difference: Difference) -> list[str]:
     return lines + [f"{count} {what}" for count, what in counts if count]
 
 
-def _sentences(comparison: Comparison) -> list[str]:
+def _sentences(comparison: "Comparison") -> list[str]:
     shift = "" if not comparison.shift_s else f"; the second's stamps are {comparison.shift_s:+.6f} s off the first's"
-    what = "image" if comparison.paired_by is PairBy.IMAGE else "stamp"
-    sentences = [f"paired by {what}{shift}"]
+    sentences = [f"paired by {comparison.paired_by}{shift}"]
     total = comparison.total
     if total.max_sigmas is not None:
         sentences.append("stds are combined as if the two were independent (root of the summed variances)")
@@ -110,13 +111,13 @@ def _sentences(comparison: Comparison) -> list[str]:
     return sentences
 
 
-def _verdict(comparison: Comparison) -> str:
+def _verdict(comparison: "Comparison") -> str:
     if comparison.is_identical:
         return "identical to the byte"
     return "different" if comparison.differs else "equal within the tolerance"
 
 
-def _cells(difference: Difference) -> tuple[str, ...]:
+def _cells(difference: "Difference") -> tuple[str, ...]:
     def shown(value: float | None, unit: str = "") -> str:
         return "" if value is None else f"{value:.4g}{unit and ' ' + unit}"
 

@@ -2,19 +2,18 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from aerodft.cli.output import end_with_gaps, print_json, say
 from aerodft.errors import UsageError
-from replay.export import TEXT_FORMATS, ExportFormat
 
 
 def export(
     recording: Annotated[Path, typer.Argument(help="The recording's folder.")],
     form: Annotated[
-        ExportFormat | None,
+        Literal["csv", "geojson", "jsonl", "parquet", "mcap", "mp4"] | None,
         typer.Option(
             "--format",
             help="Tables (csv, parquet), a map (geojson), JSON lines (jsonl), the whole recording as one file (mcap),"
@@ -39,19 +38,20 @@ def export(
     """
     from aerodft.app.recordings import export as export_recording
     from aerodft.app.recordings import export_format, exported_text, open_recording
+    from replay.export import TEXT_FORMATS
 
-    form = export_format(form, output)
-    if output is None and (json or form not in TEXT_FORMATS):
-        what = "--json" if json else f"--format {form}"
+    chosen = export_format(form, output)
+    if output is None and (json or chosen not in TEXT_FORMATS):
+        what = "--json" if json else f"--format {chosen}"
         raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
     if output == Path("-"):
         raise UsageError("--output", got="-", expected="a file", hint="without --output, text goes to stdout")
     source = open_recording(recording)
     if output is None:
-        sys.stdout.writelines(exported_text(source, form))
+        sys.stdout.writelines(exported_text(source, chosen))
         end_with_gaps(source.reader.left_out())
         return
-    summary = export_recording(source, output, form=form, overwrite=overwrite)
+    summary = export_recording(source, output, form=chosen, overwrite=overwrite)
     if json:
         print_json(summary.to_dict())
     else:

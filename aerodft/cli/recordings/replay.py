@@ -52,7 +52,7 @@ def replay(
     start: Annotated[
         str | None, typer.Option("--from", help="Seconds from the recording's start, UTC ns, or ISO 8601.")
     ] = None,
-    stop: Annotated[str | None, typer.Option("--to", help="Where to stop, written as --from.")] = None,
+    stop: Annotated[str | None, typer.Option("--to", help="Where to stop (before it), written as --from.")] = None,
     stamps: Annotated[
         Stamps, typer.Option(help="now: all stamps are moved by one amount, the first of them to now.")
     ] = Stamps.ORIGINAL,

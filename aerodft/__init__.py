@@ -10,37 +10,78 @@ from typing import TYPE_CHECKING, Final
 from aerodft.version import VERSION
 
 if TYPE_CHECKING:
+    from aerodft.adapters.recording.recover import Recovery
+    from aerodft.app.align import VideoAlignment, align
     from aerodft.app.calibrate import CalibrationResult, calibrate
     from aerodft.app.calibrate_lens import LensCalibration, calibrate_lens, print_board
+    from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
+    from aerodft.app.recordings import (
+        ExportSummary,
+        Measurements,
+        StationRecording,
+        compare,
+        export,
+        open_recording,
+        recover,
+    )
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined
+    from replay.compare import Comparison
 
 __version__ = VERSION
 
 _ROOM_OF: Final = {
     "AerodftError": "aerodft.errors",
     "CalibrationResult": "aerodft.app.calibrate",
+    "Comparison": "replay.compare",
     "ConfigError": "aerodft.errors",
+    "Diagnosis": "aerodft.app.diagnose",
+    "ExportSummary": "aerodft.app.recordings",
     "InputError": "aerodft.errors",
     "LensCalibration": "aerodft.app.calibrate_lens",
+    "LinkOptions": "aerodft.app.diagnose",
+    "Measurements": "aerodft.app.recordings",
     "NoAnswerError": "aerodft.errors",
     "NotDetermined": "aerodft.errors",
+    "Recovery": "aerodft.adapters.recording.recover",
+    "StationRecording": "aerodft.app.recordings",
+    "VideoAlignment": "aerodft.app.align",
+    "align": "aerodft.app.align",
     "calibrate": "aerodft.app.calibrate",
     "calibrate_lens": "aerodft.app.calibrate_lens",
+    "compare": "aerodft.app.recordings",
+    "diagnose": "aerodft.app.diagnose",
+    "export": "aerodft.app.recordings",
+    "open_recording": "aerodft.app.recordings",
     "print_board": "aerodft.app.calibrate_lens",
+    "recover": "aerodft.app.recordings",
 }
 
 __all__ = [
     "AerodftError",
     "CalibrationResult",
+    "Comparison",
     "ConfigError",
+    "Diagnosis",
+    "ExportSummary",
     "InputError",
     "LensCalibration",
+    "LinkOptions",
+    "Measurements",
     "NoAnswerError",
     "NotDetermined",
+    "Recovery",
+    "StationRecording",
+    "VideoAlignment",
     "__version__",
+    "align",
     "calibrate",
     "calibrate_lens",
+    "compare",
+    "diagnose",
+    "export",
+    "open_recording",
     "print_board",
+    "recover",
 ]
 
 

@@ -10,18 +10,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tomli_w
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from aerodft.adapters.config.camera import camera_document
-from aerodft.cli.demo_report import report_demo
 from aerodft.cli.output import print_json, say
 from aerodft.errors import AerodftError, InputError
-from aerodft.sim import default_camera
-from replay.compare import ComparisonRun, Tolerance
-from replay.recordings import Recording
 
 _MARK = ".aerodft-demo"
 _STATION = "demo"
@@ -54,6 +51,10 @@ def demo(
     Example:
       aerodft demo --output demo
     """
+    from aerodft.reports.demo import report_demo
+    from replay.compare import compare_measurements
+    from replay.recordings import Recording
+
     began = time.monotonic()
     _clear(output)
     ports = _free_ports()
@@ -63,8 +64,9 @@ def demo(
     say("replaying the recording on the bus, and recomputing it from its raw input ...")
     replayed = _replay(output, live)
     _command("recompute", live, "-o", output / "recomputed")
-    comparison = ComparisonRun(live, output / "recomputed").comparison(Tolerance())
-    table = report_demo(output / "flight", Recording(live), output)
+    comparison = compare_measurements(live, output / "recomputed")
+    probes = report_demo(output / "flight", Recording(live), output)
+    _print_table(probes)
     received = _lines(output / "received.jsonl")
     say(f"a subscriber in another process received {len(received)} of {comparison.total.paired} measurements live,")
     same = "the same bytes" if replayed == received else "other bytes"
@@ -76,9 +78,25 @@ def demo(
     say(f"look at {output}/annotated.png and widths.png; measurements.csv and .geojson open anywhere,")
     say(f"{output}/recording in Foxglove. Done in {time.monotonic() - began:.0f} s.")
     if json:
-        print_json({"probes": table, "identical": comparison.is_identical, "received": len(received)})
+        print_json({"probes": probes, "identical": comparison.is_identical, "received": len(received)})
     if not comparison.is_identical:
         raise typer.Exit(5)
+
+
+def _print_table(probes: dict[str, Any]) -> None:
+    """Truth beside measurement, on stdout."""
+    table = Table("probe", "truth", "measured", "95 % interval", "inside?", "of all intervals", title="One image each")
+    for name, row in probes.items():
+        low, high = row["ci95_m"]
+        table.add_row(
+            name,
+            f"{row['truth_m']:.2f} m",
+            f"{row['measured_m']:.2f} m",
+            f"{low:.2f} ... {high:.2f} m",
+            "yes" if row["inside"] else "no",
+            f"{row['intervals_with_truth']} of {row['intervals']} hold the truth",
+        )
+    Console().print(table)
 
 
 def _clear(output: Path) -> None:
@@ -103,6 +121,9 @@ def _free_ports() -> _Ports:
 
 
 def _write_config(output: Path, ports: _Ports) -> None:
+    from aerodft.adapters.config.camera import camera_document
+    from aerodft.sim import default_camera
+
     (output / "camera.toml").write_text(tomli_w.dumps(camera_document(default_camera(1280, 720))), encoding="utf-8")
     widths = [{"name": f"width-{letter}", "kind": "distance", "observed": True} for letter in "abc"]
     document = {
@@ -142,7 +163,7 @@ def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
         *("--zenoh", ports.endpoint, "--station", _STATION),
     ]
     service = ("-m", "aerodft", "serve", output / "station.toml", "-o", output / "recording")
-    listener = ("-m", "aerodft.cli.demo_listener", ports.endpoint, _STATION, output / "received.jsonl")
+    listener = ("-m", "aerodft.cli.demo_process", "listen", ports.endpoint, _STATION, output / "received.jsonl")
     with _process(output, "listener", listener):
         with _process(output, "serve", service) as serving:
             _wait_until_recording(output / "serve.log", serving)
@@ -167,7 +188,7 @@ def _wait_until_recording(log: Path, service: subprocess.Popen[bytes]) -> None:
 def _replay(output: Path, recording: Path) -> list[str]:
     """Publish the recording at full speed to a subscriber of its own; returns what that received."""
     endpoint = _free_ports().endpoint
-    listener = ("-m", "aerodft.cli.demo_listener", endpoint, _STATION, output / "replayed.jsonl")
+    listener = ("-m", "aerodft.cli.demo_process", "listen", endpoint, _STATION, output / "replayed.jsonl")
     with _process(output, "replay-listener", listener):
         _command("replay", recording, "--rate", "max", "--listen", endpoint, "--wait", 20)
         time.sleep(0.5)  # what is under way arrives
@@ -184,7 +205,7 @@ def _process(
     """
     with (output / f"{name}.log").open("wb") as log:
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-            [sys.executable, "-m", "aerodft.cli.demo_child", *map(str, arguments)],
+            [sys.executable, "-m", "aerodft.cli.demo_process", *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=log,
             stderr=log,

@@ -1,37 +1,14 @@
 """``aerodft paper``: the paper's tables and figures, beside what it prints."""
 
 from collections.abc import Sequence
-from itertools import cycle
 from pathlib import Path
 from typing import Annotated, Any
 
-import matplotlib as mpl
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from aerodft.cli.output import print_json, say, tables
-from aerodft.cli.paper_document import paper_document
-from aerodft.dft.paper import (
-    FIGURE_14_ERROR_M,
-    MAX_DEPTH_M,
-    CameraRow,
-    DepthRow,
-    ErrorCurve,
-    figure_12,
-    figure_14,
-    table_1,
-    table_2,
-    table_3,
-)
-from aerodft.errors import InputError
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-_SIZE_IN, _DPI = (8, 5), 110
 
 
 def paper(
@@ -46,23 +23,14 @@ def paper(
     Example:
       aerodft paper -o paper
     """
-    cameras, depths = table_1(), table_2()
-    curves, canon = figure_12(), figure_14()
-    pngs = output / "figure-12.png", output / "figure-14.png"
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        draw_figure_12(curves, cameras, pngs[0])
-        draw_figure_14(canon, depths, pngs[1])
-    except OSError as error:
-        raise InputError(
-            "cannot write the figures", where=output, got=error.strerror or error, expected="a folder to write to"
-        ) from error
-    document = paper_document(cameras, depths, table_3(), curves, canon, pngs)
+    from aerodft.reports.paper import reproduce_paper
+
+    document = reproduce_paper(output)
     if json:
         print_json(document)
     else:
         _print(document)
-    say(f"drew {pngs[0]} and {pngs[1]}")
+    say(f"drew {document['figure12']['png']} and {document['figure14']['png']}")
 
 
 def _print(document: dict[str, Any]) -> None:
@@ -167,39 +135,3 @@ def _table_3(rows: Sequence[dict[str, Any]]) -> Table:
 def _percents(direction: dict[str, Any]) -> list[str]:
     derivative, change = direction["derivative_percent"], direction["change_percent"]
     return [f"{derivative[axis]:.2f} ({change[axis]:.2f})" for axis in "XYZ"]
-
-
-def draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], path: Path) -> None:
-    """Quantization error over depth, one curve a camera, and what the paper's text says of 150 m."""
-    figure, axes = plt.subplots(figsize=_SIZE_IN)
-    styles = cycle(("-", "-", "-", "-", "--"))  # the fifth curve lies on the first
-    for curve, row, style in zip(curves, cameras, styles, strict=False):
-        (line,) = axes.plot(curve.depth_m, curve.error_m, style, label=curve.label)
-        text = row.printed.text_error_m
-        if text is not None:
-            middle, half = (text[0] + text[1]) / 2, (text[1] - text[0]) / 2
-            axes.errorbar(MAX_DEPTH_M + 2, middle, yerr=half, fmt="x", capsize=4, color=line.get_color())
-    axes.plot([], [], "kx", label="the paper's text, at 150 m")
-    axes.set(xlim=(10, 155), ylim=(0, None), xlabel="depth Z (m)", ylabel="quantization error (m)")
-    axes.set_title("Figure 12: quantization error, camera 10 m high")
-    _save(figure, axes, path)
-
-
-def draw_figure_14(curve: ErrorCurve, rows: Sequence[DepthRow], path: Path) -> None:
-    """Errors of Table 2 and the Canon's quantization error over depth."""
-    figure, axes = plt.subplots(figsize=_SIZE_IN)
-    axes.plot([row.printed.truth_m for row in rows], [row.printed.error_m for row in rows], "o-", label="Table 2")
-    seen = curve.depth_m <= MAX_DEPTH_M + 1
-    axes.plot(curve.depth_m[seen], curve.error_m[seen], label="quantization error, computed")
-    axes.plot([MAX_DEPTH_M], [FIGURE_14_ERROR_M], "kx", label=f"the paper's text: {FIGURE_14_ERROR_M} m at 150 m")
-    axes.set(xlim=(10, 155), ylim=(0, None), xlabel="depth Z (m)", ylabel="error (m)")
-    axes.set_title("Figure 14: error of Table 2, Canon 1000D 10.48 m high at 67.0 deg")
-    _save(figure, axes, path)
-
-
-def _save(figure: Figure, axes: Axes, path: Path) -> None:
-    axes.legend(loc="upper left", fontsize="small")
-    axes.grid(alpha=0.3)
-    figure.tight_layout()
-    figure.savefig(path, dpi=_DPI)
-    plt.close(figure)

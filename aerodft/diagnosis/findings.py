@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked
-from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, FrameCounts, is_link, is_peripheral, message_name
+from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, is_link, is_peripheral, message_name
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis.message_requests import OFF
+from aerodft.diagnosis.log_diagnosis import USED, ClockSummary, DiagnosisReport, SourceSummary, StreamGap
+from aerodft.diagnosis.message_requests import SWITCHED_OFF_BY
 from aerodft.diagnosis.streams import Stream
-from aerodft.diagnosis.survey import USED, ClockSummary, Gap, SurveyReport, ValueSource
 from aerodft.model import GimbalSource, HeightSource, ReportFrame
 from aerodft.service import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.attitude import FrameEvidence
@@ -47,7 +47,7 @@ _MOST_JUMPS: Final = 5
 _HOST_OFFSET_S: Final = 1.0
 
 
-def _senders(report: SurveyReport) -> list[str]:
+def _other_senders(report: DiagnosisReport) -> list[str]:
     """One sentence for each kind of sender that there is more than one of."""
     sentences = []
     if len(report.systems) > 1:
@@ -92,13 +92,13 @@ def _is_of_another(reason: str) -> bool:
     return reason.startswith(OF_ANOTHER_ADDRESS) or _ANOTHER_GIMBAL in reason
 
 
-def _followed_gimbal(report: SurveyReport, name: str, gimbals: list[int]) -> int:
+def _followed_gimbal(report: DiagnosisReport, name: str, gimbals: list[int]) -> int:
     """The one that was asked for, else the one that was heard first."""
     first_ns = {s.component: s.first_ns for s in report.streams if s.system == report.system and s.name == name}
     return report.gimbal if report.gimbal in gimbals else min(gimbals, key=lambda each: first_ns[each])
 
 
-def _components(report: SurveyReport, *names: str) -> list[int]:
+def _components(report: DiagnosisReport, *names: str) -> list[int]:
     """Who of the followed system sends one of these messages."""
     found = {s.component for s in report.streams if s.system == report.system and s.name in names}
     return sorted(component for component in found if component is not None)
@@ -108,23 +108,14 @@ def _listed(ids: tuple[int, ...] | list[int]) -> str:
     return ", ".join(map(str, ids))
 
 
-def _contradictions(report: SurveyReport, settings: TelemetrySettings) -> list[str]:
-    """One sentence for each setting that does not fit what came."""
-    return [*_heights(report, settings), *_attitudes(report, settings)]
-
-
-def _heights(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
-    there = {each.name for each in report.heights} | {str(HeightSource.MANUAL)}
-    missing = [str(each) for each in settings.height.order if str(each) not in there]
+def _height_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
+    """One sentence for each setting of heights that does not fit what came."""
+    available = {each.name for each in report.heights} | {str(HeightSource.MANUAL)}
+    missing = [str(each) for each in settings.height.order if str(each) not in available]
     if len(missing) == len(settings.height.order):
         yield f"telemetry.height.order lists {', '.join(missing)}, and none of them comes: no image would have a height"
     elif missing:
         yield f"telemetry.height.order lists {', '.join(missing)}, which does not come: the next in the order is taken"
-    yield from _minimum(report, settings)
-
-
-def _minimum(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
-    """The minimum height against the highest flown."""
     above_m = {str(HeightSource.HOME): settings.height.home_above_plane_m}
     order = {str(each) for each in settings.height.order}
     highest_m = [each.high + above_m.get(each.name, 0.0) for each in report.heights if each.name in order]
@@ -135,12 +126,13 @@ def _minimum(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]
         )
 
 
-def _attitudes(report: SurveyReport, settings: TelemetrySettings) -> Iterator[str]:
-    there = {each.name for each in report.attitudes}
+def _attitude_checks(report: DiagnosisReport, settings: TelemetrySettings) -> Iterator[str]:
+    """One sentence for each setting of attitudes that does not fit what came."""
+    available = {each.name for each in report.attitudes}
     if report.vehicle_attitude is not None:
-        there.add(str(GimbalSource.FIXED_MOUNT))
+        available.add(str(GimbalSource.FIXED_MOUNT))
     order = [str(each) for each in settings.attitude.order]
-    if not there & set(order):
+    if not available & set(order):
         names = ", ".join(order)
         yield f"telemetry.attitude.order lists {names}, and none of them comes: no image would have an attitude"
     stated = settings.attitude.frame
@@ -150,7 +142,7 @@ def _attitudes(report: SurveyReport, settings: TelemetrySettings) -> Iterator[st
             yield f'telemetry.attitude.frame = "{stated}", but {name} reports against {against}: set "auto"'
 
 
-def _rows_left_out(report: SurveyReport) -> Iterator[str]:
+def _rows_left_out(report: DiagnosisReport) -> Iterator[str]:
     """One sentence for a message whose rows hold no value, where that is not rare; one for a vehicle that starts up."""
     totals: dict[str, int] = {}
     for stream in report.streams:
@@ -169,13 +161,15 @@ def _rows_left_out(report: SurveyReport) -> Iterator[str]:
     for name, counts in faults.items():
         total = totals.get(name, sum(counts.values()))
         is_all = sum(counts.values()) >= total
-        told = {why: count for why, count in counts.items() if is_all or not (why.endswith(_NOT_YET) or why in _LANDED)}
-        if sum(told.values()) >= max(_NOTABLE * total, 1):
-            said = ", ".join(f"{why} in {count}" for why, count in told.items())
-            yield f"{name}: {said} of {total} messages, which are left out{_hint(report, name, is_all=is_all)}"
+        notable = {
+            why: count for why, count in counts.items() if is_all or not (why.endswith(_NOT_YET) or why in _LANDED)
+        }
+        if sum(notable.values()) >= max(_NOTABLE * total, 1):
+            listed = ", ".join(f"{why} in {count}" for why, count in notable.items())
+            yield f"{name}: {listed} of {total} messages, which are left out{_hint(report, name, is_all=is_all)}"
 
 
-def _hint(report: SurveyReport, name: str, *, is_all: bool) -> str:
+def _hint(report: DiagnosisReport, name: str, *, is_all: bool) -> str:
     if name != _ESTIMATOR or not is_all:
         return ""
     kind = report.parameters.values.get("AHRS_EKF_TYPE")
@@ -183,24 +177,22 @@ def _hint(report: SurveyReport, name: str, *, is_all: bool) -> str:
     return f": whether the estimator is well will not be known{why}"
 
 
-def _damage(report: SurveyReport) -> Iterator[str]:
+def _damage(report: DiagnosisReport) -> Iterator[str]:
     """Frames that do not pass their check, and those of messages that are not known."""
     counts = report.counts
     if counts.bad_crc and not report.warnings:
         yield f"{counts.bad_crc} damaged frames left out ({counts.skipped_bytes} bytes belong to no good frame)"
     if counts.unknown:
-        ids = report.unknown_ids.most_common(_MOST_IDS)
-        said = ", ".join(f"{count} of {_called(message_id)}" for message_id, count in ids)
+        listed = ", ".join(
+            f"{count} of {number}" + ("" if name.startswith("UNKNOWN") else f" ({name} of another length)")
+            for number, count in report.unknown_ids.most_common(_MOST_IDS)
+            for name in [message_name(number)]
+        )
         more = ", ..." if len(report.unknown_ids) > _MOST_IDS else ""
         yield (
             f"{counts.unknown} frames of messages that are not known here left out"
-            f"{f' (by id: {said}{more})' if said else ''}"
+            f"{f' (by id: {listed}{more})' if listed else ''}"
         )
-
-
-def _called(message_id: int) -> str:
-    name = message_name(message_id)
-    return str(message_id) if name.startswith("UNKNOWN") else f"{message_id} ({name} of another length)"
 
 
 @dataclass(slots=True)
@@ -212,23 +204,19 @@ class _Silence:
     messages: set[str]
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         return f"{self.end_s - self.start_s:.1f} s at {self.start_s:.1f} s"
 
 
-def _interruptions(report: SurveyReport) -> list[str]:
-    """One sentence for all silences of the same messages, for all messages that stop, and for an early end."""
-    return [*_silences(report), *_ends(report)]
-
-
-def _silences(report: SurveyReport) -> Iterator[str]:
+def _silences(report: DiagnosisReport) -> Iterator[str]:
+    """One sentence for all silences of the same messages; one for all where they are many."""
     silences = _merged(report.gaps)
     if len(silences) > _MOST_TOLD:
         longest = max(silences, key=lambda each: each.end_s - each.start_s)
         names = ", ".join(sorted(set.union(*(each.messages for each in silences))))
         yield (
             f"telemetry ({names}) is silent {len(silences)} times for more than a second, the longest time for "
-            f"{longest.words}{_consequence(set(names.split(', ')))}"
+            f"{longest.text}{_consequence(set(names.split(', ')))}"
         )
         return
     by_messages: dict[tuple[str, ...], list[_Silence]] = {}
@@ -236,7 +224,7 @@ def _silences(report: SurveyReport) -> Iterator[str]:
         by_messages.setdefault(tuple(sorted(each.messages)), []).append(each)
     for messages, own in by_messages.items():
         verb = "is" if len(messages) == 1 else "are"
-        times = ", ".join(each.words for each in own)
+        times = ", ".join(each.text for each in own)
         yield f"{', '.join(messages)} {verb} silent for {times}{_consequence(set(messages))}"
 
 
@@ -244,7 +232,7 @@ def _consequence(messages: set[str]) -> str:
     return ": images stamped then have no answer" if messages & _ATTITUDES else ""
 
 
-def _merged(gaps: tuple[Gap, ...]) -> list[_Silence]:
+def _merged(gaps: tuple[StreamGap, ...]) -> list[_Silence]:
     silences: list[_Silence] = []
     for gap in sorted(gaps, key=lambda each: each.start_s):
         end_s = gap.start_s + gap.duration_s
@@ -256,7 +244,8 @@ def _merged(gaps: tuple[Gap, ...]) -> list[_Silence]:
     return silences
 
 
-def _ends(report: SurveyReport) -> Iterator[str]:
+def _ends(report: DiagnosisReport) -> Iterator[str]:
+    """One sentence for each message that stops, and for telemetry that ends before the log."""
     own = [each for each in report.streams if each.system == report.system]
     used = [each.last_ns for each in own if each.name in USED]
     if not used or report.first_ns is None or report.last_ns is None:
@@ -281,7 +270,7 @@ def _stops(stream: Stream, end_ns: int) -> bool:
     return end_ns - stream.last_ns > max(_EARLY_END_S, _SLOW_PERIODS * period_s) * SECOND_NS
 
 
-def _missing(report: SurveyReport) -> Iterator[str]:
+def _missing(report: DiagnosisReport) -> Iterator[str]:
     """What no image can be measured without, or only with a setting."""
     if not report.heights:
         yield "no height: neither a rangefinder, nor terrain data, nor a position with a height above home"
@@ -297,7 +286,7 @@ def _missing(report: SurveyReport) -> Iterator[str]:
         and not any(map(_is_of_another, report.rejected))
         and _settings(report).attitude.fixed_mount is None
     ):
-        setting = report.parameters.switch_off(*OFF["GIMBAL_DEVICE_ATTITUDE_STATUS"])
+        setting = report.parameters.switch_off(*SWITCHED_OFF_BY["GIMBAL_DEVICE_ATTITUDE_STATUS"])
         off = f" (switched off by {setting}: the type of a gimbal, if there is one)" if setting else ""
         yield f"no gimbal attitude{off}: {_FIXED}"
     elif report.attitudes and not report.vehicle_attitude:
@@ -306,23 +295,23 @@ def _missing(report: SurveyReport) -> Iterator[str]:
         yield f"RANGEFINDER never says more than {report.rangefinder.high:.2f} m: was the vehicle in the air at all?"
 
 
-def _settings(report: SurveyReport) -> TelemetrySettings:
+def _settings(report: DiagnosisReport) -> TelemetrySettings:
     return report.settings or TelemetrySettings()
 
 
-def _switched_off(report: SurveyReport) -> Iterator[str]:
+def _switched_off(report: DiagnosisReport) -> Iterator[str]:
     """Heights that do not come because the vehicle's own parameters say so."""
     heights = {source.name for source in report.heights}
     for source, message, then in (
         ("rangefinder", "DISTANCE_SENSOR", "if the vehicle has one, set that to its type"),
         ("terrain", "TERRAIN_REPORT", "set that to 1 if the ground station has terrain data"),
     ):
-        setting = report.parameters.switch_off(*OFF[message])
+        setting = report.parameters.switch_off(*SWITCHED_OFF_BY[message])
         if setting and source not in heights:
             yield f"heights of the {source} are switched off by {setting}: {then}"
 
 
-def _frames(report: SurveyReport) -> Iterator[str]:
+def _frames(report: DiagnosisReport) -> Iterator[str]:
     """What gimbals' roll and pitch are against, where that is not simply the horizon; and demands."""
     stated = _settings(report).attitude
     for name, evidence in report.frames.items():
@@ -336,8 +325,8 @@ def _frames(report: SurveyReport) -> Iterator[str]:
             )
         elif evidence.frame is None and evidence.body_probability > _UNLIKELY and stated.frame is None:
             yield (
-                f"whether {name} is earth-frame or body-frame (against the horizon or the vehicle) cannot be told from "
-                f"the vehicle's {evidence.motions} motions: {_AUTO} takes the horizon with a wider std; "
+                f"the vehicle did not move enough to tell the gimbal's frame: {name} may be earth-frame or body-frame "
+                f"(against the horizon or the vehicle), and {_AUTO} takes the horizon with a wider std; "
                 'for a servo mount set "body"'
             )
     demands = [name for name, is_demand in report.demands.items() if is_demand]
@@ -351,7 +340,7 @@ def _frames(report: SurveyReport) -> Iterator[str]:
         yield "MOUNT_STATUS has no time stamp of its own: its arrival is used, late by the link's delay"
 
 
-def _gimbal_notes(report: SurveyReport) -> Iterator[str]:
+def _gimbal_notes(report: DiagnosisReport) -> Iterator[str]:
     """What is good to know of gimbals, and no problem."""
     for name, evidence in report.frames.items():
         if evidence.frame is ReportFrame.EARTH and not evidence.contradictory:
@@ -431,7 +420,7 @@ def _when(at_s: tuple[float, ...]) -> str:
     return f" about {', '.join(f'{each:.0f}' for each in at_s[:_MOST_JUMPS])}{more} s after the start"
 
 
-def problems(report: SurveyReport) -> list[str]:
+def problems(report: DiagnosisReport) -> list[str]:
     """One sentence for each thing that limits what can be measured; empty where all is well."""
     signing = [] if report.signing is None else signing_sentences(report.signing)
     if report.first_ns is None and report.signing is not None and report.signing.refused:
@@ -442,54 +431,52 @@ def problems(report: SurveyReport) -> list[str]:
         signing = [unchecked(report.signed_frames, report.counts.frames)]
     if not report.is_heard:
         return [_not_heard(report), *signing, *_damage(report), *report.warnings]
-    return [*_silence(report), *signing, *_of_telemetry(report), *report.warnings]
+    silent = "the vehicle is silent since it was asked: what follows is of the time before"
+    return [*([silent] if report.is_silent_since else []), *signing, *_of_telemetry(report), *report.warnings]
 
 
-def _of_telemetry(report: SurveyReport) -> Iterator[str]:
+def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
     settings = report.settings
     if report.poses.spans and (problem := report.poses.problem()):
         yield problem
     yield from _missing(report)
-    yield from _senders(report)
-    yield from () if settings is None else _contradictions(report, settings)
+    yield from _other_senders(report)
+    if settings is not None:
+        yield from _height_checks(report, settings)
+        yield from _attitude_checks(report, settings)
     yield from report.health.sentences(report.camera, settings, report.ready_s)
     yield from clock_sentences(report.clock_health, report.clock)
     yield from _rows_left_out(report)
     yield from _frames(report)
     yield from report.height_pairs.sentences(0.0 if settings is None else settings.height.home_above_plane_m)
-    yield from _interruptions(report)
+    yield from _silences(report)
+    yield from _ends(report)
     yield from (request.sentence() for request in report.requests)
     yield from _switched_off(report)
     yield from _damage(report)
 
 
-def _not_heard(report: SurveyReport) -> str:
+def _not_heard(report: DiagnosisReport) -> str:
     """Which of the ids that were asked for does not come, by the option that asked for it."""
     settings = report.settings
-    what, asked, heard = "system", report.system, set(report.heard)
+    what, wanted, heard = "system", report.system, set(report.heard)
     if report.system is None or report.system in report.heard:
         own = (each.component for each in report.streams if report.system in {None, each.system})
-        what, asked, heard = "component", report.component, {each for each in own if each is not None}
-    is_configured = settings is not None and getattr(settings, what) == asked
+        what, wanted, heard = "component", report.component, {each for each in own if each is not None}
+    is_configured = settings is not None and getattr(settings, what) == wanted
     option = f"telemetry.{what}" if is_configured else f"--{what}"
     return (
-        f"{option} = {asked} is not heard, {what}s {', '.join(map(str, sorted(heard)))} are: nothing would be measured"
+        f"{option} = {wanted} is not heard, {what}s {', '.join(map(str, sorted(heard)))} are: nothing would be measured"
     )
 
 
-def _silence(report: SurveyReport) -> list[str]:
-    if not report.is_silent_since:
-        return []
-    return ["the vehicle is silent since it was asked: what follows is of the time before"]
-
-
-def notes(report: SurveyReport) -> list[str]:
+def notes(report: DiagnosisReport) -> list[str]:
     """What is good to know, and no problem."""
     is_told = not report.poses.spans or report.poses.problem()
     return [*([] if is_told else [report.poses.note()]), *_gimbal_notes(report)]
 
 
-def document(report: SurveyReport) -> dict[str, Any]:
+def document(report: DiagnosisReport) -> dict[str, Any]:
     """The report as plain JSON values; stamps as decimal strings, unknown fields null."""
     return {
         "schema": "aerodft.doctor/1",
@@ -505,11 +492,19 @@ def document(report: SurveyReport) -> dict[str, Any]:
         "vehicle_attitude": _source(report.vehicle_attitude) if report.vehicle_attitude else None,
         "clock": clock_document(report.clock_health, report.clock),
         "height_differences": report.height_pairs.documents(),
-        "gaps": [{"message": gap.message, "start_s": gap.start_s, "duration_s": gap.duration_s} for gap in report.gaps],
+        "gaps": [asdict(gap) for gap in report.gaps],
         "followed": {"system": report.system, "component": report.component},
         "systems": list(report.systems),
         "rejected": report.rejected,
-        "frames": _frame_counts(report.counts, report),
+        "frames": {
+            "good": report.counts.frames,
+            "bad_crc": report.counts.bad_crc,
+            "unknown": report.counts.unknown,
+            "unknown_ids": {str(message_id): count for message_id, count in report.unknown_ids.most_common()},
+            "skipped_bytes": report.counts.skipped_bytes,
+            "truncated": report.counts.truncated,
+            "signed": report.signed_frames,
+        },
         "signing": None if report.signing is None else signing_document(report.signing),
         "health": report.health.document(),
         "requests": [request.document() for request in report.requests],
@@ -530,25 +525,13 @@ def _stream(stream: Stream) -> dict[str, Any]:
     }
 
 
-def _frame_counts(counts: FrameCounts, report: SurveyReport) -> dict[str, Any]:
-    return {
-        "good": counts.frames,
-        "bad_crc": counts.bad_crc,
-        "unknown": counts.unknown,
-        "unknown_ids": {str(message_id): count for message_id, count in report.unknown_ids.most_common()},
-        "skipped_bytes": counts.skipped_bytes,
-        "truncated": counts.truncated,
-        "signed": report.signed_frames,
-    }
-
-
-def _attitude(report: SurveyReport, source: ValueSource) -> dict[str, Any]:
+def _attitude(report: DiagnosisReport, source: SourceSummary) -> dict[str, Any]:
     is_demand = report.demands.get(source.name)
     feedback = {None: None, True: "demand", False: "measured"}[is_demand]
     return {**_source(source), **_frame(report.frames.get(source.name)), "feedback": feedback}
 
 
-def _source(source: ValueSource) -> dict[str, Any]:
+def _source(source: SourceSummary) -> dict[str, Any]:
     return {
         "source": source.name,
         "count": source.count,

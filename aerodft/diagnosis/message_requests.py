@@ -46,7 +46,7 @@ _OF_AUTOPILOT: Final = frozenset(map(message_name, OF_AUTOPILOT))
 _GIMBALS: Final = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"})
 _PORTS: Final = {"SR0": "USB", "SR1": "TELEM1", "SR2": "TELEM2"}
 # What a vehicle without it has set to 0, by message: the type of every instance, by its names of all versions.
-OFF: Final = {
+SWITCHED_OFF_BY: Final = {
     "GIMBAL_DEVICE_ATTITUDE_STATUS": ("MNT[12]?_TYPE",),
     "MOUNT_STATUS": ("MNT[12]?_TYPE",),
     "DISTANCE_SENSOR": ("RNGFND[1-9A]?_TYPE",),
@@ -78,7 +78,7 @@ _Senders = dict[tuple[int, int], str]  # by system and component
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _CatalogueEntry:
     """A message, how often it is wanted, ArduPilot's group of it (empty: none), and what must be set for it to come."""
 
     message_id: int
@@ -97,16 +97,16 @@ class _Wanted:
 # MAVn_ counted from 1 (early 4.7-dev still had SRn_), read at start-up. PX4's names of streams are those of its
 # mavlink_main.cpp; system_startup.md describes extras.txt, module.yaml MAV_0_MODE and MAV_0_RATE.
 _CATALOGUE: Final = (
-    _Wanted(SYSTEM_TIME, 1, "EXTRA3"),
-    _Wanted(ATTITUDE, 10, "EXTRA1"),
-    _Wanted(GLOBAL_POSITION_INT, 5, "POSITION"),
-    _Wanted(GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
-    _Wanted(DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"),
-    _Wanted(TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
-    _Wanted(ALTITUDE, 5, "", (PX4,)),
-    _Wanted(GPS_RAW_INT, 1, "EXT_STAT"),
-    _Wanted(EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
-    _Wanted(ESTIMATOR_STATUS, 1, "", (PX4,)),
+    _CatalogueEntry(SYSTEM_TIME, 1, "EXTRA3"),
+    _CatalogueEntry(ATTITUDE, 10, "EXTRA1"),
+    _CatalogueEntry(GLOBAL_POSITION_INT, 5, "POSITION"),
+    _CatalogueEntry(GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
+    _CatalogueEntry(DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"),
+    _CatalogueEntry(TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
+    _CatalogueEntry(ALTITUDE, 5, "", (PX4,)),
+    _CatalogueEntry(GPS_RAW_INT, 1, "EXT_STAT"),
+    _CatalogueEntry(EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
+    _CatalogueEntry(ESTIMATOR_STATUS, 1, "", (PX4,)),
 )
 # Which of them tell a port by its rates: what autopilots send of a group whatever is fitted.
 _OF_PORT: Final = frozenset({SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, GPS_RAW_INT})
@@ -157,7 +157,7 @@ class MessageRequest:
         return int(dialect.MAV_CMD_REQUEST_MESSAGE if self.rate_hz is None else dialect.MAV_CMD_SET_MESSAGE_INTERVAL)
 
     @property
-    def often(self) -> str:
+    def rate_text(self) -> str:
         """How often it is wanted, in words."""
         return "once" if self.rate_hz is None else f"at {self.rate_hz:g} Hz"
 
@@ -193,14 +193,14 @@ class MessageRequest:
         """What is wrong, and what to do."""
         comes = f"comes at {self.now_hz:.1f} Hz" if self.now_hz else "does not come"
         if self.rate_hz is None:
-            asked = f"MAV_CMD_REQUEST_MESSAGE with {self.message_id}"
+            command = f"MAV_CMD_REQUEST_MESSAGE with {self.message_id}"
         else:
-            asked = f"MAV_CMD_SET_MESSAGE_INTERVAL with {self.message_id} and {self.interval_us} us"
+            command = f"MAV_CMD_SET_MESSAGE_INTERVAL with {self.message_id} and {self.interval_us} us"
         ways = [
-            f"request it from component {self.component} (--fix, or {asked})",
+            f"request it from component {self.component} (--request-messages, or {command})",
             *(f"{_WAYS[name]} {how}" for name, how in self.parameters.items()),
         ]
-        return f"{self.name} {comes}, it is wanted {self.often}: {', or '.join(ways)}"
+        return f"{self.name} {comes}, it is wanted {self.rate_text}: {', or '.join(ways)}"
 
     def document(self) -> dict[str, Any]:
         """Plain JSON values."""
@@ -233,7 +233,7 @@ class MessageRequest:
         return bytes(message.pack(dialect.MAVLink(None, srcSystem=OWN_SYSTEM, srcComponent=OWN_COMPONENT)))
 
 
-def wanted(
+def missing_messages(
     streams: Sequence[Stream],
     *,
     system: int | None,
@@ -252,10 +252,10 @@ def wanted(
     """
     if system is None or component is None:
         return ()
-    said = parameters or Parameters()
+    parameters = parameters or Parameters()
     own = _heard(streams, system, component)
     known = autopilot if autopilot in {ARDUPILOT, PX4} else None
-    port = said.port({each.group: _rate_hz(own, each.name) for each in _CATALOGUE if each.message_id in _OF_PORT})
+    port = parameters.port({each.group: _rate_hz(own, each.name) for each in _CATALOGUE if each.message_id in _OF_PORT})
     requests = [
         MessageRequest(
             message_id=each.message_id,
@@ -269,19 +269,19 @@ def wanted(
             needs=each.needs,
             port=port,
         )
-        for each in _catalogue(own, said)
+        for each in _catalogue(own, parameters)
         if (known is None or known in each.autopilots) and _is_slow(own, each)
     ]
     group_hz = {each.group: max(other.group_hz for other in requests if other.group == each.group) for each in requests}
     return tuple(replace(each, group_hz=group_hz[each.group]) for each in requests)
 
 
-def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_Wanted]:
+def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_CatalogueEntry]:
     """What this vehicle can send: nothing that is switched off, and of an old firmware the old gimbal message."""
     for each in _CATALOGUE:
         is_gimbal = each.message_id == GIMBAL_DEVICE_ATTITUDE_STATUS
         is_old = is_gimbal and each.name not in own and (_OLD_MOUNT in parameters.values or _MOUNT_STATUS in own)
-        if not parameters.switch_off(*OFF.get(each.name, ())):
+        if not parameters.switch_off(*SWITCHED_OFF_BY.get(each.name, ())):
             yield replace(each, message_id=MOUNT_STATUS, needs="") if is_old else each
 
 
@@ -291,7 +291,7 @@ def _heard(streams: Sequence[Stream], system: int, autopilot: int) -> dict[str, 
     return {each.name: each for each in of_system if each.component == autopilot or each.name not in _OF_AUTOPILOT}
 
 
-def _is_slow(own: dict[str, Stream], each: _Wanted) -> bool:
+def _is_slow(own: dict[str, Stream], each: _CatalogueEntry) -> bool:
     names = _GIMBALS if each.name in _GIMBALS else {each.name}
     return max(_rate_hz(own, other) for other in names) < _SLOW * each.rate_hz
 
@@ -305,7 +305,7 @@ def _sender(own: dict[str, Stream], name: str, autopilot: int) -> int:
     return autopilot if component is None else component
 
 
-def wanted_of_cameras(
+def missing_camera_messages(
     streams: Sequence[Stream], *, system: int | None, component: int | None, autopilot: int | None, zoom: ZoomSettings
 ) -> Iterator[MessageRequest]:
     """What cameras should say of their view: of each source before the first that they say anything in.
@@ -352,23 +352,41 @@ def _cameras(heard: set[tuple[str, int]], component: int, autopilot: int | None,
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """A request and what was answered: ``accepted``, ``denied``, ``unsupported``, ..., or ``no answer``."""
+class RequestOutcome:
+    """What became of a request.
+
+    Attributes:
+        request: The request.
+        answer: ``accepted``, ``denied``, ``unsupported``, ..., or ``no answer``.
+        after_hz: The message's rate afterwards.
+        count: How often it came since.
+    """
 
     request: MessageRequest
     answer: str
+    after_hz: float = 0.0
+    count: int = 0
 
-    def document(self, after_hz: float) -> dict[str, Any]:
-        """Plain JSON values, with the rate that came of it."""
-        asked = self.request.document()
-        return {key: asked[key] for key in ("message", "message_id", "system", "component", "rate_hz")} | {
+    def with_effect(self, streams: Iterable[Stream]) -> "RequestOutcome":
+        """The outcome with rate and count of the requested message among streams heard afterwards."""
+        sender = (self.request.name, self.request.system, self.request.component)
+        stream = next((each for each in streams if (each.name, each.system, each.component) == sender), None)
+        return self if stream is None else replace(self, after_hz=stream.rate_hz, count=stream.count)
+
+    def document(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        request = self.request.document()
+        return {key: request[key] for key in ("message", "message_id", "system", "component", "rate_hz")} | {
             "answer": self.answer,
-            "before_hz": asked["now_hz"],
-            "after_hz": round(after_hz, 3),
+            "before_hz": request["now_hz"],
+            "after_hz": round(self.after_hz, 3),
+            "count": self.count,
         }
 
 
-def ask(link: MavlinkLink, batches: Iterator[Batches], requests: Iterable[MessageRequest]) -> tuple[Outcome, ...]:
+def request_messages(
+    link: MavlinkLink, batches: Iterator[Batches], requests: Iterable[MessageRequest]
+) -> tuple[RequestOutcome, ...]:
     """Send each request to who shall fulfil it, and wait for the answer; up to three times.
 
     An acknowledgement does not say which message it is about: the next request is sent only after it.
@@ -379,10 +397,10 @@ def ask(link: MavlinkLink, batches: Iterator[Batches], requests: Iterable[Messag
         requests: To systems that are heard on the link; to nobody else anything is sent.
     """
     senders: _Senders = {}
-    return tuple(Outcome(request, _asked(link, batches, request, senders)) for request in requests)
+    return tuple(RequestOutcome(request, _answer_to(link, batches, request, senders)) for request in requests)
 
 
-def _asked(link: MavlinkLink, batches: Iterator[Batches], request: MessageRequest, senders: _Senders) -> str:
+def _answer_to(link: MavlinkLink, batches: Iterator[Batches], request: MessageRequest, senders: _Senders) -> str:
     attempts, due_ns, first_ns = 0, 0, None
     for batch in batches:
         now_ns = int(batch.now_ns[-1])
@@ -413,7 +431,7 @@ def _sender_of(request: MessageRequest, senders: _Senders) -> str | None:
 def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:
     """What a block's frames say of a request; None where they are of something else, or it is being worked on."""
     sender = (heads[1] == request.system) & (heads[2] == request.component)
-    said = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
-    is_ours = np.isin(said["target_system"], (0, OWN_SYSTEM)) & (said["command"] == request.command_id)
-    results = said["result"][is_ours & (said["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
+    acknowledged = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
+    is_ours = np.isin(acknowledged["target_system"], (0, OWN_SYSTEM)) & (acknowledged["command"] == request.command_id)
+    results = acknowledged["result"][is_ours & (acknowledged["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
     return _ANSWERS.get(results[0], f"refused (result {results[0]})") if results else None

@@ -180,8 +180,8 @@ class ParameterTable:
 
     def of(self, system: int | None, component: int | None) -> Parameters:
         """What one autopilot said."""
-        said = self._values.get((system, component), {})
-        return Parameters({name: tuple(values) for name, values in said.items()})
+        values = self._values.get((system, component), {})
+        return Parameters({name: tuple(values) for name, values in values.items()})
 
     def _add_mavlink(self, block: RawBlock) -> None:
         heads = headers(block)

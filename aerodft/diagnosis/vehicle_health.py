@@ -33,7 +33,7 @@ _SOON_S: Final = 1.0
 
 
 @dataclass(slots=True)
-class Worst:
+class Maximum:
     """The largest of all values.
 
     Attributes:
@@ -54,7 +54,7 @@ class Worst:
 
 
 @dataclass(slots=True)
-class Spell:
+class Episode:
     """Reports that say something bad, among all.
 
     Attributes:
@@ -100,7 +100,7 @@ class _View:
 
 
 @dataclass(slots=True)
-class CameraSurvey:
+class CameraReports:
     """Takes in tracks of cameras; sums up what each says of its view."""
 
     _views: dict[_Reporter, _View] = field(default_factory=dict)
@@ -209,7 +209,7 @@ def _span(span: tuple[float, float]) -> list[float] | None:
 
 
 @dataclass(slots=True)
-class HealthSurvey:
+class VehicleHealth:
     """Takes in tracks; sums up what they say of the vehicle, its link and its camera.
 
     Attributes:
@@ -229,14 +229,14 @@ class HealthSurvey:
     start_ns: int | None = None
     autopilot: int | None = None
     heartbeats: int = 0
-    silence: Worst = field(default_factory=Worst)
-    no_fix: Spell = field(default_factory=Spell)
-    gps_m: tuple[Worst, Worst] = field(default_factory=lambda: (Worst(), Worst()))
-    no_attitude: Spell = field(default_factory=Spell)
-    ratios: tuple[Worst, ...] = field(default_factory=lambda: tuple(Worst() for _ in RATIOS))
+    silence: Maximum = field(default_factory=Maximum)
+    no_fix: Episode = field(default_factory=Episode)
+    gps_m: tuple[Maximum, Maximum] = field(default_factory=lambda: (Maximum(), Maximum()))
+    no_attitude: Episode = field(default_factory=Episode)
+    ratios: tuple[Maximum, ...] = field(default_factory=lambda: tuple(Maximum() for _ in RATIOS))
     received: int = 0
     lost: int = 0
-    cameras: CameraSurvey = field(default_factory=CameraSurvey)
+    cameras: CameraReports = field(default_factory=CameraReports)
     _last_beat_ns: int | None = None
 
     def add(self, track: Track) -> None:
@@ -272,16 +272,16 @@ class HealthSurvey:
         for worst, std_m in zip(self.gps_m, (track.horizontal_std_m, track.vertical_std_m), strict=True):
             worst.add(std_m[good], track.arrival_ns[good])
 
-    def _at(self, worst: Worst) -> str:
+    def _at(self, worst: Maximum) -> str:
         return f"{self._since_s(worst.at_ns):.0f} s after the start"
 
-    def _during(self, spell: Spell) -> str:
-        first_s, last_s = self._since_s(spell.first_ns), self._since_s(spell.last_ns)
-        return f"{spell.bad} of {spell.count} reports, from {first_s:.0f} to {last_s:.0f} s after the start"
+    def _during(self, episode: Episode) -> str:
+        first_s, last_s = self._since_s(episode.first_ns), self._since_s(episode.last_ns)
+        return f"{episode.bad} of {episode.count} reports, from {first_s:.0f} to {last_s:.0f} s after the start"
 
-    def _lasts(self, spell: Spell, ready_s: float) -> bool:
-        """Whether there is a spell, and it is not only that the vehicle starts up."""
-        return spell.bad > 0 and (not ready_s or self._since_s(spell.last_ns) > ready_s + _SOON_S)
+    def _lasts(self, episode: Episode, ready_s: float) -> bool:
+        """Whether there is a episode, and it is not only that the vehicle starts up."""
+        return episode.bad > 0 and (not ready_s or self._since_s(episode.last_ns) > ready_s + _SOON_S)
 
     def _since_s(self, at_ns: int) -> float:
         return (at_ns - (self.start_ns or 0)) / SECOND_NS
@@ -387,8 +387,8 @@ class HealthSurvey:
             "cameras": self.cameras.documents(),
         }
 
-    def _span(self, spell: Spell) -> list[float] | None:
-        return [self._rounded(spell.first_ns), self._rounded(spell.last_ns)] if spell.bad else None
+    def _span(self, episode: Episode) -> list[float] | None:
+        return [self._rounded(episode.first_ns), self._rounded(episode.last_ns)] if episode.bad else None
 
     def _rounded(self, at_ns: int) -> float:
         return round(self._since_s(at_ns), 3)

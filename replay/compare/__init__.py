@@ -1,4 +1,12 @@
-"""Two recordings side by side: the same measurements, and how far apart they are."""
+"""Comparison of two recordings: which measurements belong together, and how far they deviate."""
 
-from replay.compare.comparison import WITHIN_S, Comparison, ComparisonRun, Difference, Pairs, Tolerance, parse_tolerance
+from replay.compare.comparison import (
+    MAX_STAMP_GAP_S,
+    Comparison,
+    Difference,
+    Pairs,
+    Tolerance,
+    compare_measurements,
+    parse_tolerance,
+)
 from replay.compare.pairing import PairBy

@@ -1,4 +1,4 @@
-"""Two recordings side by side: the same measurements, how far apart they are, and how far apart they may be.
+"""Comparison of two recordings: deviations of paired measurements, in units and in standard deviations.
 
 Differences of paired measurements are in units and in standard deviations. Combined standard deviations take two
 measurements as independent: the root of the sum of their variances. Two of the same pixels and telemetry are not: their
@@ -11,8 +11,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
-from functools import cached_property
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +22,7 @@ from aerodft.errors import UsageError
 from aerodft.geometry import east_north
 from aerodft.model import CODES, BoolArray, FloatArray, GeoOrigin, IntArray, ProbeKind
 from replay.compare.pairing import PairBy, Pairing, pairing
-from replay.compare.probe_series import ProbeKey, Series, read_side
+from replay.compare.probe_series import ProbeKey, ProbeSeries, read_input
 
 _TERM: Final = re.compile(r"([-+.\w]*?)\s*(mm|cm|m2|m|deg|stds?|%|)")
 _METRES: Final = {"mm": 0.001, "cm": 0.01, "m": 1.0}
@@ -103,7 +102,7 @@ _EQUAL = 1e-6  # variances that are closer than this part of themselves do not t
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Apart:
+class Deviations:
     """Of each pair, ``(k,)``; NaN where one of the two has no number.
 
     Attributes:
@@ -113,7 +112,7 @@ class Apart:
         combined: Combined standard deviation; of a ``position`` in the direction in which it moved.
         sigmas: Change in combined standard deviations, not below 0; of a ``position`` Mahalanobis' distance.
         shared_std: Standard deviation of the change where errors are shared; NaN where both are equally sure.
-        is_lopsided: One has a standard deviation or a value, the other has none under the same status.
+        is_one_sided: One has a standard deviation or a value, the other has none under the same status.
     """
 
     change: FloatArray
@@ -122,28 +121,28 @@ class Apart:
     combined: FloatArray
     sigmas: FloatArray
     shared_std: FloatArray
-    is_lopsided: BoolArray
+    is_one_sided: BoolArray
 
 
-def apart_of_values(unit: str, first: Series, second: Series) -> Apart:
-    """How far apart the values of paired rows are."""
+def value_deviations(unit: str, first: ProbeSeries, second: ProbeSeries) -> Deviations:
+    """Deviations of the values of paired rows."""
     change = second.value - first.value
     if unit == "deg":
         change = (change + _TURN_DEG / 2) % _TURN_DEG - _TURN_DEG / 2
     combined = np.hypot(first.std, second.std)
-    return Apart(
+    return Deviations(
         change=change,
         size=first.value,
         std_change=np.where(np.isnan(change), np.nan, second.std - first.std),
         combined=combined,
         sigmas=_ratio(np.abs(change), combined),
         shared_std=_shared(first.std**2, second.std**2),
-        is_lopsided=_lopsided(first, second, change, (first.std, second.std)),
+        is_one_sided=_one_sided(first, second, change, (first.std, second.std)),
     )
 
 
-def apart_of_places(unit: str, first: Series, second: Series) -> Apart:  # noqa: ARG001 - as of values
-    """How far apart the places of paired rows are."""
+def position_deviations(first: ProbeSeries, second: ProbeSeries) -> Deviations:
+    """Deviations of the places of paired rows of a ``position``."""
     places = first.place, second.place
     moved = _moved(*places)
     change = np.hypot(*moved.T)
@@ -153,18 +152,20 @@ def apart_of_places(unit: str, first: Series, second: Series) -> Apart:  # noqa:
         ahead = np.nan_to_num(moved / change[:, None])
     along = np.einsum("ki,kij,kj->k", ahead, both, ahead)
     stds = np.sqrt(_longest(covs[0])), np.sqrt(_longest(covs[1]))
-    return Apart(
+    return Deviations(
         change=change,
         size=places[0][:, 5],
         std_change=stds[1] - stds[0],
         combined=np.sqrt(np.where(change > 0, along, _longest(both))),
         sigmas=_mahalanobis(moved, both),
         shared_std=_shared(*(np.einsum("ki,kij,kj->k", ahead, cov, ahead) for cov in covs)),
-        is_lopsided=_lopsided(first, second, change, stds),
+        is_one_sided=_one_sided(first, second, change, stds),
     )
 
 
-def _lopsided(first: Series, second: Series, change: FloatArray, stds: tuple[FloatArray, FloatArray]) -> BoolArray:
+def _one_sided(
+    first: ProbeSeries, second: ProbeSeries, change: FloatArray, stds: tuple[FloatArray, FloatArray]
+) -> BoolArray:
     """Where one of two has a standard deviation, or a value under the same status, that the other has not."""
     values = (np.isnan(first.value) != np.isnan(second.value)) & (first.status == second.status)
     is_sided = (np.isnan(stds[0]) != np.isnan(stds[1])) & ~np.isnan(change)
@@ -225,7 +226,7 @@ class Pairs:
         status_changes: How many changed from which status to which.
         stamp_ns: Of the first.
         shift_ns: The second's stamp minus the first's.
-        apart: How far apart the numbers are.
+        deviations: Of the numbers.
     """
 
     key: ProbeKey
@@ -234,7 +235,7 @@ class Pairs:
     status_changes: dict[str, int]
     stamp_ns: IntArray
     shift_ns: FloatArray
-    apart: Apart
+    deviations: Deviations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,11 +285,16 @@ class Difference:
     p95_shared_sigmas: float | None
 
 
-def paired(key: ProbeKey, first: Series | None, second: Series | None, how: Pairing) -> Pairs:
-    """Pair one probe's measurements; None where a side has none."""
-    one, other = first or _none(second), second or _none(first)
+def pair_probe(key: ProbeKey, first: ProbeSeries | None, second: ProbeSeries | None, how: Pairing) -> Pairs:
+    """The pairs of one probe, which one of the two may lack."""
+    one, other = first or second, second or first
+    if one is None or other is None:
+        raise ValueError("a probe that neither side has")
+    none = np.zeros(0, dtype=np.int64)
+    one, other = first or _selected(one, none), second or _selected(other, none)
     rows, others = how.pairs(one, other)
-    compare = apart_of_places if key.kind == ProbeKind.POSITION else apart_of_values
+    matched = _selected(one, rows), _selected(other, others)
+    is_position = key.kind == ProbeKind.POSITION
     codes = Counter(zip(one.status[rows].tolist(), other.status[others].tolist(), strict=True))
     changes = {f"{CODES[a]} -> {CODES[b]}": count for (a, b), count in sorted(codes.items()) if a != b}
     return Pairs(
@@ -298,31 +304,25 @@ def paired(key: ProbeKey, first: Series | None, second: Series | None, how: Pair
         status_changes=changes,
         stamp_ns=one.stamp_ns[rows],
         shift_ns=(other.stamp_ns[others] - one.stamp_ns[rows]).astype(np.float64),
-        apart=compare(key.unit, _taken(one, rows), _taken(other, others)),
+        deviations=position_deviations(*matched) if is_position else value_deviations(key.unit, *matched),
     )
 
 
-def _none(like: Series | None) -> Series:
-    if like is None:
-        raise ValueError("a probe that neither side has")
-    return _taken(like, np.zeros(0, dtype=np.int64))
-
-
-def _taken(series: Series, rows: IntArray) -> Series:
-    return Series(**{each.name: getattr(series, each.name)[rows] for each in fields(Series)})
+def _selected(series: ProbeSeries, rows: IntArray) -> ProbeSeries:
+    return ProbeSeries(**{each.name: getattr(series, each.name)[rows] for each in fields(ProbeSeries)})
 
 
 def summarise(pairs: Pairs, tolerance: Tolerance, *, same_input: bool) -> Difference:
     """The figures of one probe."""
-    apart = pairs.apart
+    found = pairs.deviations
     unit = "m" if pairs.key.kind == ProbeKind.POSITION else pairs.key.unit
-    limit, std_limit = tolerance.of_values(unit, apart.size, apart.combined), tolerance.of_stds(unit)
-    is_near = (np.abs(apart.change) <= limit) & ~(np.abs(apart.std_change) > std_limit)
-    beyond = (~np.isnan(apart.change) & ~is_near) | apart.is_lopsided
+    limit, std_limit = tolerance.of_values(unit, found.size, found.combined), tolerance.of_stds(unit)
+    is_near = (np.abs(found.change) <= limit) & ~(np.abs(found.std_change) > std_limit)
+    beyond = (~np.isnan(found.change) & ~is_near) | found.is_one_sided
     return _figures([pairs], unit=unit, beyond=int(beyond.sum()), same_input=same_input)
 
 
-def together(pairs: Sequence[Pairs], parts: Sequence[Difference], *, same_input: bool) -> Difference:
+def _total(pairs: Sequence[Pairs], parts: Sequence[Difference], *, same_input: bool) -> Difference:
     """The figures of all probes; those in units only where there is one unit."""
     units = {part.unit for part in parts}
     unit = units.pop() if len(units) == 1 else ""
@@ -365,7 +365,7 @@ def _figures(pairs: Sequence[Pairs], *, unit: str, beyond: int, same_input: bool
 
 
 def _all(pairs: Sequence[Pairs], name: str) -> FloatArray:
-    return np.concatenate([np.zeros(0), *(getattr(each.apart, name) for each in pairs)])
+    return np.concatenate([np.zeros(0), *(getattr(each.deviations, name) for each in pairs)])
 
 
 def _quantile(values: FloatArray, part: float) -> float | None:
@@ -374,29 +374,37 @@ def _quantile(values: FloatArray, part: float) -> float | None:
     return float(np.quantile(known, part)) if len(known) else None
 
 
-WITHIN_S = 0.01
+MAX_STAMP_GAP_S: Final = 0.01
 """Stamps that are farther apart are not of one image, unless the images say so."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
     """Two recordings' measurements, matched by probe and image or stamp.
 
     Attributes:
+        first: The recording or table that was compared.
+        second: The one that it was compared with.
         is_identical: Every payload is the same, byte by byte, in the same order.
+        is_empty: Neither holds a measurement.
         paired_by: What made the pairs.
         is_same_input: Whether both are of the same images: pixels and telemetry are shared.
         shift_s: Median of the second's stamps minus the first's; None without a pair.
         total: Over all probes.
         probes: By probe.
+        pairs: The pairs themselves, by probe, in order of their names.
     """
 
+    first: Path
+    second: Path
     is_identical: bool
+    is_empty: bool
     paired_by: PairBy
     is_same_input: bool
     shift_s: float | None
     total: Difference
     probes: dict[str, Difference]
+    pairs: dict[str, Pairs]
 
     @property
     def differs(self) -> bool:
@@ -404,57 +412,67 @@ class Comparison:
         total = self.total
         return bool(total.only_first or total.only_second or total.status_changes or total.beyond)
 
+    def to_dict(self) -> dict[str, object]:
+        """The JSON document of ``aerodft compare --json``."""
+        total = asdict(self.total)
+        return {
+            "first": str(self.first),
+            "second": str(self.second),
+            "differs": self.differs,
+            "paired_by": self.paired_by,
+            "shift_s": self.shift_s,
+            "common": total["paired"],
+            **{name: total[name] for name in ("only_first", "only_second", "status_changes", "beyond")},
+            "total": total,
+            "probes": {name: asdict(each) for name, each in self.probes.items()},
+            "identical": self.is_identical,
+            "same_input": self.is_same_input,
+        }
 
-class ComparisonRun:
-    """Two sides, read and paired; asked for the figures, or for the differences themselves.
+
+def compare_measurements(
+    first: Path,
+    second: Path,
+    tolerance: Tolerance | None = None,
+    *,
+    by: PairBy = PairBy.AUTO,
+    max_stamp_gap_s: float = MAX_STAMP_GAP_S,
+) -> Comparison:
+    """Compare two recordings, or tables that were exported from some, measurement by measurement.
 
     Args:
-        first: A recording, or a table that was exported from one.
-        second: Another.
+        first: A recording, or a table.
+        second: What it is compared with.
+        tolerance: What counts as equal; None for nothing but equality.
         by: What makes a pair.
-        within_s: How far apart stamps of one image may be, where stamps make the pairs.
+        max_stamp_gap_s: How far apart stamps of one image may be, where stamps make the pairs.
 
     Raises:
         InputError: One of them is neither, or damaged.
         NoAnswerError: A recording holds nothing.
     """
-
-    def __init__(self, first: Path, second: Path, *, by: PairBy = PairBy.AUTO, within_s: float = WITHIN_S) -> None:
-        self._first, self._second = read_side(first), read_side(second)
-        self.pairing: Pairing = pairing(self._first, self._second, by, within_s)
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether neither side holds a measurement."""
-        return not self._first.count and not self._second.count
-
-    @cached_property
-    def pairs(self) -> dict[str, Pairs]:
-        """The pairs of every probe, in order of their names."""
-        keys = sorted(self._first.series.keys() | self._second.series.keys())
-        names = Counter(key.name for key in keys)
-        return {
-            key.name if names[key.name] == 1 else f"{key.name} ({key.kind}, {key.unit})": self._pairs(key)
-            for key in keys
-        }
-
-    def comparison(self, tolerance: Tolerance) -> Comparison:
-        """The figures."""
-        pairs = self.pairs
-        probes = {
-            name: summarise(each, tolerance, same_input=self.pairing.is_same_input) for name, each in pairs.items()
-        }
-        total = together(list(pairs.values()), list(probes.values()), same_input=self.pairing.is_same_input)
-        shifts = np.concatenate([np.zeros(0), *(each.shift_ns for each in pairs.values())])
-        return Comparison(
-            is_identical=self._first.digest == self._second.digest,
-            paired_by=self.pairing.by,
-            is_same_input=self.pairing.is_same_input,
-            shift_s=float(np.median(shifts)) / SECOND_NS if len(shifts) else None,
-            total=total,
-            probes=probes,
+    one, other = read_input(first), read_input(second)
+    how = pairing(one, other, by, max_stamp_gap_s)
+    keys = sorted(one.series.keys() | other.series.keys())
+    names = Counter(key.name for key in keys)
+    pairs = {
+        key.name if names[key.name] == 1 else f"{key.name} ({key.kind}, {key.unit})": pair_probe(
+            key, one.series.get(key), other.series.get(key), how
         )
-
-    def _pairs(self, key: ProbeKey) -> Pairs:
-        one, other = self._first.series.get(key), self._second.series.get(key)
-        return paired(key, one, other, self.pairing)
+        for key in keys
+    }
+    limits, same = tolerance or Tolerance(), how.is_same_input
+    probes = {name: summarise(each, limits, same_input=same) for name, each in pairs.items()}
+    shifts = np.concatenate([np.zeros(0), *(each.shift_ns for each in pairs.values())])
+    return Comparison(
+        first=first,
+        second=second,
+        is_identical=one.digest == other.digest,
+        is_empty=not one.count and not other.count,
+        paired_by=how.by,
+        is_same_input=same,
+        shift_s=float(np.median(shifts)) / SECOND_NS if len(shifts) else None,
+        total=_total(list(pairs.values()), list(probes.values()), same_input=same),
+        probes=probes,
+        pairs=pairs,
+    )

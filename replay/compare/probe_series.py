@@ -1,11 +1,11 @@
-"""Measurements as arrays by probe, from a recording or an exported table: some 40 bytes each."""
+"""Measurements by probe, as arrays of some 40 bytes a row, from a recording or an exported table."""
 
 import csv
 import hashlib
 import math
 from array import array
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -37,14 +37,14 @@ class ProbeKey(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Series:
+class ProbeSeries:
     """One probe's measurements, in the order in which they were made.
 
     Attributes:
         stamp_ns: ``(n,)``.
         image: ``(n,)``, ``NO_IMAGE`` where it is not known.
         value: ``(n,)``, NaN where there is none.
-        std: ``(n,)``, likewise.
+        std: ``(n,)``, NaN where there is none.
         status: ``(n,)``, indexes in ``CODES``.
         place: ``(n, 8)`` of a ``position``: latitude and longitude (deg), covariance (m2: east, both, north), range,
             east, north (m); else ``(n, 0)``.
@@ -71,7 +71,7 @@ class ComparisonInput:
     """
 
     where: Path
-    series: dict[ProbeKey, Series]
+    series: dict[ProbeKey, ProbeSeries]
     digest: str
     images: dict[int, tuple[int, int]]
     recording: Recording | None
@@ -82,7 +82,7 @@ class ComparisonInput:
         return sum(len(each.stamp_ns) for each in self.series.values())
 
 
-def read_side(path: Path) -> ComparisonInput:
+def read_input(path: Path) -> ComparisonInput:
     """Read the measurements of a recording, or of a table that ``aerodft export`` wrote (CSV, Parquet).
 
     Raises:
@@ -90,16 +90,20 @@ def read_side(path: Path) -> ComparisonInput:
         NoAnswerError: The recording holds nothing.
     """
     if path.is_file() and path.suffix.lower() in _TABLES:
-        return _table_side(path)
+        return _read_table(path)
     recording = Recording(path)
-    digest, collected = hashlib.sha256(), _Collected(path)
-    with located(path):
+    digest = hashlib.sha256()
+
+    def rows() -> Iterator[_Row]:
         for payload in recording.measurements():
             digest.update(len(payload).to_bytes(8, "little") + payload)
-            collected.add(_row_of_payload(payload, path))
+            yield _row_of_payload(payload, path)
+
+    with located(path):
+        series = _series(rows(), path)
     return ComparisonInput(
         where=path,
-        series=collected.series(),
+        series=series,
         digest=f"payloads {digest.hexdigest()}",
         images=_first_images(recording),
         recording=recording,
@@ -174,7 +178,7 @@ def _number(value: object) -> float:
     return number
 
 
-class _Builder:
+class _SeriesBuilder:
     """Collects one probe's rows in flat arrays."""
 
     def __init__(self) -> None:
@@ -187,10 +191,10 @@ class _Builder:
         self._numbers.extend((row.value, row.std))
         self._place.extend(row.place)
 
-    def series(self) -> Series:
+    def series(self) -> ProbeSeries:
         integers = np.frombuffer(self._integers, dtype=np.int64).reshape(-1, 3)
         numbers = np.frombuffer(self._numbers).reshape(-1, 2)
-        return Series(
+        return ProbeSeries(
             stamp_ns=integers[:, 0],
             image=integers[:, 1],
             status=integers[:, 2],
@@ -200,26 +204,19 @@ class _Builder:
         )
 
 
-class _Collected:
-    """Rows by probe.
+def _series(rows: Iterable[_Row], where: Path) -> dict[ProbeKey, ProbeSeries]:
+    """The rows by probe.
 
-    Args:
-        where: Their file, for messages.
+    Raises:
+        InputError: A row cannot be kept: its status is unknown, or a number too large.
     """
-
-    def __init__(self, where: Path) -> None:
-        self._where = where
-        self._builders: defaultdict[ProbeKey, _Builder] = defaultdict(_Builder)
-
-    def add(self, row: _Row) -> None:
+    builders: defaultdict[ProbeKey, _SeriesBuilder] = defaultdict(_SeriesBuilder)
+    for row in rows:
         try:
-            self._builders[row.key].add(row)
+            builders[row.key].add(row)
         except (TypeError, ValueError, OverflowError) as error:
-            got = f"{row.key.name}: {error}"
-            raise InputError("a measurement is damaged", where=self._where, got=got) from error
-
-    def series(self) -> dict[ProbeKey, Series]:
-        return {key: builder.series() for key, builder in self._builders.items()}
+            raise InputError("a measurement is damaged", where=where, got=f"{row.key.name}: {error}") from error
+    return {key: builder.series() for key, builder in builders.items()}
 
 
 def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
@@ -229,17 +226,15 @@ def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
     return {image.index: (image.stamp_ns, image.arrival_ns) for image in images}
 
 
-def _table_side(path: Path) -> ComparisonInput:
+def _read_table(path: Path) -> ComparisonInput:
     try:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError("the table cannot be read", where=path, got=error.strerror) from error
     rows = parquet_rows(path, _USED) if path.suffix.lower() == ".parquet" else _csv_rows(path)
-    collected = _Collected(path)
-    for row in rows:
-        collected.add(_row(row, path))
-    return ComparisonInput(where=path, series=collected.series(), digest=f"table {digest}", images={}, recording=None)
+    series = _series((_row(row, path) for row in rows), path)
+    return ComparisonInput(where=path, series=series, digest=f"table {digest}", images={}, recording=None)
 
 
 def _csv_rows(path: Path) -> Iterator[Item]:

@@ -1,11 +1,14 @@
 """Recordings as tables, maps, videos and single files."""
 
 from replay.export.merging import merge_segments
-from replay.export.parquet import ParquetRows, parquet_metadata, parquet_rows
+from replay.export.parquet import ParquetRows, arrow_table, parquet_metadata, parquet_rows
 from replay.export.table import (
+    COLUMNS,
     LARGEST_NUMBER,
+    TEXT_FORMATS,
     ExportFormat,
     Item,
+    Kind,
     check_on_earth,
     export_text,
     parsed,

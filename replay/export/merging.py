@@ -11,7 +11,7 @@ from io import BytesIO
 from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final, Self
+from typing import BinaryIO, Final, Self, TypeAlias
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -30,17 +30,18 @@ from aerodft.adapters.recording.read import (
 from aerodft.adapters.recording.write import PROFILE, Summary
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
-from replay.recordings import Recording, nearly_sorted
+from replay.recordings import Recording, messages_by_time
 
 _MOST_METADATA_BYTES: Final = 4 << 20
 _HEAD: Final = struct.Struct("<BQ")
+_Metadata: TypeAlias = tuple[str, dict[str, str]]  # name, and values by key
 _DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Attached:
+class FileAttachment:
     """Something to be attached: part of a file, or all of it.
 
     Attributes:
@@ -75,7 +76,7 @@ class Attached:
             raise InputError("the file cannot be read", where=self.path, got=error.strerror) from error
 
 
-def merge_segments(recording: Recording, path: Path) -> "MergedFile":
+def merge_segments(recording: Recording, path: Path) -> "MergedRecordingWriter":
     """Write all messages, metadata and attachments of a recording as one file, with chunks, checksums and an index.
 
     At a time it holds those chunks that overlap in time, and one attachment. What is not in it, ``recording.left_out``
@@ -93,9 +94,9 @@ def merge_segments(recording: Recording, path: Path) -> "MergedFile":
         OSError: The file cannot be written.
     """
     segments = [*recording.data, *(each for each in recording.images if each not in recording.data)]
-    metadata, attached = _carried(segments)
-    with path.open("wb") as file, MergedFile(file, metadata) as merged:
-        for attachment in chain(attached, _beside(recording)):
+    metadata, attachments = _metadata_and_attachments(segments)
+    with path.open("wb") as file, MergedRecordingWriter(file, metadata) as merged:
+        for attachment in chain(attachments, _sidecar_files(recording)):
             merged.attach(attachment)
         for message in _by_time(segments):
             merged.add(message)
@@ -111,7 +112,7 @@ def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
         if segment.chunks
     ]
     heapq.heapify(waiting)
-    streams = [nearly_sorted(segment) for segment in segments]
+    streams = [messages_by_time(segment) for segment in segments]
     while waiting:
         due_ns, number, message = waiting[0]
         if message is not None:
@@ -124,27 +125,29 @@ def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
             heapq.heapreplace(waiting, (message.log_ns, number, message))
 
 
-def _carried(segments: list[SegmentScan]) -> tuple[list[tuple[str, dict[str, str]]], list[Attached]]:
-    """The metadata of all segments, each once, and their attachments; what is damaged is left out, and said."""
-    metadata: dict[str, tuple[str, dict[str, str]]] = {}
-    attached: list[Attached] = []
+def _metadata_and_attachments(
+    segments: list[SegmentScan],
+) -> tuple[list[tuple[str, dict[str, str]]], list[FileAttachment]]:
+    """The metadata of all segments, each once, and their attachments; damaged records are left out with a warning."""
+    metadata: dict[str, _Metadata] = {}
+    attachments: list[FileAttachment] = []
     for segment in segments:
-        for opcode, offset, length in _places(segment.path):
+        for opcode, offset, length in _extra_records(segment.path):
             try:
                 if opcode == Opcode.ATTACHMENT:
-                    attached.append(_attached(segment.path, offset, length))
+                    attachments.append(_embedded_attachment(segment.path, offset, length))
                 elif length <= _MOST_METADATA_BYTES:  # a larger one is nobody's configuration
-                    record = Metadata.read(ReadDataStream(BytesIO(_begun(segment.path, offset, length))))
+                    record = Metadata.read(ReadDataStream(BytesIO(_read_bytes(segment.path, offset, length))))
                     key = repr((record.name, sorted(record.metadata.items())))
                     metadata.setdefault(key, (record.name, record.metadata))
             except _DAMAGED:
                 _log.warning("%s: a damaged record at byte %d is left out", segment.path, offset)
-            if len(attached) > MOST_ATTACHMENTS:
+            if len(attachments) > MOST_ATTACHMENTS:
                 raise InputError(f"more than {MOST_ATTACHMENTS} attachments", where=segment.path)
-    return list(metadata.values()), attached
+    return list(metadata.values()), attachments
 
 
-def _beside(recording: Recording) -> Iterator[Attached]:
+def _sidecar_files(recording: Recording) -> Iterator[FileAttachment]:
     """The files beside the segments."""
     if not recording.folder.is_dir():
         return
@@ -153,24 +156,24 @@ def _beside(recording: Recording) -> Iterator[Attached]:
             kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
             at_ns = recording.start_ns
             about = Attachment(create_time=at_ns, log_time=at_ns, name=path.name, media_type=kind, data=b"")
-            yield Attached(about, path, 0, path.stat().st_size)
+            yield FileAttachment(about, path, 0, path.stat().st_size)
 
 
-def _attached(path: Path, offset: int, length: int) -> Attached:
+def _embedded_attachment(path: Path, offset: int, length: int) -> FileAttachment:
     """A file's attachment, from its record.
 
     Raises:
         ValueError: It is damaged; others as the library has them.
     """
-    head = attachment_head(_begun(path, offset, min(length, ATTACHMENT_HEAD_BYTES)), length)
-    return Attached(head.about, path, offset + head.data_at, head.data_bytes)
+    head = attachment_head(_read_bytes(path, offset, min(length, ATTACHMENT_HEAD_BYTES)), length)
+    return FileAttachment(head.about, path, offset + head.data_at, head.data_bytes)
 
 
-def _begun(path: Path, offset: int, length: int) -> bytes:
-    """So many bytes of a file.
+def _read_bytes(path: Path, offset: int, length: int) -> bytes:
+    """``length`` bytes of a file from an offset.
 
     Raises:
-        InputError: They cannot be.
+        InputError: The file cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -180,7 +183,7 @@ def _begun(path: Path, offset: int, length: int) -> bytes:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
-def _places(path: Path) -> Iterator[tuple[int, int, int]]:
+def _extra_records(path: Path) -> Iterator[tuple[int, int, int]]:
     """Metadata and attachments of a file, as far as it is whole: opcode, where the content begins, and its length."""
     try:
         size = path.stat().st_size
@@ -203,7 +206,7 @@ _DATA_SIZE: Final = struct.Struct("<Q")
 _CRC: Final = struct.Struct("<I")
 
 
-class MergedFile:
+class MergedRecordingWriter:
     """Writes the file; it is whole once the context is left.
 
     The recorder's own layout: the stock writer holds a large image five times.
@@ -213,14 +216,14 @@ class MergedFile:
         metadata: Keys and values, by name.
 
     Attributes:
-        messages: Written so far.
-        attachments: Likewise.
+        messages: Messages written so far.
+        attachments: Attachments written so far.
 
     Raises:
         OSError: From all methods: the file cannot be written.
     """
 
-    def __init__(self, file: BinaryIO, metadata: Iterable[tuple[str, dict[str, str]]]) -> None:
+    def __init__(self, file: BinaryIO, metadata: Iterable[_Metadata]) -> None:
         self.messages = self.attachments = 0
         self._file = file
         self._registry = Registry()
@@ -228,10 +231,10 @@ class MergedFile:
         self._compressor = zstandard.ZstdCompressor()  # nobody waits for it: a sixth smaller than what is recorded live
         self._buffer = ChunkBuffer()
         self._ids: dict[int, int] = {}
-        self._kept: list[Channel] = []  # an id stays one object's as long as the object is kept
+        self._channels: list[Channel] = []  # an id stays one object's as long as the object is kept
         file.write(self._summary.beginning)
 
-    def attach(self, found: "Attached") -> None:
+    def attach(self, found: "FileAttachment") -> None:
         """Write an attachment, of any size, piece by piece; before the first message.
 
         Raises:
@@ -254,7 +257,7 @@ class MergedFile:
         channel = self._ids.get(id(message.channel))
         if channel is None:
             channel = self._ids[id(message.channel)] = self._registered(message.channel)
-            self._kept.append(message.channel)
+            self._channels.append(message.channel)
         if self._buffer.messages and len(message.data) > _CHUNK_BYTES:
             self._close_chunk()
         self._buffer.add(channel, message.log_ns, message.data, message.sequence)

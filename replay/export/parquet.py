@@ -31,12 +31,9 @@ class ParquetRows:
         constants: Mapping[str, str | None] | None = None,
         metadata: Mapping[str, str] | None = None,
     ) -> None:
-        pyarrow, parquet = _libraries()
-        self._pyarrow = pyarrow
+        _, parquet = _libraries()
         self._constants = dict(constants or {})
-        fields = [*((name, _arrow_type(kind)) for name, kind in COLUMNS.items())]
-        fields += [(name, pyarrow.string()) for name in self._constants]
-        self._schema = pyarrow.schema(fields, metadata=dict(metadata or {}))
+        self._schema = _schema(self._constants, metadata or {})
         self._rows: list[dict[str, object]] = []
         self._writer = parquet.ParquetWriter(path, self._schema, compression="zstd")
         self.count = 0
@@ -49,9 +46,7 @@ class ParquetRows:
             OSError: The file cannot be written.
         """
         for payload in payloads:
-            row = row_of(parsed(payload)) | self._constants
-            row["time_utc"] = row["stamp_ns"]
-            self._rows.append(row)
+            self._rows.append(row_of(parsed(payload)) | self._constants)
             self.count += 1
             if len(self._rows) >= _ROWS_AT_ONCE:
                 self._write()
@@ -73,14 +68,26 @@ class ParquetRows:
             self._writer.close()
 
     def _write(self) -> None:
-        if not self._rows:
-            return
-        try:
-            table = self._pyarrow.Table.from_pylist(self._rows, schema=self._schema)
-        except (self._pyarrow.ArrowInvalid, self._pyarrow.ArrowTypeError) as error:
-            raise InputError("a recorded measurement is none", got=error) from error
-        self._writer.write_table(table)
-        self._rows.clear()
+        if self._rows:
+            self._writer.write_table(_table(self._rows, self._schema))
+            self._rows.clear()
+
+
+def arrow_table(rows: Iterable[dict[str, object]]) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+    """Rows with the keys of ``COLUMNS`` as a ``pyarrow.Table``, typed as in a Parquet file.
+
+    Raises:
+        InputError: The extra is not installed, or a row is no measurement.
+    """
+    return _table(rows, _schema({}, {}))
+
+
+def _table(rows: Iterable[dict[str, object]], schema: Any) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+    pyarrow, _ = _libraries()
+    try:
+        return pyarrow.Table.from_pylist([row | {"time_utc": row["stamp_ns"]} for row in rows], schema=schema)
+    except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError) as error:
+        raise InputError("a recorded measurement is none", got=error) from error
 
 
 def parquet_rows(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
@@ -116,16 +123,19 @@ def parquet_metadata(path: Path) -> dict[str, str] | None:
         return None
 
 
-def _arrow_type(kind: Kind) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+def _schema(constants: Mapping[str, str | None], metadata: Mapping[str, str]) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+    """The columns of ``COLUMNS``, and behind them those that are the same in every row."""
     pyarrow, _ = _libraries()
-    return {
+    types = {
         Kind.TEXT: pyarrow.string(),
         Kind.INTEGER: pyarrow.int64(),
         Kind.NUMBER: pyarrow.float64(),
         Kind.TIME: pyarrow.timestamp("ns", tz="UTC"),
         Kind.NUMBERS: pyarrow.list_(pyarrow.float64()),
         Kind.VECTORS: pyarrow.list_(pyarrow.list_(pyarrow.float64())),
-    }[kind]
+    }
+    fields = {name: types[kind] for name, kind in COLUMNS.items()} | dict.fromkeys(constants, pyarrow.string())
+    return pyarrow.schema(list(fields.items()), metadata=dict(metadata))
 
 
 def _libraries() -> tuple[Any, Any]:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from enum import Enum, StrEnum, auto
-from io import StringIO
 from typing import Any, Final
 
 import orjson
@@ -196,7 +195,7 @@ def _row(item: Item) -> dict[str, object]:
         "lon_2_deg": second["lon_deg"],
         "alt_2_msl_m": second["alt_msl_m"],
         "range_2_m": _at(ranges, 1, None),
-        "geo_wkt": _wkt(geo, item["kind"]),
+        "geo_wkt": _wkt(_geometry(geo, item["kind"])),
         "ranges_m": item["range_m"],
         "cov_east_m2": cov[0][0],
         "cov_east_north_m2": cov[0][1],
@@ -260,22 +259,15 @@ def time_utc(stamp_ns: int) -> str:
     return datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest_ns // 1000).isoformat(timespec="microseconds")
 
 
-def _wkt(geo: Sequence[Item], kind: str) -> str | None:
-    """Well-known text, as geographic information systems read it from a table's column."""
-    places = positions(geo, kind)
-    if places is None:
+def _wkt(geometry: Item | None) -> str | None:
+    """A GeoJSON geometry as well-known text, as geographic information systems read it from a table's column."""
+    if geometry is None:
         return None
-    text = _wkt_points(places)
-    z = " Z" if len(places[0]) > 2 else ""  # noqa: PLR2004 - longitude and latitude
-    if len(places) == 1:
-        return f"POINT{z} ({text})"
-    if kind == ProbeKind.RIVER:
-        return f"MULTILINESTRING{z} ({', '.join(f'({_wkt_points(pair)})' for pair in in_pairs(places))})"
-    return f"POLYGON{z} (({text}))" if kind == ProbeKind.AREA else f"LINESTRING{z} ({text})"
-
-
-def _wkt_points(places: list[list[float]]) -> str:
-    return ", ".join(" ".join(map(repr, place)) for place in places)
+    kind, coordinates = geometry["type"], geometry["coordinates"]
+    lines: list[Any] = {"Point": [[coordinates]], "LineString": [coordinates]}.get(kind) or coordinates
+    texts = [f"({', '.join(' '.join(map(repr, place)) for place in line)})" for line in lines]
+    z = " Z" if len(lines[0][0]) > 2 else ""  # noqa: PLR2004 - longitude and latitude
+    return f"{kind.upper()}{z} " + (texts[0] if lines is not coordinates else f"({', '.join(texts)})")
 
 
 def _at(values: Sequence[Any], index: int, otherwise: object) -> Any:  # noqa: ANN401 - what JSON holds
@@ -291,11 +283,18 @@ _IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg",
 
 
 class ExportFormat(StrEnum):
-    """What text a recording's measurements can be written as."""
+    """What a recording can be written as."""
 
     CSV = "csv"
     GEOJSON = "geojson"
     JSONL = "jsonl"
+    PARQUET = "parquet"
+    MCAP = "mcap"
+    MP4 = "mp4"
+
+
+TEXT_FORMATS: Final = frozenset({ExportFormat.CSV, ExportFormat.GEOJSON, ExportFormat.JSONL})
+"""What ``export_text`` writes."""
 
 
 def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
@@ -303,7 +302,7 @@ def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
 
     Args:
         payloads: ``aerodft.measurement/1`` payloads.
-        form: The format.
+        form: One of ``TEXT_FORMATS``.
 
     Raises:
         InputError: A payload is no measurement.
@@ -320,18 +319,22 @@ def _lines(payloads: Iterable[bytes]) -> Iterator[str]:
         yield f"{orjson.dumps(item).decode()}\n"
 
 
+class _Echo:
+    """Makes ``csv.writer`` return its lines."""
+
+    def write(self, text: str) -> str:
+        return text
+
+
 def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
-    buffer = StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer = csv.writer(_Echo(), lineterminator="\n")
+    yield writer.writerow(COLUMNS)
     for payload in payloads:
-        yield _taken(buffer)
         row = row_of(parsed(payload))
         for name in _LISTS:
             value = row[name]
             row[name] = None if value is None else orjson.dumps(value).decode()
-        writer.writerow(row.values())
-    yield _taken(buffer)
+        yield writer.writerow(row.values())
 
 
 def _geojson(payloads: Iterable[bytes]) -> Iterator[str]:
@@ -361,10 +364,3 @@ def _geometry(geo: Sequence[Item] | None, kind: str) -> dict[str, object] | None
     if kind == ProbeKind.RIVER:
         return {"type": "MultiLineString", "coordinates": in_pairs(places)}
     return {"type": "LineString", "coordinates": places}
-
-
-def _taken(buffer: StringIO) -> str:
-    text = buffer.getvalue()
-    buffer.seek(0)
-    buffer.truncate()
-    return text

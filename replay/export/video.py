@@ -53,7 +53,7 @@ class Overlay:
 
     Args:
         width_px: Of the images.
-        height_px: Likewise.
+        height_px: Of the images.
     """
 
     def __init__(self, width_px: int, height_px: int) -> None:
@@ -90,12 +90,12 @@ class Overlay:
         if (width, height) != self._size:
             below, beside = height - canvas.shape[0], width - canvas.shape[1]
             canvas = np.asarray(cv2.copyMakeBorder(canvas, 0, below, 0, beside, cv2.BORDER_REPLICATE), dtype=np.uint8)
-        taken = [
+        boxes_written = [
             self._write(canvas, line, 0.0, self._line_px * row, _BLACK)
             for row, line in enumerate(_header(items, stamp_ns, index))
         ]
         for item in items:
-            taken.append(self._label(canvas, item, taken))
+            boxes_written.append(self._label(canvas, item, boxes_written))
         return canvas
 
     def _points(self, item: Item) -> FloatArray:
@@ -122,25 +122,25 @@ class Overlay:
             for u, v in points.tolist():
                 cv2.drawMarker(canvas, (u, v), paint, cv2.MARKER_CROSS, size, stroke, cv2.LINE_AA)
 
-    def _label(self, canvas: ImageArray, item: Item, taken: Sequence[_Box]) -> _Box:
+    def _label(self, canvas: ImageArray, item: Item, boxes_written: Sequence[_Box]) -> _Box:
         """Write a measurement beside its pixels, where nothing is written yet."""
         text, has_number = label_of(item), item["status"] == Status.OK
         points = self._points(item)
         inside = points[((points >= 0) & (points < self._size)).all(axis=1)]
         centre = inside.mean(axis=0) if len(inside) else np.array([0.0, self._line_px * 2])
-        width = self._fitting(text).getlength(text) + self._line_px
+        width = self._font_for(text).getlength(text) + self._line_px
         left = float(np.clip(centre[0] - width / 2, 0, max(self.size[0] - width, 0)))
         lowest = self.size[1] - self._line_px
         wanted = float(np.clip(centre[1] - 1.8 * self._line_px, 0, lowest))
         step = self._line_px / 2
         tops = sorted(np.arange(0, lowest + step / 2, step).tolist(), key=lambda top: abs(top - wanted))
         boxes = (_Box(left, top, left + width, top + self._line_px) for top in (wanted, *tops))
-        free = next((box for box in boxes if not any(box.overlaps(other) for other in taken)), None)
+        free = next((box for box in boxes if not any(box.overlaps(other) for other in boxes_written)), None)
         top = wanted if free is None else free.top
         return self._write(canvas, text, left, top, self._colour(item["name"]) if has_number else _NO_NUMBER)
 
     def _write(self, canvas: ImageArray, text: str, left: float, top: float, colour: tuple[int, int, int]) -> _Box:
-        font = self._fitting(text)
+        font = self._font_for(text)
         width = font.getlength(text) + self._line_px
         box = _Box(left, top, left + width, top + self._line_px)
         # Only the part around the box becomes a picture of Pillow's: a whole one would be held three times more.
@@ -156,7 +156,7 @@ class Overlay:
         part[:] = np.asarray(picture, dtype=np.uint8)
         return box
 
-    def _fitting(self, text: str) -> ImageFont.FreeTypeFont:
+    def _font_for(self, text: str) -> ImageFont.FreeTypeFont:
         """The font, smaller where a line would be wider than the image."""
         room = (self.size[0] - self._line_px) / max(self._font.getlength(text), 1.0)
         return self._font if room >= 1 else self._font.font_variant(size=max(6, int(self._font.size * room)))
@@ -234,7 +234,7 @@ _ENCODER: Final = {
 
 
 @dataclass(slots=True)
-class Filmed:
+class VideoSummary:
     """What is in a video.
 
     Attributes:
@@ -250,7 +250,7 @@ class Filmed:
     restamped_images: int = 0
 
 
-def write_video(recording: Recording, path: Path) -> Filmed:
+def write_video(recording: Recording, path: Path) -> VideoSummary:
     """Write a recording's images with their measurements as MP4; images come when their stamps say.
 
     Args:
@@ -268,23 +268,23 @@ def write_video(recording: Recording, path: Path) -> Filmed:
         raise NoAnswerError(
             "the recording holds no image", where=recording.folder, hint="record.image_hz says how many"
         )
-    filmed, answers = Filmed(), _Answers(recording)
-    with _Film(path) as film:
+    summary, measurements = VideoSummary(), _MeasurementsByImage(recording)
+    with _VideoWriter(path) as writer:
         try:
             for image in chain((first,), images):
-                items = answers.of(image)
-                if not film.add(image, items):
-                    filmed.damaged_images += 1
+                items = measurements.of(image)
+                if not writer.add(image, items):
+                    summary.damaged_images += 1
                     continue
-                filmed.images += 1
-                filmed.measurements += len(items)
-            if not filmed.images:
+                summary.images += 1
+                summary.measurements += len(items)
+            if not summary.images:
                 raise InputError("no recorded image can be decoded", where=recording.folder)
-            film.finish()
+            writer.finish()
         except av.FFmpegError as error:
             raise InputError("the video cannot be encoded", where=recording.folder, got=error) from error
-    filmed.restamped_images = film.restamped
-    return filmed
+    summary.restamped_images = writer.restamped
+    return summary
 
 
 def _images(recording: Recording) -> Iterator[Image]:
@@ -304,22 +304,22 @@ def _images(recording: Recording) -> Iterator[Image]:
                 )
 
 
-class _Answers:
+class _MeasurementsByImage:
     """Measurements by image; holds those of a minute."""
 
     def __init__(self, recording: Recording) -> None:
-        self._coming = recording.measurements()
+        self._payloads = recording.measurements()
         self._by_image: dict[int, list[Item]] = {}
         self._by_stamp: dict[int, list[Item]] = {}
 
     def of(self, image: Image) -> list[Item]:
         """What was measured in an image; asked for in order of their arrival."""
-        for payload in self._coming:
+        for payload in self._payloads:
             item = parsed(payload)
             row_of(item)  # what is no measurement is refused, as in every other format
             index, stamp_ns = item["image"], int(item["stamp_ns"])
-            held, key = (self._by_stamp, stamp_ns) if index is None else (self._by_image, index)
-            held.setdefault(key, []).append(item)
+            by_key, key = (self._by_stamp, stamp_ns) if index is None else (self._by_image, index)
+            by_key.setdefault(key, []).append(item)
             if stamp_ns > image.stamp_ns + _LATE_NS or (index is not None and index > image.index + _AHEAD_IMAGES):
                 break
         found = self._by_image.pop(image.index, []) + self._by_stamp.pop(image.stamp_ns, [])
@@ -330,7 +330,7 @@ class _Answers:
         return found
 
 
-class _Film:
+class _VideoWriter:
     """An MP4 file that images are added to, of the size of the first.
 
     Attributes:
@@ -340,7 +340,7 @@ class _Film:
     def __init__(self, path: Path) -> None:
         self.restamped = 0
         self._path = path
-        self._open: _Opened | None = None
+        self._open: _OpenVideo | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -358,18 +358,18 @@ class _Film:
         if pixels is None:
             return False
         if self._open is None:
-            self._open = _opened(self._path, Overlay(pixels.shape[1], pixels.shape[0]), image.stamp_ns)
-        film = self._open
+            self._open = _open_video(self._path, Overlay(pixels.shape[1], pixels.shape[0]), image.stamp_ns)
+        writer = self._open
         # Drawn in place, and not copied for the encoder: every copy of a picture is megabytes.
-        drawn = np.ascontiguousarray(film.overlay.draw(pixels, items, image.stamp_ns, image.index))
+        drawn = np.ascontiguousarray(writer.overlay.draw(pixels, items, image.stamp_ns, image.index))
         del pixels
         frame = av.VideoFrame.from_numpy_buffer(drawn, format="rgb24")
-        due = round((image.stamp_ns - film.start_ns) * _TICKS_PER_S / SECOND_NS)
-        frame.pts = max(due, film.last + 1)
+        due = round((image.stamp_ns - writer.start_ns) * _TICKS_PER_S / SECOND_NS)
+        frame.pts = max(due, writer.last + 1)
         frame.time_base = Fraction(1, _TICKS_PER_S)
-        self.restamped += due <= film.last
-        film.last = frame.pts
-        film.container.mux(film.stream.encode(frame))
+        self.restamped += due <= writer.last
+        writer.last = frame.pts
+        writer.container.mux(writer.stream.encode(frame))
         return True
 
     def finish(self) -> None:
@@ -379,7 +379,7 @@ class _Film:
 
 
 @dataclass(slots=True)
-class _Opened:
+class _OpenVideo:
     overlay: Overlay
     start_ns: int
     container: "av.container.OutputContainer"
@@ -387,11 +387,11 @@ class _Opened:
     last: int = -1
 
 
-def _opened(path: Path, overlay: Overlay, start_ns: int) -> _Opened:
+def _open_video(path: Path, overlay: Overlay, start_ns: int) -> _OpenVideo:
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     container.metadata["creation_time"] = time_utc(start_ns)
     stream = container.add_stream("libx264", rate=_GUESSED_HZ, options=_ENCODER)
     stream.width, stream.height = overlay.size
     stream.pix_fmt = "yuv420p"
     stream.codec_context.time_base = Fraction(1, _TICKS_PER_S)
-    return _Opened(overlay, start_ns, container, stream)
+    return _OpenVideo(overlay, start_ns, container, stream)

@@ -23,8 +23,7 @@ from aerodft.adapters.telemetry.mavlink import (
 )
 from aerodft.adapters.wire.payload import load_bounded_json
 from aerodft.model import IntArray
-from replay.foreign.kinds import JSON, ROS1, type_of
-from replay.foreign.ros_fields import Fields
+from replay.foreign.formats import JSON, ROS1, RosFields, type_of
 
 _BY_NAME: Final = {str(message.msgname): message for message in MESSAGES.values()}
 _FLOATS: Final = ("float", "double")
@@ -69,24 +68,24 @@ def _counts(kind: Any) -> list[int]:  # noqa: ANN401 - pymavlink's classes have 
     return [lengths[name] for name in kind.fieldnames]
 
 
-def _value(given: Any, wire_type: str, count: int) -> Any:  # noqa: ANN401 - whatever JSON holds
+def _value(value: Any, wire_type: str, count: int) -> Any:  # noqa: ANN401 - whatever JSON holds
     if wire_type == "char":
-        text = "".join(map(str, given)) if isinstance(given, list) else str(given or "")
+        text = "".join(map(str, value)) if isinstance(value, list) else str(value or "")
         return text.encode()[: max(count, 1)]
     if count:
-        items = list(given or [])[:count]
-        return [_number(each, wire_type) for each in items] + [0] * (count - len(items))
-    return _number(given, wire_type)
+        values = list(value or [])[:count]
+        return [_number(each, wire_type) for each in values] + [0] * (count - len(values))
+    return _number(value, wire_type)
 
 
-def _number(given: Any, wire_type: str) -> int | float:  # noqa: ANN401 - whatever JSON holds
-    if isinstance(given, dict):
-        given = given["type"] if "type" in given else given["bits"]
-    if given is None:
+def _number(value: Any, wire_type: str) -> int | float:  # noqa: ANN401 - whatever JSON holds
+    if isinstance(value, dict):
+        value = value["type"] if "type" in value else value["bits"]
+    if value is None:
         return math.nan if wire_type in _FLOATS else 0
-    if isinstance(given, str):
-        return sum(_constant(name.strip()) for name in given.split("|") if name.strip())
-    return float(given) if wire_type in _FLOATS else int(given)
+    if isinstance(value, str):
+        return sum(_constant(name.strip()) for name in value.split("|") if name.strip())
+    return float(value) if wire_type in _FLOATS else int(value)
 
 
 def _constant(name: str) -> int:
@@ -155,7 +154,7 @@ class FrameReader:
             return b""
         try:
             if self._is_mavros:
-                return _of_mavros(Fields(data, is_ros1=self._is_ros1))
+                return _of_mavros(RosFields(data, is_ros1=self._is_ros1))
             if self._is_json:
                 return self._of_json(data)
         except (ValueError, struct.error, KeyError, TypeError):
@@ -184,7 +183,7 @@ def _bytes_in(item: Any, depth: int) -> Iterator[bytes]:  # noqa: ANN401 - whate
             yield from _bytes_in(each, depth - 1)
 
 
-def _of_mavros(fields: Fields) -> bytes:
+def _of_mavros(fields: RosFields) -> bytes:
     """A frame from the parts of ``mavros_msgs/Mavlink``.
 
     Raises:

@@ -16,8 +16,7 @@ from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, load_bounded_json
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Camera, LensModel
-from replay.foreign.kinds import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of, type_of
-from replay.foreign.ros_fields import Fields
+from replay.foreign.formats import CDR, JSON, PROTOBUF, ROS1, Kind, RosFields, kind_of, type_of
 
 SECONDS: Final = ("sec", "secs", "seconds")
 NANOSECONDS: Final = ("nsec", "nsecs", "nanosec", "nanos")
@@ -28,7 +27,7 @@ _MOST_BESIDE: Final = 1 << 20  # bytes of a message that are not its image
 _STILL_MAGICS: Final = (b"\xff\xd8\xff", b"\x89PNG")
 
 
-class Picture(NamedTuple):
+class EncodedImage(NamedTuple):
     """An image, or one packet of a video.
 
     Attributes:
@@ -42,53 +41,55 @@ class Picture(NamedTuple):
     format: str
 
 
-def read_picture(channel: Channel, data: bytes) -> Picture:
-    """One message's picture.
+def read_encoded_image(channel: Channel, data: bytes) -> EncodedImage:
+    """The image or video packet of one message.
 
     Raises:
         ValueError: There is none in it.
     """
     if kind_of(channel) not in {Kind.IMAGES, Kind.VIDEO}:
-        return _bare(data)
+        return _plain_file(data)
     if channel.encoding == PROTOBUF:
         return _of_protobuf(channel, data)
     if channel.encoding == JSON:
         return _of_json(data)
     if channel.encoding not in {CDR, ROS1}:
         raise ValueError(f"encoding {channel.encoding!r} is not read")
-    fields = Fields(data, is_ros1=channel.encoding == ROS1)
+    fields = RosFields(data, is_ros1=channel.encoding == ROS1)
     if type_of(channel.schema)[0] == "sensor_msgs":
         stamp_ns, name = fields.header_ns(), fields.text()
-        return _picture(stamp_ns, fields.raw(), name)
+        return _encoded_image(stamp_ns, fields.raw(), name)
     stamp_ns, _ = fields.time_ns(), fields.text()
-    return _picture(stamp_ns, fields.raw(), fields.text())
+    return _encoded_image(stamp_ns, fields.raw(), fields.text())
 
 
-def _bare(data: bytes) -> Picture:
+def _plain_file(data: bytes) -> EncodedImage:
     """A message that is nothing but the image's file."""
     if not data.startswith(_STILL_MAGICS):
         raise ValueError("neither a known schema nor a JPEG or PNG")
-    return _picture(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
+    return _encoded_image(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
 
 
-def _of_protobuf(channel: Channel, data: bytes) -> Picture:
+def _of_protobuf(channel: Channel, data: bytes) -> EncodedImage:
     parser = CompressedVideo if kind_of(channel) is Kind.VIDEO else CompressedImage
     try:
         message = parser.FromString(data)
     except DecodeError as error:
         raise ValueError(str(error)) from error
-    stamp_ns, picture = message.timestamp.seconds * SECOND_NS + message.timestamp.nanos, message.data
-    if len(data) - len(picture) > _MOST_BESIDE:
+    stamp_ns, encoded = message.timestamp.seconds * SECOND_NS + message.timestamp.nanos, message.data
+    if len(data) - len(encoded) > _MOST_BESIDE:
         raise ValueError("more than an image in the message")
-    return _picture(stamp_ns, picture, message.format)
+    return _encoded_image(stamp_ns, encoded, message.format)
 
 
-def _of_json(data: bytes) -> Picture:
+def _of_json(data: bytes) -> EncodedImage:
     try:
         item = load_bounded_json(data, MOST_PICTURE_BYTES)
         header = item.get("header") or {}
         stamp = item.get("timestamp") or header.get("stamp")
-        return _picture(json_stamp_ns(stamp), base64.b64decode(item["data"], validate=True), item.get("format", ""))
+        return _encoded_image(
+            json_stamp_ns(stamp), base64.b64decode(item["data"], validate=True), item.get("format", "")
+        )
     except (orjson.JSONDecodeError, binascii.Error, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
 
@@ -111,10 +112,10 @@ def json_stamp_ns(stamp: Any) -> int | None:  # noqa: ANN401 - whatever somebody
     return None if whole is None else int(whole) * SECOND_NS + int(rest)
 
 
-def _picture(stamp_ns: int | None, data: bytes, name: str) -> Picture:
+def _encoded_image(stamp_ns: int | None, data: bytes, name: str) -> EncodedImage:
     if len(name) > _MOST_LETTERS:
         raise ValueError(f"a format whose name has {len(name)} letters")
-    return Picture(
+    return EncodedImage(
         stamp_ns if stamp_ns is not None and OLDEST_NS <= stamp_ns <= LATEST_NS else None, data, name.lower()
     )
 
@@ -147,7 +148,7 @@ def _values(channel: Channel, data: bytes) -> tuple[Any, ...]:
         item = load_bounded_json(data)
         matrix = item.get("K") or item.get("k") or []
         return item["width"], item["height"], item.get("distortion_model", ""), item.get("D") or item.get("d"), matrix
-    fields = Fields(data, is_ros1=channel.encoding == ROS1)
+    fields = RosFields(data, is_ros1=channel.encoding == ROS1)
     if type_of(channel.schema)[0] == "sensor_msgs":
         fields.header_ns()
         height_px, width_px = fields.integer(), fields.integer()

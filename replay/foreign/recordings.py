@@ -26,10 +26,10 @@ from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
 from aerodft.service import ArrivalLimiter, first_arrival_ns
+from replay.foreign.formats import JSON, Kind, kind_of
 from replay.foreign.frames import FrameReader
-from replay.foreign.images import Picture, read_camera, read_picture
-from replay.foreign.kinds import JSON, Kind, kind_of
-from replay.recordings import Recording, channels_of, is_mcap, messages_of, numbered
+from replay.foreign.images import EncodedImage, read_camera, read_encoded_image
+from replay.recordings import Recording, channels_of, is_mcap, messages_of, segment_order
 
 if TYPE_CHECKING:
     import av
@@ -42,13 +42,11 @@ _MOST_BYTES: Final = 1 << 16
 _LOOKS: Final = (3, 12, 48)  # so many messages are looked at together
 _MOST_LOOKED_THROUGH: Final = 500  # channels
 _ENOUGH: Final = 3
-_PICTURES: Final = (Kind.IMAGES, Kind.VIDEO)
+_IMAGE_KINDS: Final = (Kind.IMAGES, Kind.VIDEO)
 _OWN_SCHEMAS: Final = "aerodft."
 
 
-def _topics_of_pictures(
-    where: object, channels: Mapping[str, Channel], stated: Topics
-) -> tuple[str | None, str | None]:
+def _image_topics(where: object, channels: Mapping[str, Channel], stated: Topics) -> tuple[str | None, str | None]:
     """The topics of the images and of their camera, each None where there is none.
 
     Args:
@@ -59,7 +57,7 @@ def _topics_of_pictures(
     Raises:
         InputError: A stated topic is not there, or several could be the images.
     """
-    listed = _described(channels)
+    listed = _channel_list(channels)
     for option, topics in (("mavlink", stated.mavlink), ("images", stated.images), ("camera", stated.camera)):
         for topic in topics:
             if topic not in channels:
@@ -72,13 +70,13 @@ def _topics_of_pictures(
         return found[0] if found else None
 
     kinds = {topic: kind_of(channel) for topic, channel in channels.items()}
-    images = [topic for topic, kind in kinds.items() if kind in _PICTURES]
+    images = [topic for topic, kind in kinds.items() if kind in _IMAGE_KINDS]
     cameras = [topic for topic, kind in kinds.items() if kind is Kind.CAMERA]
     camera = stated.camera or (cameras if len(cameras) == 1 else ())
     return one("images", stated.images or images), one("camera", camera)
 
 
-def _described(channels: Mapping[str, Channel]) -> str:
+def _channel_list(channels: Mapping[str, Channel]) -> str:
     """The channels for a sentence: topic, schema and encoding of each."""
     shown = [
         f"{topic} ({', '.join(part for part in (channel.schema, channel.encoding) if part) or 'no schema'})"
@@ -88,7 +86,7 @@ def _described(channels: Mapping[str, Channel]) -> str:
     return f"{', '.join(shown[:_SHOWN])}{more}" if shown else "no channel"
 
 
-def _framed(where: object, segments: Sequence[SegmentScan], channels: Mapping[str, Channel]) -> tuple[str, ...]:
+def _mavlink_topics(where: object, segments: Sequence[SegmentScan], channels: Mapping[str, Channel]) -> tuple[str, ...]:
     """The topics that hold MAVLink: by what they are called, else by what their messages hold."""
     kinds = {topic: kind_of(channel) for topic, channel in channels.items()}
     found = [topic for topic, kind in kinds.items() if kind is Kind.MAVLINK]
@@ -96,12 +94,12 @@ def _framed(where: object, segments: Sequence[SegmentScan], channels: Mapping[st
         return tuple(found)
     unknown = [topic for topic, kind in kinds.items() if kind is None]
     if len(unknown) > _MOST_LOOKED_THROUGH:
-        said = "%s: MAVLink is looked for in %d of %d topics; --topic mavlink=... says which has it"
-        _log.warning(said, where, _MOST_LOOKED_THROUGH, len(unknown))
+        warning = "%s: MAVLink is looked for in %d of %d topics; --topic mavlink=... says which has it"
+        _log.warning(warning, where, _MOST_LOOKED_THROUGH, len(unknown))
     return tuple(_with_frames(segments, unknown[:_MOST_LOOKED_THROUGH]))
 
 
-def _telemetry(where: object, channels: Mapping[str, Channel], framed: Sequence[str]) -> tuple[str, ...]:
+def _telemetry_topics(where: object, channels: Mapping[str, Channel], framed: Sequence[str]) -> tuple[str, ...]:
     """Which of the topics with MAVLink has the vehicle's telemetry.
 
     Raises:
@@ -117,7 +115,7 @@ def _telemetry(where: object, channels: Mapping[str, Channel], framed: Sequence[
 
 
 def _with_frames(segments: Sequence[SegmentScan], topics: Sequence[str]) -> list[str]:
-    """Those of the topics whose first messages hold frames, in their order; reads no further than it must."""
+    """The topics whose first messages hold MAVLink frames, in order; reads no further than it must."""
     found, tried, open_topics = set[str](), Counter[str](), set(topics)
     readers: dict[str, FrameReader] = {}
     unwrapped: dict[str, bytes] = defaultdict(bytes)
@@ -182,12 +180,12 @@ class ForeignRecording:
         self.end_ns = max(chunk.end_ns for chunk in chunks)
         self.channels = {channel.topic: channel for each in self.segments for channel in channels_of(each).values()}
         self._stated = topics or Topics()
-        self.images, self._camera = _topics_of_pictures(path, self.channels, self._stated)
+        self.images, self._camera = _image_topics(path, self.channels, self._stated)
 
     @cached_property
     def framed(self) -> tuple[str, ...]:
         """Topics with MAVLink; found when somebody asks, since messages may have to be looked through."""
-        return self._stated.mavlink or _framed(self.path, self.segments, self.channels)
+        return self._stated.mavlink or _mavlink_topics(self.path, self.segments, self.channels)
 
     @cached_property
     def mavlink(self) -> tuple[str, ...]:
@@ -196,7 +194,7 @@ class ForeignRecording:
         Raises:
             InputError: It is not clear which they are.
         """
-        return self._stated.mavlink or _telemetry(self.path, self.channels, self.framed)
+        return self._stated.mavlink or _telemetry_topics(self.path, self.channels, self.framed)
 
     def messages(
         self, topic: str | None = None, *, from_ns: int | None = None, to_ns: int | None = None
@@ -214,7 +212,7 @@ class ForeignRecording:
         return InputError(
             f"no {what} in the recording",
             where=self.path,
-            got=_described(self.channels),
+            got=_channel_list(self.channels),
             expected=f"a topic with {what}",
             hint="--topic says which topic is what",
         )
@@ -246,10 +244,12 @@ def mcap_files(path: Path) -> list[Path]:
     """
     if path.is_file():
         return [path]
-    paths = sorted(path.glob("*.mcap"), key=numbered) if path.is_dir() else []
+    paths = sorted(path.glob("*.mcap"), key=segment_order) if path.is_dir() else []
     if not paths:
-        got = "a folder without any" if path.is_dir() else "nothing"
-        raise InputError("there is no recording", where=path, got=got, expected="an MCAP file, or a folder of them")
+        if not path.is_dir():
+            raise InputError("no such file or folder", where=path)
+        expected = "an MCAP file, or a folder of them"
+        raise InputError("there is no recording", where=path, got="a folder without any", expected=expected)
     return paths
 
 
@@ -303,7 +303,7 @@ class ForeignTelemetry:
     def __init__(self, recording: ForeignRecording) -> None:
         if not recording.mavlink:
             raise recording.refusal_without("MAVLink")
-        self._topics = [_Topic(recording, topic) for topic in recording.mavlink]
+        self._topics = [_TopicFrames(recording, topic) for topic in recording.mavlink]
 
     @property
     def counts(self) -> FrameCounts:
@@ -319,7 +319,7 @@ class ForeignTelemetry:
         return tuple(sentence for topic in self._topics for sentence in topic.warnings())
 
 
-class _Topic:
+class _TopicFrames:
     """The frames of one topic."""
 
     def __init__(self, recording: ForeignRecording, topic: str) -> None:
@@ -385,7 +385,7 @@ def _batches(messages: Iterable[ReadMessage]) -> Iterator[list[ReadMessage]]:
 
 
 @dataclass(slots=True)
-class _Losses:
+class _ImageLosses:
     unreadable: int = 0
     undecoded: int = 0
     backwards: int = 0
@@ -420,7 +420,7 @@ class ForeignImages:
 
     def events(self) -> Iterator[Image]:
         """All images whose stamp is sound; what was left out is logged as a warning at the end."""
-        losses, last_ns = _Losses(), 0
+        losses, last_ns = _ImageLosses(), 0
         # Not a loop over the messages, which would hold on to the last one: megabytes.
         read = partial(self._image, _Decoder(decode=self._decode), losses)
         for image in map(read, enumerate(self._recording.messages(self._topic))):
@@ -431,12 +431,12 @@ class ForeignImages:
                 yield image
         losses.report(self._where())
 
-    def _image(self, decoder: "_Decoder", losses: _Losses, numbered: tuple[int, ReadMessage]) -> Image | None:
+    def _image(self, decoder: "_Decoder", losses: _ImageLosses, indexed: tuple[int, ReadMessage]) -> Image | None:
         """The image of a message; None, and counted, where there is none."""
-        index, message = numbered
+        index, message = indexed
         try:
-            picture = read_picture(message.channel, message.data)
-            image = decoder.image(picture, index, picture.stamp_ns or message.log_ns, self._where(index))
+            encoded = read_encoded_image(message.channel, message.data)
+            image = decoder.image(encoded, index, encoded.stamp_ns or message.log_ns, self._where(index))
         except ValueError as error:
             self._refuse_first(index, error)
             losses.unreadable += 1
@@ -464,21 +464,21 @@ class _Decoder:
         self._video: PacketDecoder | None = None
         self._size_px: tuple[int, int] | None = None
 
-    def image(self, picture: Picture, index: int, stamp_ns: int, where: str) -> Image | None:
+    def image(self, encoded: EncodedImage, index: int, stamp_ns: int, where: str) -> Image | None:
         """The image; None where it cannot be decoded.
 
         Raises:
             ValueError: It is no picture, or in a format that nobody knows.
         """
         pixels: FramePixels | StillPixels | None
-        if any(name in picture.format for name in _STILLS) or not picture.format:
-            pixels, size_px = StillPixels(picture.data, where) if self._decode else None, _size_of(picture.data)
+        if any(name in encoded.format for name in _STILLS) or not encoded.format:
+            pixels, size_px = StillPixels(encoded.data, where) if self._decode else None, _size_of(encoded.data)
         else:
-            self._video = self._video or PacketDecoder(picture.format)
+            self._video = self._video or PacketDecoder(encoded.format)
             if not self._decode and self._size_px is not None:
                 pixels, size_px = None, self._size_px
             else:
-                frame = self._video.decode(picture.data)
+                frame = self._video.decode(encoded.data)
                 if frame is None:
                     return None
                 pixels, size_px = self._pixels(frame), (frame.width, frame.height)

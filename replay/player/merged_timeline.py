@@ -1,4 +1,4 @@
-"""Several recordings as one row of messages, in order of log time."""
+"""Messages of several recordings merged in order of log time."""
 
 import heapq
 import logging
@@ -12,7 +12,7 @@ from aerodft.adapters.recording.read import Wanted as ChannelWanted
 from aerodft.adapters.wire.events import IMAGE_SCHEMA
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
-from replay.recordings import Recording, channels_of, in_time, messages_of, nearly_sorted
+from replay.recordings import Recording, channels_of, is_within, messages_by_time, messages_of
 
 _APART_NS: Final = SECOND_NS  # what recorders put off writing
 _MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
@@ -21,7 +21,7 @@ AnyRecording = Recording | ForeignRecording
 Wanted = Callable[[AnyRecording, Channel], bool]
 
 
-class Item(NamedTuple):
+class TimelineMessage(NamedTuple):
     """One message of one recording.
 
     Attributes:
@@ -34,7 +34,7 @@ class Item(NamedTuple):
     log_ns: int
     recording: AnyRecording
     message: ReadMessage
-    is_mark: bool
+    is_step: bool
 
 
 def name_of(recording: AnyRecording) -> str:
@@ -42,7 +42,7 @@ def name_of(recording: AnyRecording) -> str:
     return str(recording.folder if isinstance(recording, Recording) else recording.path)
 
 
-def is_image_mark(recording: AnyRecording, channel: Channel) -> bool:
+def is_image_step(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel has a recording's images, or their stamps."""
     if isinstance(recording, Recording):
         return channel.schema == IMAGE_SCHEMA
@@ -51,7 +51,7 @@ def is_image_mark(recording: AnyRecording, channel: Channel) -> bool:
 
 def timeline(
     recordings: Sequence[AnyRecording], from_ns: int | None, to_ns: int | None, wanted: Wanted
-) -> Iterator[Item]:
+) -> Iterator[TimelineMessage]:
     """All messages with log times in ``[from_ns, to_ns)``; of equal ones the first recording's come first.
 
     Args:
@@ -63,19 +63,23 @@ def timeline(
     Raises:
         InputError: A file cannot be read.
     """
-    return heapq.merge(*(_items(each, from_ns, to_ns, wanted) for each in recordings), key=lambda item: item.log_ns)
+    return heapq.merge(
+        *(_timeline_messages(each, from_ns, to_ns, wanted) for each in recordings), key=lambda item: item.log_ns
+    )
 
 
-def _items(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[Item]:
+def _timeline_messages(
+    recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted
+) -> Iterator[TimelineMessage]:
     has_images = isinstance(recording, Recording) or recording.images is not None
     for message in _messages(recording, from_ns, to_ns, wanted):
-        is_mark = not has_images or is_image_mark(recording, message.channel)
-        yield Item(message.log_ns, recording, message, is_mark)
+        is_step = not has_images or is_image_step(recording, message.channel)
+        yield TimelineMessage(message.log_ns, recording, message, is_step)
 
 
 def _messages(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[ReadMessage]:
     def is_wanted(channel: Channel) -> bool:
-        return is_image_mark(recording, channel) or wanted(recording, channel)
+        return is_image_step(recording, channel) or wanted(recording, channel)
 
     if isinstance(recording, ForeignRecording):
         streams = (_by_time(each, from_ns, to_ns, is_wanted) for each in recording.segments)
@@ -98,11 +102,11 @@ def _by_time(
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
     topics = {channel.topic for channel in channels_of(segment).values() if is_wanted(channel)}
     if len(topics) * max(map(content_bytes, segment.chunks), default=0) > _MOST_HELD_BYTES:
-        said = (
+        warning = (
             "%s: %d topics that lie one behind the other are more than can be held; in order of time as far as they are"
         )
-        _log.warning(said, segment.path, len(topics))
-        return (each for each in nearly_sorted(segment, is_wanted) if in_time(each, from_ns, to_ns))
+        _log.warning(warning, segment.path, len(topics))
+        return (each for each in messages_by_time(segment, is_wanted) if is_within(each, from_ns, to_ns))
 
     def stream(topic: str) -> Iterator[ReadMessage]:
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.topic == topic)

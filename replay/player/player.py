@@ -8,7 +8,7 @@ from typing import Protocol
 from aerodft.conventions import SECOND_NS
 from aerodft.service import Clock
 from aerodft.service.clocks import PAUSE_NS
-from replay.player.merged_timeline import Item
+from replay.player.merged_timeline import TimelineMessage
 
 _SLICE_NS = SECOND_NS // 50  # how long a key may wait
 
@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 class Outlet(Protocol):
     """Where messages go."""
 
-    def send(self, item: Item, shift_ns: int) -> None:
+    def send(self, item: TimelineMessage, shift_ns: int) -> None:
         """Send one, with this much added to its stamps."""
         ...
 
@@ -42,6 +42,10 @@ class Controls:
     def pause_or_go(self) -> None:
         """Pause, or go on."""
         self.paused, self.steps = not self.paused, 0
+
+    def end(self) -> None:
+        """End it."""
+        self.ended = True
 
     def step(self) -> None:
         """Pause, and go to the next image."""
@@ -75,9 +79,9 @@ class Player:
     _last_ns: int = 0
     _shift_ns: int = 0
     _in_step: bool = False
-    _passed_mark: bool = False
+    _passed_step: bool = False
 
-    def play(self, items: Callable[[], Iterator[Item]]) -> None:
+    def play(self, items: Callable[[], Iterator[TimelineMessage]]) -> None:
         """Play from the start, until the end or until it is ended.
 
         Args:
@@ -102,7 +106,7 @@ class Player:
             if not self.controls.looping or not sent:
                 return
 
-    def _wait(self, item: Item) -> None:
+    def _wait(self, item: TimelineMessage) -> None:
         """Until the item is due."""
         if self._anchor is None:
             self._anchor_at(item.log_ns, is_first=True)
@@ -131,20 +135,20 @@ class Player:
         if is_first and self.is_now:
             self._shift_ns = now_ns - log_ns
 
-    def _gate(self, item: Item) -> bool:
+    def _gate(self, item: TimelineMessage) -> bool:
         """Wait while it is paused; True where that was so."""
-        if not self.controls.paused or (item.is_mark and self._passed_mark):
+        if not self.controls.paused or (item.is_step and self._passed_step):
             self._in_step = False
         waited = False
         while self.controls.paused and not self._in_step and not self.controls.ended:
             if self.controls.steps:
                 self.controls.steps -= 1
-                self._in_step, self._passed_mark = True, False
+                self._in_step, self._passed_step = True, False
                 break
             if not waited and self.on_pause is not None:
                 self.on_pause(item.log_ns)
             waited = True
             self.clock.sleep_until(self.clock.now_ns() + _SLICE_NS)
-        if item.is_mark:
-            self._passed_mark = True
+        if item.is_step:
+            self._passed_step = True
         return waited

@@ -44,10 +44,10 @@ from replay.foreign import (
     FrameReader,
     Kind,
     kind_of,
-    read_picture,
+    read_encoded_image,
 )
-from replay.player.merged_timeline import AnyRecording, Item, name_of
-from replay.recordings import JPEG_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
+from replay.player.merged_timeline import AnyRecording, TimelineMessage, name_of
+from replay.recordings import ENCODED_IMAGE_SCHEMAS, JPEG_SCHEMA, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
 
 Shift = Callable[[bytes, int], bytes]
 _STAMP: Final = re.compile(rb'("(?:stamp|arrival|since|moved|compared)_ns"\s*:\s*")(\d{1,20})(")')
@@ -122,20 +122,20 @@ def _shift_message(message: Message, shift_ns: int) -> None:
 
 def _shift_json(data: bytes, shift_ns: int) -> bytes:
     try:
-        return shifted(orjson.dumps(_moved(load_bounded_json(data), shift_ns)), shift_ns)
+        return shifted(orjson.dumps(_shifted_json(load_bounded_json(data), shift_ns)), shift_ns)
     except (ValueError, TypeError, RecursionError):  # no JSON, or values beyond what it can hold once they are moved
         return data
 
 
-def _moved(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON holds
+def _shifted_json(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON holds
     if isinstance(item, list):
-        return [_moved(each, shift_ns) for each in item]
+        return [_shifted_json(each, shift_ns) for each in item]
     if not isinstance(item, dict):
         return item
     whole = next((key for key in SECONDS if isinstance(item.get(key), int)), None)
     rest = next((key for key in NANOSECONDS if isinstance(item.get(key), int)), None)
     if whole is None or rest is None:
-        return {key: _moved(each, shift_ns) for key, each in item.items()}
+        return {key: _shifted_json(each, shift_ns) for key, each in item.items()}
     seconds, rest_ns = divmod(item[whole] * SECOND_NS + item[rest] + shift_ns, SECOND_NS)
     return item | {whole: seconds, rest: rest_ns}
 
@@ -205,7 +205,9 @@ def is_published(recording: AnyRecording, channel: Channel) -> bool:
 
     A station that is live would take other inputs for its own.
     """
-    return not isinstance(recording, Recording) or channel.schema in _PUBLISHED or channel.schema in PICTURE_SCHEMAS
+    return (
+        not isinstance(recording, Recording) or channel.schema in _PUBLISHED or channel.schema in ENCODED_IMAGE_SCHEMAS
+    )
 
 
 def keys_of(recording: AnyRecording) -> Keys:
@@ -226,7 +228,7 @@ class Republisher:
     def __init__(self, session: zenoh.Session) -> None:
         self.published = Published()
         self._session = session
-        self._publishers = WaitingPublishers(session)
+        self._publishers = PublisherPool(session)
         self._image_stamps: dict[int, tuple[int, bytes]] = {}
         self._shifts: dict[str, Shift | None] = {}
         self._videos: dict[int, VideoStills] = {}
@@ -234,13 +236,13 @@ class Republisher:
     def wait_for_link(self, timeout_s: float) -> bool:
         """Wait until another peer or a router is connected; False after ``timeout_s``."""
         info = self._session.info
-        return _awaited(lambda: bool(info.peers_zid() or info.routers_zid()), timeout_s)
+        return _wait_until(lambda: bool(info.peers_zid() or info.routers_zid()), timeout_s)
 
     def wait_for_subscriber(self, recordings: Iterable[AnyRecording], timeout_s: float) -> bool:
         """Wait until somebody subscribes to anything of a recording's station; False after ``timeout_s``."""
         publishers = [self._session.declare_publisher(f"{keys_of(each).root}/**") for each in recordings]
         try:
-            return _awaited(lambda: any(map(is_matched, publishers)), timeout_s)
+            return _wait_until(lambda: any(map(is_matched, publishers)), timeout_s)
         finally:
             for publisher in publishers:
                 undeclare(publisher)
@@ -250,7 +252,7 @@ class Republisher:
         """Whether anybody has subscribed to something that was published."""
         return self._publishers.has_listeners
 
-    def send(self, item: Item, shift_ns: int) -> None:
+    def send(self, item: TimelineMessage, shift_ns: int) -> None:
         """Publish a message, if it is one to be published; a damaged one is left out and counted."""
         if isinstance(item.recording, ForeignRecording):
             self._send_foreign(item, item.recording, shift_ns)
@@ -263,7 +265,7 @@ class Republisher:
                 _log.warning("%s: damaged payloads are left out: %s: %s", name_of(item.recording), at, error)
             self.published.damaged += 1
 
-    def _send_own(self, item: Item, shift_ns: int) -> None:
+    def _send_own(self, item: TimelineMessage, shift_ns: int) -> None:
         message, keys = item.message, keys_of(item.recording)
         schema = message.channel.schema
         if schema in _STAMPED:
@@ -292,7 +294,7 @@ class Republisher:
         """Withdraw what was declared."""
         self._publishers.close()
 
-    def _send_foreign(self, item: Item, recording: ForeignRecording, shift_ns: int) -> None:
+    def _send_foreign(self, item: TimelineMessage, recording: ForeignRecording, shift_ns: int) -> None:
         """Another tool's message on its own topic as it was recorded, and a JPEG as a station's image beside it."""
         channel, data = item.message.channel, item.message.data
         if shift_ns and channel.topic not in recording.framed:  # frames stay as they were
@@ -300,14 +302,14 @@ class Republisher:
             data = data if shift is None else shift(data, shift_ns)
         key = "/".join(key_part(part) for part in channel.topic.split("/") if part) or "%"
         self._publishers.put(key, data, _ENCODINGS.get(channel.encoding, zenoh.Encoding.ZENOH_BYTES))
-        if item.is_mark and kind_of(channel) is Kind.IMAGES:
+        if item.is_step and kind_of(channel) is Kind.IMAGES:
             self._put_foreign_image(item, data, shift_ns)
         else:
             self.published.others += 1
 
-    def _put_foreign_image(self, item: Item, data: bytes, shift_ns: int) -> None:
+    def _put_foreign_image(self, item: TimelineMessage, data: bytes, shift_ns: int) -> None:
         try:
-            picture = read_picture(item.message.channel, data)
+            picture = read_encoded_image(item.message.channel, data)
         except ValueError as error:
             if not self.published.damaged:
                 _log.warning("%s: images that are none: %s", item.message.channel.topic, error)
@@ -341,7 +343,7 @@ def _stamp_of(payload: Json) -> int:
     return int(payload["stamp_ns"])
 
 
-def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
+def _wait_until(is_so: Callable[[], bool], timeout_s: float) -> bool:
     end_s = time.monotonic() + timeout_s
     while not is_so():
         if time.monotonic() >= end_s:
@@ -351,10 +353,10 @@ def _awaited(is_so: Callable[[], bool], timeout_s: float) -> bool:
 
 
 _MOST: Final = 1000  # declared; a file may claim any number of channels, and each costs 4 kB and a message to all peers
-_LOOK_AT: Final = 64  # of them at a time, until somebody has subscribed
+_CHECK_COUNT: Final = 64  # of them at a time, until somebody has subscribed
 
 
-class WaitingPublishers:
+class PublisherPool:
     """Publishes on any number of keys; a slow subscriber slows it down, nothing is dropped.
 
     Args:
@@ -364,20 +366,15 @@ class WaitingPublishers:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._declared: dict[str, zenoh.Publisher] = {}
-        self._in_turn: list[zenoh.Publisher] = []
-        self._anything: zenoh.Publisher | None = None  # stands for the keys beyond those that are declared
-        self._sent, self._looked_at, self._was_heard = 0, 0, False
-
-    @property
-    def was_heard(self) -> bool:
-        """Whether somebody was seen to listen, as far as was looked."""
-        return self._was_heard
+        self._publishers: list[zenoh.Publisher] = []
+        self._any_key: zenoh.Publisher | None = None  # stands for the keys beyond those that are declared
+        self._sent, self._next_check, self._has_heard = 0, 0, False
 
     @property
     def has_listeners(self) -> bool:
         """Whether anybody has subscribed to something that was published."""
-        self._was_heard = self._was_heard or any(map(is_matched, self._in_turn))
-        return self._was_heard
+        self._has_heard = self._has_heard or any(map(is_matched, self._publishers))
+        return self._has_heard
 
     def put(self, key: str, payload: bytes, encoding: zenoh.Encoding, attachment: bytes | None = None) -> None:
         """Publish."""
@@ -387,33 +384,29 @@ class WaitingPublishers:
         if publisher is not None:
             publisher.put(payload, attachment=attachment)
         else:
-            self._anything = self._anything or self._declare("**", encoding)
+            self._any_key = self._any_key or self._declare("**", encoding)
             congestion = zenoh.CongestionControl.BLOCK
             self._session.put(key, payload, encoding=encoding, congestion_control=congestion, attachment=attachment)
         self._sent += 1
-        if self._sent % _LOOK_AT == 0 and not self._was_heard:
-            self._look()
+        if self._sent % _CHECK_COUNT == 0 and not self._has_heard:  # some of the keys, the next ones at the next check
+            self._next_check %= len(self._publishers)
+            some = self._publishers[self._next_check : self._next_check + _CHECK_COUNT]
+            self._next_check += len(some)
+            self._has_heard = any(map(is_matched, some))
 
     def close(self) -> None:
         """Withdraw what was declared."""
-        for publisher in self._in_turn:
+        for publisher in self._publishers:
             undeclare(publisher)
         self._declared.clear()
-        self._in_turn.clear()
+        self._publishers.clear()
 
     def _declare(self, key: str, encoding: zenoh.Encoding) -> zenoh.Publisher:
         publisher = self._session.declare_publisher(
             key, encoding=encoding, congestion_control=zenoh.CongestionControl.BLOCK
         )
-        self._in_turn.append(publisher)
+        self._publishers.append(publisher)
         return publisher
-
-    def _look(self) -> None:
-        """Whether somebody listens to some of them; to the next ones at the next look."""
-        self._looked_at %= len(self._in_turn)
-        some = self._in_turn[self._looked_at : self._looked_at + _LOOK_AT]
-        self._looked_at += len(some)
-        self._was_heard = any(map(is_matched, some))
 
 
 def is_matched(publisher: zenoh.Publisher) -> bool:
@@ -493,7 +486,7 @@ class MavlinkOut:
         self._readers: dict[tuple[int, str], FrameReader] = {}
         self.frames = 0
 
-    def send(self, item: Item, shift_ns: int) -> None:  # noqa: ARG002 - frames are never changed
+    def send(self, item: TimelineMessage, shift_ns: int) -> None:  # noqa: ARG002 - frames are never changed
         """Send the frames of a message, where it has any."""
         if not holds_mavlink(item.recording, item.message.channel):
             return
@@ -501,7 +494,7 @@ class MavlinkOut:
             self._transport.write(frame)
             self.frames += 1
 
-    def _frames(self, item: Item) -> list[bytes]:
+    def _frames(self, item: TimelineMessage) -> list[bytes]:
         data, channel = item.message.data, item.message.channel
         if isinstance(item.recording, Recording) or data[:1] in {bytes([V1]), bytes([V2])}:
             return [data]

@@ -1,7 +1,7 @@
 """A recording as input again: its configuration, messages and pixels."""
 
 from replay.recordings.pixels import PixelStore, jpeg_of
-from replay.recordings.recording import JPEG_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.recordings.recording import ENCODED_IMAGE_SCHEMAS, JPEG_SCHEMA, VIDEO_SCHEMA, Recording
 from replay.recordings.redetection import Redetection
-from replay.recordings.segments import channels_of, in_time, is_mcap, messages_of, nearly_sorted, numbered
+from replay.recordings.segments import channels_of, is_mcap, is_within, messages_by_time, messages_of, segment_order
 from replay.recordings.source import RecordingSource

@@ -13,7 +13,7 @@ from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ReadMessage
 from aerodft.adapters.recording.write import image_sequence
 from aerodft.errors import InputError
 from aerodft.model import Image, ImageArray
-from replay.recordings.recording import JPEG_SCHEMA, PICTURE_SCHEMAS, VIDEO_SCHEMA, Recording
+from replay.recordings.recording import ENCODED_IMAGE_SCHEMAS, JPEG_SCHEMA, VIDEO_SCHEMA, Recording
 from replay.recordings.segments import channels_of
 
 
@@ -61,7 +61,7 @@ class RecordedPixels:
         raise InputError("the recorded image is gone", where=where)
 
 
-class _Video:
+class _VideoReader:
     """A recording's video packets, decoded in order; going back begins at the start again."""
 
     def __init__(self, recording: Recording) -> None:
@@ -106,11 +106,11 @@ class PixelStore:
     def __init__(self, recording: Recording) -> None:
         self._stills: dict[int, tuple[ChunkPlace, SegmentScan]] = {}
         self._packets: set[int] = set()
-        self._video = _Video(recording)
+        self._video = _VideoReader(recording)
         for segment in recording.images:
             schemas = {number: channel.schema for number, channel in channels_of(segment).items()}
             for place in segment.chunks:
-                for schema, log_ns in _pictures(segment, place, schemas):
+                for schema, log_ns in _images_in(segment, place, schemas):
                     if schema == VIDEO_SCHEMA:
                         self._packets.add(log_ns)
                     else:
@@ -130,16 +130,16 @@ class PixelStore:
         return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
 
 
-def _pictures(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
+def _images_in(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
     """Schema and log time of a chunk's pictures: from its indexes, or where it has none from itself."""
     times = log_times(place)
     if times is None:
         for message in _messages_at(segment, place):
-            if message.channel.schema in PICTURE_SCHEMAS:
+            if message.channel.schema in ENCODED_IMAGE_SCHEMAS:
                 yield message.channel.schema, message.log_ns
         return
     for number, each in times.items():
-        if schemas.get(number) in PICTURE_SCHEMAS:
+        if schemas.get(number) in ENCODED_IMAGE_SCHEMAS:
             yield from ((schemas[number], log_ns) for log_ns in each)
 
 

@@ -14,14 +14,14 @@ from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_S
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError, located
 from aerodft.version import SOFTWARE
-from replay.recordings.segments import is_mcap, messages_of, numbered, tables_of
+from replay.recordings.segments import is_mcap, message_tables, messages_of, segment_order
 
 _SHOWN = 3
 _MOST_TEXT_BYTES = 4 << 20  # as of one that a file carries
 _OWN = "aerodft."
 JPEG_SCHEMA = str(CompressedImage.DESCRIPTOR.full_name)
 VIDEO_SCHEMA = str(CompressedVideo.DESCRIPTOR.full_name)
-PICTURE_SCHEMAS = frozenset({JPEG_SCHEMA, VIDEO_SCHEMA})
+ENCODED_IMAGE_SCHEMAS = frozenset({JPEG_SCHEMA, VIDEO_SCHEMA})
 _MEASURED = frozenset({MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA})
 
 _log = logging.getLogger(__name__)
@@ -65,18 +65,18 @@ class Recording:
         self.is_whole = all(segment.is_whole for segment in (*self.data, *self.images))
         if not self.is_whole:
             _log.warning("%s: was not finished; read as far as it is whole", folder)
-        self._met: set[str] = set()
+        self._checked_schemas: set[str] = set()
         for schema in sorted({one.schema for each in self.data for one in each.channels.by_id.values()}):
-            self._meet(schema)
+            self._check_schema(schema)
 
     def _segments(self, stem: str) -> tuple[SegmentScan, ...]:
-        paths = _paths(self.folder, stem)
-        self._missing[stem] = _say_missing(self.folder, stem, [path.stem for path in paths])
-        return _each_once(self.folder, tuple(map(scan_segment, paths)))
+        paths = _segment_paths(self.folder, stem)
+        self._missing[stem] = _count_missing(self.folder, stem, [path.stem for path in paths])
+        return _unique_segments(self.folder, tuple(map(scan_segment, paths)))
 
-    def _meet(self, schema: str) -> None:
+    def _check_schema(self, schema: str) -> None:
         """Warn once of payloads whose schema this version does not have: a newer one's, or damage."""
-        self._met.add(schema)
+        self._checked_schemas.add(schema)
         if schema.startswith(_OWN) and schema not in SCHEMAS:
             _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, schema, SOFTWARE)
 
@@ -116,20 +116,20 @@ class Recording:
         """
 
         def is_data(channel: Channel) -> bool:
-            if channel.schema not in self._met:  # a file without an index tells its channels as it is read
-                self._meet(channel.schema)
-            return channel.schema not in PICTURE_SCHEMAS and (wanted is None or wanted(channel))
+            if channel.schema not in self._checked_schemas:  # a file without an index tells its channels as it is read
+                self._check_schema(channel.schema)
+            return channel.schema not in ENCODED_IMAGE_SCHEMAS and (wanted is None or wanted(channel))
 
         is_looked_at = self._is_file or not all(segment.is_indexed for segment in self.data)
         return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if is_looked_at else wanted)
 
     def tables(self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted) -> Iterator[ChunkTable]:
         """``messages`` as columns, a chunk's at a time."""
-        return tables_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
+        return message_tables(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
 
     def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
-        """The images and video packets of the image segments, likewise."""
-        return messages_of(self.images, from_ns=from_ns, to_ns=to_ns, wanted=_is_picture)
+        """The images and video packets of the image segments, log times in ``[from_ns, to_ns)``."""
+        return messages_of(self.images, from_ns=from_ns, to_ns=to_ns, wanted=_is_image)
 
     def measurements(self) -> Iterator[bytes]:
         """The payloads of all measurements, in the order in which they were made.
@@ -146,22 +146,23 @@ class Recording:
                 yield from (payload for _, payload in payloads)
 
 
-def _is_picture(channel: Channel) -> bool:
-    return channel.schema in PICTURE_SCHEMAS
+def _is_image(channel: Channel) -> bool:
+    return channel.schema in ENCODED_IMAGE_SCHEMAS
 
 
-def _paths(folder: Path, stem: str) -> list[Path]:
+def _segment_paths(folder: Path, stem: str) -> list[Path]:
     """The segments of a series, in order."""
     if not folder.is_dir():
-        got = "a file" if folder.exists() else "nothing"
-        raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
+        if not folder.exists():
+            raise InputError("no such file or folder", where=folder)
+        raise InputError("there is no recording", where=folder, got="a file", expected="a folder with data_000.mcap")
     try:
-        there = list(folder.iterdir())
+        entries = list(folder.iterdir())
     except OSError as error:
         raise InputError("the recording cannot be read", where=folder, got=error.strerror) from error
-    paths = sorted((path for path in there if path.match(f"{stem}_*.mcap")), key=numbered)
+    paths = sorted((path for path in entries if path.match(f"{stem}_*.mcap")), key=segment_order)
     if not paths and stem == "data":
-        found = there[0].name if there else None
+        found = entries[0].name if entries else None
         raise InputError(
             "there is no recording",
             where=folder,
@@ -171,20 +172,20 @@ def _paths(folder: Path, stem: str) -> list[Path]:
     return paths
 
 
-def _each_once(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
+def _unique_segments(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
     """The segments without those that are there a second time, under another name: that is said."""
     if len(segments) == 1:
         return segments
     first: dict[object, SegmentScan] = {}
     for segment in segments:
-        held = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
-        known = first.setdefault(held or segment.path, segment)
+        content = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
+        known = first.setdefault(content or segment.path, segment)
         if known is not segment:
             _log.warning("%s: %s is %s once more; it is left out", folder, segment.path.name, known.path.name)
     return tuple(first.values())
 
 
-def _say_missing(folder: Path, stem: str, names: list[str]) -> int:
+def _count_missing(folder: Path, stem: str, names: list[str]) -> int:
     """Warn of numbers that are left out: a segment was lost or not copied; returns how many."""
     numbers = [int(name.removeprefix(f"{stem}_")) for name in names if name.removeprefix(f"{stem}_").isdecimal()]
     gone = sorted(set(range(max(numbers, default=-1) + 1)) - set(numbers))

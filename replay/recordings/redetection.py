@@ -1,4 +1,4 @@
-"""What aerodft saw in the images, found again in the recorded ones, and how far it is from where it was."""
+"""Detection repeated in recorded images, and how far what is found lies from what was recorded."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +14,8 @@ _Key = tuple[str, int]
 
 
 @dataclass(slots=True)
-class Moved:
-    """How points that were found again lie to the recorded ones.
+class RedetectionStatistics:
+    """How points that were detected again differ from the recorded ones.
 
     Attributes:
         moves_px: Of each point that is in both.
@@ -30,7 +30,7 @@ class Moved:
     kept: int = 0
 
     def document(self) -> dict[str, object]:
-        """For the summary; px are null where nothing was found again."""
+        """Plain JSON values; px are null where nothing was found again."""
         moves: FloatArray = np.array(self.moves_px)
         return {
             "found": len(moves),
@@ -42,7 +42,7 @@ class Moved:
         }
 
     def sentence(self) -> str:
-        """The same for people."""
+        """One sentence for people."""
         counts = f"{len(self.moves_px)} points found again, {self.lost} lost, {self.new} new"
         moves = ""
         if self.moves_px:
@@ -51,57 +51,59 @@ class Moved:
         return f"vision: {counts}{moves}{kept}"
 
 
-class _Noted:
-    """An observer, and what it saw in which image."""
+class _NotingObserver:
+    """An observer that notes what it detected in which image."""
 
     def __init__(self, observer: ImageObserver) -> None:
         self._observer = observer
-        self.looked: set[int] = set()
-        self.seen: dict[_Key, list[FloatArray]] = {}
+        self.observed_images: set[int] = set()
+        self.detections: dict[_Key, list[FloatArray]] = {}
         self.names: set[str] = set()
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
         found = self._observer.observe(image)
-        self.looked.add(image.index)
+        self.observed_images.add(image.index)
         for each in found:
             self.names.add(each.name)
             points = _points(each)
             if each.name == STEADY or len(points):
-                self.seen.setdefault((each.name, image.index), []).append(points)
+                self.detections.setdefault((each.name, image.index), []).append(points)
         return found
 
 
 class Redetection:
-    """A recording's source with what aerodft saw looked for again; what others observed stays as it is.
+    """A recording's source with aerodft's own detections made again; what others observed stays as it is.
 
     Args:
         source: The recording's, with pixels.
-        lookouts: Who looks.
+        schedules: Observers, and how often each looks.
     """
 
-    def __init__(self, source: Source, lookouts: Sequence[ObserverSchedule]) -> None:
+    def __init__(self, source: Source, schedules: Sequence[ObserverSchedule]) -> None:
         self._source = source
-        self._noted = [_Noted(each.observer) for each in lookouts]
-        pairs = zip(self._noted, lookouts, strict=True)
-        self._looked = ObservedImages(_Without(self), [ObserverSchedule(noted, each.every_s) for noted, each in pairs])
-        self.moved = Moved()
+        self._noted = [_NotingObserver(each.observer) for each in schedules]
+        pairs = zip(self._noted, schedules, strict=True)
+        self._looked = ObservedImages(
+            _RecordedSource(self), [ObserverSchedule(observer, each.every_s) for observer, each in pairs]
+        )
+        self.moved = RedetectionStatistics()
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """What became of the images, one for each lookout."""
+        """What became of the images, one for each observer."""
         return self._looked.counts
 
     def events(self) -> Iterator[Event]:
         """The source's events; what is seen again comes right behind its image, in place of what was recorded."""
-        self.moved = Moved()
-        for noted in self._noted:
-            noted.looked.clear()
-            noted.seen.clear()
+        self.moved = RedetectionStatistics()
+        for observer in self._noted:
+            observer.observed_images.clear()
+            observer.detections.clear()
         yield from self._looked.events()
         self.moved.new += sum(
-            len(_now(name, points))
-            for noted in self._noted
-            for (name, _), each in noted.seen.items()
+            len(_current_pixels(name, points))
+            for observer in self._noted
+            for (name, _), each in observer.detections.items()
             for points in each
         )
 
@@ -111,25 +113,25 @@ class Redetection:
             if not isinstance(event, Observation) or event.source != VISION or event.image is None:
                 yield event
                 continue
-            noted = next((each for each in self._noted if event.image in each.looked), None)
-            if noted is None:
+            observer = next((each for each in self._noted if event.image in each.observed_images), None)
+            if observer is None:
                 self.moved.kept += 1
                 yield event
             else:
-                self._compare(event, noted)
+                self._compare(event, observer)
 
-    def _compare(self, old: Observation, noted: _Noted) -> None:
+    def _compare(self, old: Observation, observer: _NotingObserver) -> None:
         """Pair the points of a recorded observation with what was found; what is left of that is new."""
         key = (old.name, old.image or 0)
-        candidates = noted.seen.get(key)
+        candidates = observer.detections.get(key)
         points = _points(old)
         if not candidates:  # nor is anything lost where there was nothing
-            self.moved.lost += len(_now(old.name, points))
+            self.moved.lost += len(_current_pixels(old.name, points))
         elif not len(points) and old.name != STEADY:
             return
         elif old.name == STEADY:
             self._compare_steady(points, candidates[0])
-            del noted.seen[key]
+            del observer.detections[key]
         else:
             moves = [_to_nearest_px(points, each) for each in candidates]
             nearest = int(np.argmin([np.median(each) for each in moves]))
@@ -139,19 +141,19 @@ class Redetection:
     def _compare_steady(self, old: FloatArray, new: FloatArray) -> None:
         """Pairs of pixels, of the reference and of now: points are the same where the reference's are."""
         old_then, old_now, new_then, new_now = old[::2], old[1::2], new[::2], new[1::2]
-        taken: set[int] = set()
+        matched: set[int] = set()
         for then, now in zip(old_then, old_now, strict=True):
-            apart = np.linalg.norm(new_then - then, axis=1)
-            nearest = int(np.argmin(apart)) if len(apart) else -1
-            if nearest < 0 or apart[nearest] > _SAME_PX or nearest in taken:
+            distances_px = np.linalg.norm(new_then - then, axis=1)
+            nearest = int(np.argmin(distances_px)) if len(distances_px) else -1
+            if nearest < 0 or distances_px[nearest] > _SAME_PX or nearest in matched:
                 self.moved.lost += 1
                 continue
-            taken.add(nearest)
+            matched.add(nearest)
             self.moved.moves_px.append(float(np.linalg.norm(new_now[nearest] - now)))
-        self.moved.new += len(new_then) - len(taken)
+        self.moved.new += len(new_then) - len(matched)
 
 
-class _Without:
+class _RecordedSource:
     """The recorded events of a ``Redetection``, as a source."""
 
     def __init__(self, again: Redetection) -> None:
@@ -161,11 +163,11 @@ class _Without:
         return self._again.recorded()
 
 
-def _points(seen: Observation) -> FloatArray:
-    """Its pixels ``(n, 2)``; of an outline the middle of its lowest side, and nothing where nothing was seen."""
-    if not seen.contour:
-        return np.array(seen.pixels, dtype=np.float64).reshape(-1, 2)
-    outline = np.array(seen.contour)
+def _points(detections: Observation) -> FloatArray:
+    """An observation's pixels ``(n, 2)``; of an outline the middle of its lowest side."""
+    if not detections.contour:
+        return np.array(detections.pixels, dtype=np.float64).reshape(-1, 2)
+    outline = np.array(detections.contour)
     return np.array([[(outline[:, 0].min() + outline[:, 0].max()) / 2, outline[:, 1].max()]])
 
 
@@ -174,6 +176,6 @@ def _to_nearest_px(points: FloatArray, others: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(points[:, None] - others, axis=-1).min(axis=1))
 
 
-def _now(name: str, points: FloatArray) -> FloatArray:
-    """Of an observation's pixels those of the image."""
+def _current_pixels(name: str, points: FloatArray) -> FloatArray:
+    """An observation's pixels ``(n, 2)`` in its own image: of steady points every second one."""
     return points[1::2] if name == STEADY else points

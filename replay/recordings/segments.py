@@ -13,7 +13,7 @@ from aerodft.adapters.recording import MAGIC, Channel
 from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ChunkTable, ReadMessage, SegmentScan, Wanted
 
 
-def numbered(path: Path) -> tuple[list[int], str]:
+def segment_order(path: Path) -> tuple[list[int], str]:
     """What files that were split are put in order by: ``data_1000`` comes after ``data_999``."""
     return [int(digits) for digits in re.findall(r"\d+", path.stem)], path.name
 
@@ -52,19 +52,19 @@ def messages_of(
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
         # Not a loop over them, which would hold on to the last one: an image of megabytes.
-        messages = reader.messages(_places(segment, from_ns, to_ns, wanted), wanted)
-        yield from filter(lambda message: in_time(message, from_ns, to_ns), messages)
+        messages = reader.messages(_wanted_chunks(segment, from_ns, to_ns, wanted), wanted)
+        yield from filter(lambda message: is_within(message, from_ns, to_ns), messages)
 
 
-def in_time(message: ReadMessage, from_ns: int | None, to_ns: int | None) -> bool:
+def is_within(message: ReadMessage, from_ns: int | None, to_ns: int | None) -> bool:
     """Whether a log time is in ``[from_ns, to_ns)``; None for the start, and for the end."""
     return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
 
 
-def tables_of(
+def message_tables(
     segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: Wanted
 ) -> Iterator[ChunkTable]:
-    """The same messages as columns, chunk after chunk; arguments as in ``messages_of``."""
+    """Messages as columns, chunk after chunk; arguments as in ``messages_of``."""
 
     def within(table: ChunkTable) -> ChunkTable:
         rows = np.ones(len(table.log_ns), dtype=np.bool_)
@@ -76,25 +76,25 @@ def tables_of(
 
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
-        yield from map(within, reader.tables(_places(segment, from_ns, to_ns, wanted), wanted))
+        yield from map(within, reader.tables(_wanted_chunks(segment, from_ns, to_ns, wanted), wanted))
 
 
-def _places(
+def _wanted_chunks(
     segment: SegmentScan, from_ns: int | None, to_ns: int | None, wanted: Wanted | None
 ) -> Iterator[ChunkPlace]:
     """The chunks that may hold such messages, and those before them that may define their channels."""
     known = segment.channels.by_id
-    seen = set(known)
+    known_channels = set(known)
     ids = {number for number, channel in known.items() if wanted is None or wanted(channel)}
     for place in segment.chunks:
-        in_time = (from_ns is None or place.end_ns >= from_ns) and (to_ns is None or place.start_ns < to_ns)
-        defines = place.channels is None or not place.channels <= seen
+        is_within = (from_ns is None or place.end_ns >= from_ns) and (to_ns is None or place.start_ns < to_ns)
+        defines = place.channels is None or not place.channels <= known_channels
         if place.channels is not None:
-            seen |= place.channels
+            known_channels |= place.channels
         if defines and not segment.is_indexed:
             if to_ns is None or place.start_ns < to_ns:
                 yield place
-        elif in_time and (place.channels is None or not segment.is_indexed or not ids.isdisjoint(place.channels)):
+        elif is_within and (place.channels is None or not segment.is_indexed or not ids.isdisjoint(place.channels)):
             yield place
 
 
@@ -107,12 +107,12 @@ def channels_of(segment: SegmentScan) -> dict[int, Channel]:
     if segment.is_indexed:
         return segment.channels.by_id
     reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
-    seen = set(segment.channels.by_id)
+    known_channels = set(segment.channels.by_id)
     for place in segment.chunks:
-        if place.channels is None or not place.channels <= seen:
+        if place.channels is None or not place.channels <= known_channels:
             for _ in reader.messages((place,)):
                 pass
-            seen |= place.channels or set()
+            known_channels |= place.channels or set()
     return reader.channels.by_id
 
 
@@ -121,7 +121,7 @@ _MOST_WAITING_BYTES: Final = 16 << 20  # while something is written
 _MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
 
 
-def nearly_sorted(segment: SegmentScan, wanted: Wanted | None = None) -> Iterator[ReadMessage]:
+def messages_by_time(segment: SegmentScan, wanted: Wanted | None = None) -> Iterator[ReadMessage]:
     """One segment's messages by log time, else as they were written; chunks that overlap are held together.
 
     Where these are too much to be held, what is earliest of it goes out: a file need not be in order.
@@ -136,18 +136,18 @@ def nearly_sorted(segment: SegmentScan, wanted: Wanted | None = None) -> Iterato
     reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
     starts = [chunk.start_ns for chunk in segment.chunks]
     later = [*list(accumulate(reversed(starts), min))[-2::-1], None]
-    held = _Held()
+    heap = _MessageHeap()
     for chunk, limit_ns in zip(segment.chunks, later, strict=True):
         for message in reader.messages((chunk,), wanted):
-            held.add(message)
+            heap.add(message)
             del message
-            while held.bytes > _MOST_HELD_BYTES:
-                yield held.pop()
-        while held.is_due(limit_ns) or held.bytes > _MOST_WAITING_BYTES:
-            yield held.pop()
+            while heap.bytes > _MOST_HELD_BYTES:
+                yield heap.pop()
+        while heap.is_due(limit_ns) or heap.bytes > _MOST_WAITING_BYTES:
+            yield heap.pop()
 
 
-class _Held:
+class _MessageHeap:
     """Messages by log time, of the same time in the order in which they came."""
 
     def __init__(self) -> None:

@@ -19,14 +19,14 @@ from replay.recordings.pixels import PixelStore
 from replay.recordings.recording import Recording
 
 _INPUTS = frozenset({IMAGE_SCHEMA, OBSERVATION_SCHEMA})
-_LEAST_SHARE = 0.25  # of a chunk
-_TOGETHER: Final = 256  # images: spans of ticks are bounded by them
+_MIN_SHARE = 0.25  # of a chunk
+_BATCH_IMAGES: Final = 256  # images: spans of ticks are bounded by them
 
 
 _Subject: TypeAlias = Image | Observation
 
 
-class _Found(NamedTuple):
+class _ChunkEvents(NamedTuple):
     """Images, or observations, by their rows ``(n,)`` in a chunk."""
 
     rows: IntArray
@@ -34,7 +34,7 @@ class _Found(NamedTuple):
 
     @property
     def arrivals_ns(self) -> IntArray:
-        """``(n,)``."""
+        """Arrivals ``(n,)``."""
         if isinstance(self.events, ImageRows):
             return self.events.arrival_ns
         return np.array([event.arrival_ns for event in self.events], dtype=np.int64)
@@ -68,32 +68,32 @@ class RecordingSource:
         Raises:
             InputError: Arrivals go back: the recording was put together by hand; or a message is damaged.
         """
-        for table, others in self._chunks():
-            by_row = {row: one for found in others for row, one in zip(found.rows.tolist(), found.events, strict=True)}
+        for table, parts in self._chunks():
+            by_row = {row: one for part in parts for row, one in zip(part.rows.tolist(), part.events, strict=True)}
             single: list[Event] = [by_row[row] for row in sorted(by_row)]
             yield from sorted([*_blocks(table), *single], key=first_arrival_ns)
 
     def gathered(self) -> Iterator[Arrival]:
-        """The same, images of a chunk together.
+        """All events in order of arrival, images of a chunk together.
 
         Raises:
-            InputError: As ``events``.
+            InputError: Arrivals go back, or a message is damaged.
         """
-        for table, others in self._chunks():
-            together = chain.from_iterable(_together(found.events) for found in others)
+        for table, parts in self._chunks():
+            together = chain.from_iterable(_image_batches(part.events) for part in parts)
             yield from sorted([*_blocks(table), *together], key=first_arrival_ns)
 
-    def _chunks(self) -> Iterator[tuple[ChunkTable, list[_Found]]]:
+    def _chunks(self) -> Iterator[tuple[ChunkTable, list[_ChunkEvents]]]:
         """The input of each chunk: where it is, and images and observations."""
         last_ns = 0
         for table in self._recording.tables(from_ns=self._from_ns, to_ns=self._to_ns, wanted=_is_input):
             if not len(table.log_ns):
                 continue
-            others = self._others(table)
-            last_ns = self._checked(table, others, last_ns)
-            yield table, others
+            parts = self._images_and_observations(table)
+            last_ns = self._last_arrival_ns(table, parts, last_ns)
+            yield table, parts
 
-    def _checked(self, table: ChunkTable, others: Sequence[_Found], last_ns: int) -> int:
+    def _last_arrival_ns(self, table: ChunkTable, parts: Sequence[_ChunkEvents], last_ns: int) -> int:
         """The last arrival of a chunk, none of which goes back: by log times, and by what images say themselves."""
         newest_ns = int(table.log_ns.max())
         if newest_ns > LATEST_NS:
@@ -101,26 +101,26 @@ class RecordingSource:
             raise InputError("a log time is none", where=where, got=newest_ns, expected=expected)
         log_ns = np.concatenate([[last_ns], table.log_ns.astype(np.int64)])
         arrivals = log_ns.copy()
-        for found in others:
-            arrivals[1 + found.rows] = found.arrivals_ns
+        for part in parts:
+            arrivals[1 + part.rows] = part.arrivals_ns
         for times in (log_ns, arrivals):
             back_ns = np.diff(times)
             if np.any(back_ns < 0):
-                raise self._gone_back(-int(back_ns[back_ns < 0][0]))
+                raise self._backwards_error(-int(back_ns[back_ns < 0][0]))
         return int(arrivals[-1])
 
-    def _others(self, table: ChunkTable) -> list[_Found]:
+    def _images_and_observations(self, table: ChunkTable) -> list[_ChunkEvents]:
         """Images and observations of a chunk."""
-        found: list[_Found] = []
+        found: list[_ChunkEvents] = []
         with located(self._recording.folder):
             for schema, decoded in self._decoders.items():
                 wanted = [number for number, channel in table.channels.items() if channel.schema == schema]
                 rows = np.flatnonzero(is_one_of(table.channel, wanted))
                 places = zip(table.start[rows].tolist(), table.stop[rows].tolist(), strict=True)
-                found.append(_Found(rows, decoded([table.content[start:stop] for start, stop in places])))
+                found.append(_ChunkEvents(rows, decoded([table.content[start:stop] for start, stop in places])))
         return found
 
-    def _gone_back(self, by_ns: int) -> InputError:
+    def _backwards_error(self, by_ns: int) -> InputError:
         return InputError(
             "the recording goes back in time",
             where=self._recording.folder,
@@ -135,10 +135,10 @@ class RecordingSource:
         return [replace(image, pixels=pixels.pixels(image)) for image in images]
 
 
-def _together(events: Sequence[_Subject]) -> Sequence[Arrival]:
+def _image_batches(events: Sequence[_Subject]) -> Sequence[Arrival]:
     """Images in parts of moderate size where they are alike; others one by one."""
     if isinstance(events, ImageRows):
-        return [events[first : first + _TOGETHER] for first in range(0, len(events), _TOGETHER)]
+        return [events[first : first + _BATCH_IMAGES] for first in range(0, len(events), _BATCH_IMAGES)]
     return events
 
 
@@ -156,7 +156,7 @@ def _blocks(table: ChunkTable) -> Iterator[RawBlock]:
     for (protocol, sender), numbers in senders.items():
         own = table.rows(is_one_of(table.channel, numbers))
         length, offset, data = own.stop - own.start, own.start, table.content
-        if length.sum() < _LEAST_SHARE * len(data):  # answers lie between them: a chunk would be kept for a few frames
+        if length.sum() < _MIN_SHARE * len(data):  # answers lie between them: a chunk would be kept for a few frames
             data = b"".join([data[start:stop] for start, stop in zip(offset.tolist(), own.stop.tolist(), strict=True)])
             offset = np.cumsum(length) - length
         yield RawBlock(

@@ -18,7 +18,7 @@ from aerodft.model import StampClock
 from aerodft.sim import default_camera
 from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases
-from replay.compare import ComparisonRun, Tolerance
+from replay.compare import compare_measurements
 from replay.recordings import Recording
 from tests.payloads import decode_observation
 from tests.ports import free_endpoint, free_udp_port
@@ -167,7 +167,7 @@ def test_what_was_seen_belongs_to_its_images_and_lies_where_the_truth_is(flight,
 def test_recomputed_it_is_the_same_to_the_byte_without_an_image(refined, tmp_path):
     run = run_aerodft("recompute", refined[0], "-o", tmp_path / "again")
     assert run.code == 0, run.err
-    comparison = ComparisonRun(refined[0], tmp_path / "again").comparison(Tolerance())
+    comparison = compare_measurements(refined[0], tmp_path / "again")
     assert comparison.is_identical
     assert comparison.total.paired > 20
     assert seen_in(tmp_path / "again") == seen_in(refined[0])
@@ -187,7 +187,7 @@ def test_looking_again_gives_the_same_bytes(flight, scenario, refined):
         flight, scenario.world, "twice", "--observations", flight / "observations.jsonl",
         markers=markers_of(scenario.world),
     )  # fmt: skip
-    assert ComparisonRun(refined[0], flight / "twice").comparison(Tolerance()).is_identical
+    assert compare_measurements(refined[0], flight / "twice").is_identical
     assert seen_in(flight / "twice") == seen_in(refined[0])
 
 
@@ -262,7 +262,7 @@ def test_live_what_is_seen_is_recorded_with_its_image_and_refines(served):
 def test_live_recomputed_is_the_same_to_the_byte(served):
     run = run_aerodft("recompute", served / "recording", "-o", served / "again")
     assert run.code == 0, run.err
-    comparison = ComparisonRun(served / "recording", served / "again").comparison(Tolerance())
+    comparison = compare_measurements(served / "recording", served / "again")
     assert comparison.is_identical
     assert comparison.total.paired > 5
     assert decoded(served / "again", ESTIMATE) == decoded(served / "recording", ESTIMATE)

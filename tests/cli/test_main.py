@@ -79,9 +79,7 @@ def test_a_bug_is_not_hidden(monkeypatch, aerodft):
 def test_a_process_says_its_error_once_on_stderr(tmp_path):
     found = process("recompute", tmp_path / "none", "-o", tmp_path / "new")
     assert (found.returncode, found.stdout) == (3, "")
-    assert found.stderr == (
-        f"aerodft: {tmp_path}/none: there is no recording: got nothing, expected a folder with data_000.mcap\n"
-    )
+    assert found.stderr == f"aerodft: {tmp_path}/none: no such file or folder\n"
 
 
 @pytest.mark.parametrize(

@@ -45,12 +45,19 @@ def test_a_recording_that_cannot_answer_says_why(aerodft, flight_recording, argu
     assert (found.code, said in found.err) == (code, True), found.err
 
 
-@pytest.mark.parametrize("make", [lambda _: None, Path.mkdir, Path.touch])
-def test_what_is_no_recording_is_refused(aerodft, tmp_path, make):
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda _: None, "no such file or folder"),
+        (Path.mkdir, "there is no recording"),
+        (Path.touch, "there is no recording"),
+    ],
+)
+def test_what_is_no_recording_is_refused(aerodft, tmp_path, make, sentence):
     folder = tmp_path / "recording"
     make(folder)
     found = aerodft("measure", "--recording", folder, "--at", "1", "--probe", "range 1,1")
-    assert (found.code, f"{folder}: there is no recording" in found.err) == (3, True)
+    assert (found.code, f"{folder}: {sentence}" in found.err) == (3, True)
 
 
 def test_a_recording_is_measured_with_another_calibration(aerodft, flight_recording, tmp_path):

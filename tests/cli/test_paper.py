@@ -74,7 +74,7 @@ def test_a_folder_that_cannot_be_is_one_sentence(aerodft, tmp_path):
     file.touch()
     run = aerodft("paper", "-o", file / "under", "--json")
     assert (run.code, run.out) == (3, b"")
-    assert "cannot write the figures" in run.last
+    assert "the figures cannot be written" in run.last
     assert str(file) in run.last
 
 

@@ -18,7 +18,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.model import Image
 from aerodft.sim import default_camera
-from replay.compare import ComparisonRun, Tolerance
+from replay.compare import compare_measurements
 from replay.recordings import Recording, RecordingSource
 from tests.ports import free_endpoint, free_udp_port
 
@@ -133,7 +133,7 @@ def test_live_recomputed_is_the_same_to_the_byte(flown, tmp_path):
     folder, *_ = flown
     command = [sys.executable, "-m", "aerodft", "recompute", folder / "recording", "-o", tmp_path / "again"]
     subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=PATIENCE_S)
-    comparison = ComparisonRun(folder / "recording", tmp_path / "again").comparison(Tolerance())
+    comparison = compare_measurements(folder / "recording", tmp_path / "again")
     assert comparison.is_identical
     assert comparison.total.paired > 20
 

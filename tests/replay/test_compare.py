@@ -8,18 +8,18 @@ import pytest
 from aerodft.errors import UsageError
 from aerodft.model import CODE_OF, Status
 from replay.compare import PairBy, Tolerance, parse_tolerance
-from replay.compare.comparison import apart_of_places, apart_of_values, paired, summarise
+from replay.compare.comparison import pair_probe, position_deviations, summarise, value_deviations
 from replay.compare.pairing import Pairing, pairing
-from replay.compare.probe_series import NO_IMAGE, ComparisonInput, ProbeKey, Series
+from replay.compare.probe_series import NO_IMAGE, ComparisonInput, ProbeKey, ProbeSeries
 
 KEY = ProbeKey("w", "distance", "m")
-BY_STAMP = Pairing(by=PairBy.STAMP, is_same_input=False, within_ns=10)
-BY_IMAGE = Pairing(by=PairBy.IMAGE, is_same_input=True, within_ns=10)
+BY_STAMP = Pairing(by=PairBy.STAMP, is_same_input=False, max_gap_ns=10)
+BY_IMAGE = Pairing(by=PairBy.IMAGE, is_same_input=True, max_gap_ns=10)
 
 
 def a_series(stamps, images=None, value=None, std=None, place=None):
     n = len(stamps)
-    return Series(
+    return ProbeSeries(
         stamp_ns=np.array(stamps, dtype=np.int64),
         image=np.full(n, NO_IMAGE) if images is None else np.array(images, dtype=np.int64),
         value=np.zeros(n) if value is None else np.asarray(value, dtype=float),
@@ -107,15 +107,15 @@ def test_combined_stds_are_those_of_independent_errors_and_shared_ones_those_of_
     for second, name in ((independent, "sigmas"), (better, "shared")):
         one = a_series(np.arange(n), value=10 + errors[:, 0], std=np.full(n, telemetry))
         other = a_series(np.arange(n), value=10 + second, std=np.full(n, better_std))
-        apart = apart_of_values("m", one, other)
-        ratio = np.abs(apart.change) / apart.shared_std if name == "shared" else apart.sigmas
+        found = value_deviations("m", one, other)
+        ratio = np.abs(found.change) / found.shared_std if name == "shared" else found.sigmas
         assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.015), name
         assert np.quantile(ratio, 0.95) == pytest.approx(1.96, abs=0.04), name
 
 
 def test_bearings_differ_the_short_way_round():
     one, other = a_series([0, 1], value=[359.5, 1.0]), a_series([0, 1], value=[0.5, 358.0])
-    np.testing.assert_allclose(apart_of_values("deg", one, other).change, [1.0, -3.0])
+    np.testing.assert_allclose(value_deviations("deg", one, other).change, [1.0, -3.0])
 
 
 def test_positions_differ_by_metres_on_the_ground_and_in_the_ellipse_s_stds():
@@ -125,12 +125,12 @@ def test_positions_differ_by_metres_on_the_ground_and_in_the_ellipse_s_stds():
         [0, 1, 2], place=[[45.0, 7.0, *cov, 50.0, 0, 0], [*[np.nan] * 2, *cov, 50.0, 1, 1], [45, 7, *cov, 50, 0, 0]]
     )
     moved = [[45.0 + north_deg, 7.0, *cov, 50.0, 9, 9], [*[np.nan] * 2, *cov, 50.0, 4, 5], [45, 7, *cov, 50, 0, 0]]
-    apart = apart_of_places("m", one, a_series([0, 1, 2], place=moved))
-    np.testing.assert_allclose(apart.change, [1.0, 5.0, 0.0], atol=1e-3)
+    found = position_deviations(one, a_series([0, 1, 2], place=moved))
+    np.testing.assert_allclose(found.change, [1.0, 5.0, 0.0], atol=1e-3)
     # 1 m north against a variance of 1 + 1; (3, 4) m against variances of 8 and 2.
-    np.testing.assert_allclose(apart.sigmas, [1 / np.sqrt(2), np.sqrt(9 / 8 + 16 / 2), 0.0], atol=1e-3)
-    np.testing.assert_allclose(apart.combined[:2], [np.sqrt(2), np.sqrt(0.36 * 8 + 0.64 * 2)], atol=1e-3)
-    np.testing.assert_allclose(apart.std_change, 0)
+    np.testing.assert_allclose(found.sigmas, [1 / np.sqrt(2), np.sqrt(9 / 8 + 16 / 2), 0.0], atol=1e-3)
+    np.testing.assert_allclose(found.combined[:2], [np.sqrt(2), np.sqrt(0.36 * 8 + 0.64 * 2)], atol=1e-3)
+    np.testing.assert_allclose(found.std_change, 0)
 
 
 def test_figures_are_numpy_s():
@@ -140,7 +140,7 @@ def test_figures_are_numpy_s():
         a_series(range(101), value=value, std=[2.0] * 101),
         a_series(range(102), value=[*(value + change), 3.0]),
     )
-    got = summarise(paired(KEY, one, other, BY_STAMP), Tolerance(), same_input=False)
+    got = summarise(pair_probe(KEY, one, other, BY_STAMP), Tolerance(), same_input=False)
     assert (got.paired, got.count, got.only_first, got.only_second, got.beyond) == (101, 101, 0, 1, 101)
     assert got.mean == pytest.approx(change.mean())
     assert got.rms == pytest.approx(np.sqrt((change**2).mean()))
@@ -172,13 +172,13 @@ def test_figures_are_numpy_s():
 )
 def test_a_tolerance_holds_up_to_its_limit(terms, change, std, ok):
     one, other = a_series([0], value=[10.0]), a_series([0], value=[10.0 + change], std=[std])
-    got = summarise(paired(KEY, one, other, BY_STAMP), parse_tolerance(terms), same_input=False)
+    got = summarise(pair_probe(KEY, one, other, BY_STAMP), parse_tolerance(terms), same_input=False)
     assert (got.beyond == 0) is ok
 
 
 def test_a_std_that_is_gone_is_a_difference():
     one, other = a_series([0]), a_series([0], std=[np.nan])
-    assert summarise(paired(KEY, one, other, BY_STAMP), parse_tolerance(["9m"]), same_input=False).beyond == 1
+    assert summarise(pair_probe(KEY, one, other, BY_STAMP), parse_tolerance(["9m"]), same_input=False).beyond == 1
 
 
 @pytest.mark.parametrize("term", ["", "m", "-1m", "nan", "inf", "1 furlong", "1e400", "0.1m;0.2m", "1%%"])

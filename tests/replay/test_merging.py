@@ -13,7 +13,7 @@ from aerodft.adapters.recording import encoded
 from aerodft.adapters.recording.recover import recover_folder
 from aerodft.errors import InputError
 from replay.export import merge_segments
-from replay.export.merging import Attached, MergedFile
+from replay.export.merging import FileAttachment, MergedRecordingWriter
 from replay.recordings import Recording, segments
 
 COUNT = 300
@@ -61,10 +61,10 @@ def test_an_attachment_is_the_record_that_the_stock_library_writes(tmp_path: Pat
     (tmp_path / "a.bin").write_bytes(b"before" + data + b"behind")
     about = Attachment(create_time=5, log_time=7, name="a.bin", media_type="x/y", data=b"")
     path = tmp_path / "all.mcap"
-    with path.open("wb") as file, MergedFile(file, ()) as whole:
-        whole.attach(Attached(about, tmp_path / "a.bin", 6, len(data)))
+    with path.open("wb") as file, MergedRecordingWriter(file, ()) as whole:
+        whole.attach(FileAttachment(about, tmp_path / "a.bin", 6, len(data)))
         with pytest.raises(InputError, match="became shorter"):
-            list(Attached(about, tmp_path / "a.bin", 6, len(data) + 7).pieces())
+            list(FileAttachment(about, tmp_path / "a.bin", 6, len(data) + 7).pieces())
     assert encoded(replace(about, data=data)) in path.read_bytes()
     with path.open("rb") as file:
         (found,) = make_reader(file, validate_crcs=True).iter_attachments()

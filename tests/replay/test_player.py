@@ -7,7 +7,7 @@ import pytest
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ReadMessage
 from replay.player import Controls, Player
-from replay.player.merged_timeline import Item
+from replay.player.merged_timeline import TimelineMessage
 from tests.clock import VirtualClock
 
 CHANNEL = Channel(topic="/t", encoding="json", schema="")
@@ -21,17 +21,17 @@ class Sent:
         self._clock, self._at = clock, at or {}
         self.got: list[tuple[float, float, int]] = []
 
-    def send(self, item: Item, shift_ns: int) -> None:
+    def send(self, item: TimelineMessage, shift_ns: int) -> None:
         self.got.append(((item.log_ns - START_NS) / SECOND_NS, self._clock.now_ns() / SECOND_NS, shift_ns))
         self._at.get(len(self.got), lambda: None)()
 
 
-def row(times_s: list[float], marks: set[float] | None = None) -> Callable[[], Iterator[Item]]:
-    def items() -> Iterator[Item]:
+def row(times_s: list[float], marks: set[float] | None = None) -> Callable[[], Iterator[TimelineMessage]]:
+    def items() -> Iterator[TimelineMessage]:
         for time_s in times_s:
             log_ns = START_NS + round(time_s * SECOND_NS)
             message = ReadMessage(log_ns, CHANNEL, b"{}", 0)
-            yield Item(log_ns, None, message, marks is None or time_s in marks)  # type: ignore[arg-type]
+            yield TimelineMessage(log_ns, None, message, marks is None or time_s in marks)  # type: ignore[arg-type]
 
     return items
 

@@ -18,7 +18,7 @@ from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.geometry import camera_attitude
 from aerodft.model import Camera, Image, Measurement, Pose, PoseSample, ProbeKind, ProjectionModel, Status
 from replay.player import Player, Republisher, is_published, timeline
-from replay.player.publish import WaitingPublishers
+from replay.player.publish import PublisherPool
 from replay.recordings import Recording
 from tests.batches import one_tick, take
 from tests.clock import VirtualClock
@@ -133,7 +133,7 @@ def test_more_keys_than_are_declared_all_arrive_and_listeners_are_noticed() -> N
     endpoint, keys = free_endpoint(), 1200
     got: Queue[str] = Queue()
     with session_on(endpoint) as session, session_on(None, [endpoint]) as other:
-        publishers = WaitingPublishers(session)
+        publishers = PublisherPool(session)
         publishers.put("many/before", b"", zenoh.Encoding.ZENOH_BYTES)
         assert not publishers.has_listeners
         subscriber = other.declare_subscriber("many/**", lambda sample: got.put(str(sample.key_expr)))
@@ -150,12 +150,11 @@ def test_more_keys_than_are_declared_all_arrive_and_listeners_are_noticed() -> N
 def test_a_listener_to_any_one_of_many_keys_is_noticed() -> None:
     endpoint = free_endpoint()
     with session_on(endpoint) as session, session_on(None, [endpoint]) as other:
-        publishers = WaitingPublishers(session)
+        publishers = PublisherPool(session)
         with other.declare_subscriber("many/170"):
-            heard, end_s = False, time.monotonic() + 20
-            while not heard and time.monotonic() < end_s:
+            for _ in range(20):
                 for key in range(200):
                     publishers.put(f"many/{key}", b"", zenoh.Encoding.ZENOH_BYTES)
-                heard = publishers.was_heard
-            assert heard
+                time.sleep(0.05)
+        assert publishers.has_listeners  # noticed while it was there
         publishers.close()

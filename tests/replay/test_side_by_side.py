@@ -19,7 +19,7 @@ from aerodft.adapters.wire.schemas import schema_text
 from aerodft.cli.main import main
 from aerodft.errors import InputError
 from aerodft.model import Camera, GeoPoint, Measurement, PoseSample, ProbeKind, ProjectionModel, Status
-from replay.compare import Comparison, ComparisonRun, Tolerance, parse_tolerance
+from replay.compare import Comparison, compare_measurements, parse_tolerance
 from replay.export import ExportFormat, export_text
 from replay.recordings import Recording
 from tests.batches import one_tick, take
@@ -59,7 +59,7 @@ def compared(
 ) -> Comparison:
     folders = [tmp_path / f"{side}{len(list(tmp_path.iterdir()))}" for side in "ab"]
     one, other = (Recording(record(*each)) for each in zip(folders, (first, second), strict=True))
-    return ComparisonRun(one.folder, other.folder).comparison(parse_tolerance(tolerance))
+    return compare_measurements(one.folder, other.folder, parse_tolerance(tolerance))
 
 
 def test_the_same_measurements_are_identical(tmp_path: Path) -> None:
@@ -232,4 +232,4 @@ def test_recordings_of_before_with_a_record_for_each_measurement_are_read_as_eve
     payloads = list(map(encode_measurement, values))
     old, new = Recording(recorded_before(tmp_path / "old", payloads)), Recording(record(tmp_path / "new", values))
     assert list(old.measurements()) == list(new.measurements()) == payloads
-    assert ComparisonRun(old.folder, new.folder).comparison(Tolerance()).is_identical
+    assert compare_measurements(old.folder, new.folder).is_identical

@@ -29,10 +29,10 @@ from aerodft.app.assembly import (
     outputs_run,
     run,
 )
+from aerodft.app.recordings import recovering_beside
 from aerodft.cli.flight import DEFAULT_RATE_HZ
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
-from aerodft.cli.recordings.recover import recovering_beside
 from aerodft.cli.rehearsal import rehearse
 from aerodft.cli.summary import report
 from aerodft.conventions import SECOND_NS

@@ -1,26 +1,17 @@
 """``aerodft recover``: a recording whose recorder was killed, or whose files were damaged, made whole in place."""
 
-import subprocess
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodft.adapters.recording.recover import (
-    Loss,
-    Recovery,
-    SegmentRecovery,
-    is_recording,
-    recordings_in,
-    recover_folder,
-)
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.output import LOSS, print_json, say
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import NoAnswerError
+
+if TYPE_CHECKING:
+    from aerodft.adapters.recording.recover import Loss, Recovery, SegmentRecovery
 
 
 def recover(
@@ -36,11 +27,13 @@ def recover(
     Example:
       aerodft recover recordings/river-20261121-101500
     """
-    below = {} if is_recording(folder) else recordings_in(folder)
-    recoveries = _all_of(below) if below else [recover_folder(folder)]
+    from aerodft.adapters.recording.recover import is_recording
+    from aerodft.app.recordings import recover as recover_recordings
+
+    recoveries = recover_recordings(folder)
     if json:
         documents = [_document(recovery) for recovery in recoveries]
-        print_json({"recordings": documents} if below else documents[0])
+        print_json(documents[0] if is_recording(folder) else {"recordings": documents})
     for recovery in recoveries:
         _say(recovery)
     if recoveries and not any(recovery.messages for recovery in recoveries):
@@ -49,37 +42,7 @@ def recover(
         raise typer.Exit(LOSS)
 
 
-@contextmanager
-def recovering_beside(root: Path) -> Iterator[None]:
-    """Recover what is unfinished in a folder of recordings, in a process of its own that does not outlive the block."""
-    try:
-        is_needed = not all(recordings_in(root).values())
-    except InputError:  # the recorder will say what is wrong with the folder
-        is_needed = False
-    if not is_needed:
-        yield
-        return
-    line = [sys.executable, "-m", "aerodft", "recover", str(root.absolute())]
-    with subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:  # noqa: S603 - our own
-        try:
-            yield
-        finally:
-            process.terminate()  # which costs nothing: no copy takes a segment's name before it is whole
-
-
-def _all_of(below: Mapping[Path, bool]) -> list[Recovery]:
-    recoveries = []
-    for folder, is_finished in below.items():
-        if is_finished:
-            continue
-        try:
-            recoveries.append(recover_folder(folder))
-        except InputError as error:  # being written, of another tool: the others are recovered all the same
-            say(f"aerodft: {error}")
-    return recoveries
-
-
-def _say(recovery: Recovery) -> None:
+def _say(recovery: "Recovery") -> None:
     for segment in recovery.segments:
         path = recovery.folder / segment.name
         say(f"{path}: {segment.state}, {segment.messages} messages")
@@ -87,33 +50,25 @@ def _say(recovery: Recovery) -> None:
             say(f"aerodft: {path}: {_sentence(loss)}")
 
 
-def _document(recovery: Recovery) -> dict[str, object]:
+def _document(recovery: "Recovery") -> dict[str, object]:
     return {
         "recording": str(recovery.folder),
         "messages": recovery.messages,
         "is_lossy": recovery.is_lossy,
-        "segments": [_segment(segment) for segment in recovery.segments],
-    }
-
-
-def _segment(segment: SegmentRecovery) -> dict[str, object]:
-    return {
-        "name": segment.name,
-        "state": segment.state,
-        "messages": segment.messages,
-        "start_ns": _text(segment.start_ns),
-        "end_ns": _text(segment.end_ns),
-        "losses": [
-            asdict(loss) | {"from_ns": _text(loss.from_ns), "to_ns": _text(loss.to_ns)} for loss in segment.losses
+        "segments": [
+            _stamps_as_text(segment) | {"losses": [_stamps_as_text(loss) for loss in segment.losses]}
+            for segment in recovery.segments
         ],
     }
 
 
-def _text(stamp_ns: int | None) -> str | None:
-    return None if stamp_ns is None else str(stamp_ns)
+def _stamps_as_text(value: "SegmentRecovery | Loss") -> dict[str, object]:
+    return {
+        name: str(each) if name.endswith("_ns") and each is not None else each for name, each in asdict(value).items()
+    }
 
 
-def _sentence(loss: Loss) -> str:
+def _sentence(loss: "Loss") -> str:
     begin = "the beginning" if loss.from_ns is None else unix_ns_to_iso(loss.from_ns)
     end = "the end" if loss.to_ns is None else unix_ns_to_iso(loss.to_ns)
     where = "" if loss.offset is None else f", {loss.length} bytes at byte {loss.offset}"

@@ -1,7 +1,7 @@
 """``aerodft replay``: recordings on the bus, and their MAVLink on a link, again."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,9 +12,9 @@ from aerodft.adapters.bus import DEFAULT_LISTEN, session_on
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.telemetry.mavlink import LinkKind, open_transport, parse_address
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.keys import has_keys, pressed
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, progress_bar, say
+from aerodft.cli.recordings.keys import has_keys, pressed
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.service.clocks import WallClock
@@ -52,7 +52,7 @@ def replay(
     start: Annotated[
         str | None, typer.Option("--from", help="Seconds from the recording's start, UTC ns, or ISO 8601.")
     ] = None,
-    stop: Annotated[str | None, typer.Option("--to", help="Likewise; stops before it.")] = None,
+    stop: Annotated[str | None, typer.Option("--to", help="Where to stop (before it), written as --from.")] = None,
     stamps: Annotated[
         Stamps, typer.Option(help="now: all stamps are moved by one amount, the first of them to now.")
     ] = Stamps.ORIGINAL,
@@ -166,7 +166,7 @@ def _play(player: Player, recordings: Sequence[AnyRecording], window: tuple[int 
         "n": controls.step,
         "\x1b[C": controls.step,
         "l": lambda: _toggle_loop(controls),
-        "q": lambda: _end(controls),
+        "q": controls.end,
     }
 
     def on_pause(log_ns: int) -> None:
@@ -176,27 +176,16 @@ def _play(player: Player, recordings: Sequence[AnyRecording], window: tuple[int 
     player.on_pause = on_pause
     with progress_bar("replaying", first_ns, min(to_ns or last_ns, last_ns)) as on_time, pressed(actions):
         player.on_time = on_time
-        with _interruptible(controls):
+        try:
             player.play(lambda: timeline(recordings, from_ns, to_ns, wanted))
+        except KeyboardInterrupt:  # ends it as the key does, and what went out is said
+            controls.end()
     return controls.ended
-
-
-@contextmanager
-def _interruptible(controls: Controls) -> Iterator[None]:
-    """Ctrl-C ends it as the key does, and what went out is said."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        controls.ended = True
 
 
 def _toggle_loop(controls: Controls) -> None:
     controls.looping = not controls.looping
     say("looping" if controls.looping else "not looping")
-
-
-def _end(controls: Controls) -> None:
-    controls.ended = True
 
 
 def _report(

@@ -12,7 +12,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.recording import Channel
-from replay.foreign import FrameReader, Kind, frames, kind_of, read_picture
+from replay.foreign import FrameReader, Kind, frames, kind_of, read_encoded_image
 from replay.foreign.images import read_camera
 
 STAMP_NS = 1_795_221_278_868_833_001
@@ -59,14 +59,14 @@ def test_a_compressed_image_has_its_stamp_to_the_nanosecond_and_its_bytes(way: s
     encoding, schema, data, form = PICTURES[way]
     own = channel(encoding, schema)
     assert kind_of(own) is Kind.IMAGES
-    assert tuple(read_picture(own, data)) == (STAMP_NS, JPEG, form)
+    assert tuple(read_encoded_image(own, data)) == (STAMP_NS, JPEG, form)
     for size in range(len(data)):  # cut anywhere: refused, or without what comes last; nothing else is raised
         with suppress(ValueError):
-            read_picture(own, data[:size])
+            read_encoded_image(own, data[:size])
 
 
 def test_a_jpeg_without_a_schema_is_one_too() -> None:
-    assert tuple(read_picture(channel("", ""), JPEG)) == (None, JPEG, "jpeg")
+    assert tuple(read_encoded_image(channel("", ""), JPEG)) == (None, JPEG, "jpeg")
 
 
 def mavlink_json(**changes: object) -> bytes:
@@ -167,7 +167,7 @@ def test_a_message_of_megabytes_holds_no_frame() -> None:
 @pytest.mark.parametrize("stamp", [{"sec": 2**62}, {"sec": 9_223_372_037}, {"sec": -5}])
 def test_a_stamp_that_no_clock_says_is_none(stamp: dict[str, int]) -> None:
     data = json.dumps({"timestamp": stamp, "format": "jpeg", "data": ""}).encode()
-    assert read_picture(channel("json", "foxglove.CompressedImage"), data).stamp_ns is None
+    assert read_encoded_image(channel("json", "foxglove.CompressedImage"), data).stamp_ns is None
 
 
 def claiming(field: str) -> tuple[Channel, bytes]:
@@ -195,4 +195,4 @@ def claiming(field: str) -> tuple[Channel, bytes]:
 def test_texts_and_numbers_of_megabytes_are_not_made_into_any(field: str, said: str) -> None:
     made, data = claiming(field)
     with pytest.raises(ValueError, match=said):
-        (read_camera if field == "lens" else read_picture)(made, data)
+        (read_camera if field == "lens" else read_encoded_image)(made, data)

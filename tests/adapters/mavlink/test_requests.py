@@ -6,7 +6,14 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.diagnosis.message_requests import ARDUPILOT, OFF, PX4, MessageRequest, wanted, wanted_of_cameras
+from aerodft.diagnosis.message_requests import (
+    ARDUPILOT,
+    PX4,
+    SWITCHED_OFF_BY,
+    MessageRequest,
+    missing_camera_messages,
+    missing_messages,
+)
 from aerodft.diagnosis.streams import Parameters, Stream
 from aerodft.model import ZoomSource
 from aerodft.service import ZoomSettings
@@ -24,16 +31,16 @@ ARDUPILOTS_GROUPS = {
 SETTINGS, FOV, VIDEO = map(str, ZoomSource)
 
 
-def _asked(
+def _answer_to(
     autopilot: int | None, streams: tuple[Stream, ...] = (), parameters: dict[str, tuple[float, ...]] | None = None
 ) -> tuple[MessageRequest, ...]:
     said = Parameters(parameters or {})
-    return wanted(streams, system=1, component=1, autopilot=autopilot, parameters=said)
+    return missing_messages(streams, system=1, component=1, autopilot=autopilot, parameters=said)
 
 
 def test_ardupilots_messages_are_set_by_the_parameter_that_they_belong_to() -> None:
     rates: dict[str, set[str]] = {}
-    for each in _asked(ARDUPILOT):
+    for each in _answer_to(ARDUPILOT):
         group, rate_hz = re.match(r"SRn_(\w+) = (\d+) ", each.parameters["ardupilot"]).groups()
         assert each.name in ARDUPILOTS_GROUPS[group].split(", ")
         assert each.rate_hz is not None
@@ -44,7 +51,7 @@ def test_ardupilots_messages_are_set_by_the_parameter_that_they_belong_to() -> N
 
 def test_a_parameter_is_set_to_what_is_missing_of_its_group() -> None:
     gimbal = Stream("GIMBAL_DEVICE_ATTITUDE_STATUS", 1, 1, 0, 10**10, count=101)
-    extra3 = [each.parameters["ardupilot"] for each in _asked(ARDUPILOT, (gimbal,)) if each.group == "EXTRA3"]
+    extra3 = [each.parameters["ardupilot"] for each in _answer_to(ARDUPILOT, (gimbal,)) if each.group == "EXTRA3"]
     assert len(extra3) == 4
     assert all(
         each.startswith("SRn_EXTRA3 = 5 of the port that this link is on (SR0 USB, SR1 TELEM1") for each in extra3
@@ -75,7 +82,7 @@ def test_the_links_port_is_the_one_whose_rates_come(came_hz, rates, port) -> Non
         Stream(name, 1, 1, 0, 10**10, count=round(10 * came_hz) + 1)
         for name in ("ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME", "GPS_RAW_INT")
     )
-    (gimbal,) = [each for each in _asked(ARDUPILOT, streams, rates) if each.name == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    (gimbal,) = [each for each in _answer_to(ARDUPILOT, streams, rates) if each.name == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
     assert gimbal.port == port
     assert gimbal.parameters["ardupilot"].startswith(f"{port or 'SRn'}_EXTRA3 = 10 ")
 
@@ -92,21 +99,21 @@ def test_the_links_port_is_the_one_whose_rates_come(came_hz, rates, port) -> Non
     ],
 )
 def test_what_is_switched_off_is_not_asked_for(parameters, missing, setting) -> None:
-    asked = {each.name for each in _asked(ARDUPILOT, parameters=parameters)}
-    assert {each.name for each in _asked(ARDUPILOT)} - asked == {missing} - {""}
-    assert [found for each in OFF.values() if (found := Parameters(parameters).switch_off(*each))][:1] == [setting][
-        : bool(setting)
-    ]
+    asked = {each.name for each in _answer_to(ARDUPILOT, parameters=parameters)}
+    assert {each.name for each in _answer_to(ARDUPILOT)} - asked == {missing} - {""}
+    assert [found for each in SWITCHED_OFF_BY.values() if (found := Parameters(parameters).switch_off(*each))][:1] == [
+        setting
+    ][: bool(setting)]
 
 
 def test_an_old_firmware_is_asked_for_the_gimbal_message_that_it_knows() -> None:
-    old = {each.name for each in _asked(ARDUPILOT, parameters={"MNT_TYPE": (1.0,)})}
+    old = {each.name for each in _answer_to(ARDUPILOT, parameters={"MNT_TYPE": (1.0,)})}
     assert "MOUNT_STATUS" in old
     assert "GIMBAL_DEVICE_ATTITUDE_STATUS" not in old
 
 
 def test_px4_is_told_its_streams() -> None:
-    ways = {each.name: each.parameters for each in _asked(PX4)}
+    ways = {each.name: each.parameters for each in _answer_to(PX4)}
     assert {"ATTITUDE", "ALTITUDE", "ESTIMATOR_STATUS"} < ways.keys()
     assert not {"TERRAIN_REPORT", "EKF_STATUS_REPORT"} & ways.keys()
     assert all(each["px4"].startswith(f"mavlink stream -d DEVICE -s {name} -r ") for name, each in ways.items())
@@ -137,13 +144,13 @@ def test_cameras_are_asked_where_there_are_some_or_one_is_needed(
 ) -> None:
     streams = [Stream(name, 1, component, 0, 0, count=1) for component, name in heard]
     streams.append(Stream(SETTINGS, 7, 100, 0, 0, count=1))  # another vehicle's
-    found = tuple(wanted_of_cameras(streams, system=1, component=1, autopilot=autopilot, zoom=zoom))
+    found = tuple(missing_camera_messages(streams, system=1, component=1, autopilot=autopilot, zoom=zoom))
     assert [(each.component, each.name, each.command_id) for each in found] == expected
     assert all(f"from component {each.component} (" in each.sentence() for each in found)
 
 
 def test_what_is_asked_for_once_is_a_request_of_the_message(parse: Callable[[bytes], dialect.MAVLink_message]) -> None:
-    (request,) = wanted_of_cameras(
+    (request,) = missing_camera_messages(
         [Stream("HEARTBEAT", 1, 100, 0, 0, count=1)],
         system=1,
         component=1,

@@ -22,7 +22,7 @@ _FEW: Final = 0.1  # share of the comparisons; noise makes one in twenty
 
 
 @dataclass(slots=True)
-class Reason:
+class MissingPose:
     """Why there was no pose at moments of one status.
 
     Attributes:
@@ -31,13 +31,13 @@ class Reason:
         seconds: How long it was said, whatever its numbers were.
     """
 
-    words: str
+    text: str
     first_s: float
     seconds: float = 0.0
 
 
 @dataclass(slots=True)
-class Span:
+class StatusTime:
     """All moments of one status.
 
     Attributes:
@@ -46,25 +46,25 @@ class Span:
     """
 
     seconds: float = 0.0
-    reasons: dict[str, Reason] = field(default_factory=dict)
+    reasons: dict[str, MissingPose] = field(default_factory=dict)
 
-    def add(self, words: str, at_s: float, seconds: float) -> None:
+    def add(self, text: str, at_s: float, seconds: float) -> None:
         """Count one moment."""
         self.seconds += seconds
-        self.reasons.setdefault(_NUMBER.sub("", words), Reason(words, at_s)).seconds += seconds
+        self.reasons.setdefault(_NUMBER.sub("", text), MissingPose(text, at_s)).seconds += seconds
 
     @property
     def example(self) -> str:
         """What was said for the longest time, and when it began."""
         reason = max(self.reasons.values(), key=lambda each: each.seconds)
-        return f"first {reason.first_s:.0f} s after the start: {reason.words}"
+        return f"first {reason.first_s:.0f} s after the start: {reason.text}"
 
 
 @dataclass(slots=True)
-class Poses:
+class PoseAvailability:
     """What became of the moments of a flight, by status."""
 
-    spans: dict[Status, Span] = field(default_factory=dict)
+    spans: dict[Status, StatusTime] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
@@ -78,39 +78,41 @@ class Poses:
 
     def add(self, sample: PoseSample, at_s: float, seconds: float) -> None:
         """Count one moment."""
-        words = "" if sample.status is Status.OK else next(iter(sample.reasons), "")
-        self.spans.setdefault(sample.status, Span()).add(words, at_s, seconds)
+        text = "" if sample.status is Status.OK else next(iter(sample.reasons), "")
+        self.spans.setdefault(sample.status, StatusTime()).add(text, at_s, seconds)
 
     def document(self) -> dict[str, Any]:
         """Plain JSON values."""
         worst = {str(status): round(span.seconds, 1) for status, span in self.faults()}
         return {"seconds": round(self.seconds, 1), "ok_s": round(self.ok_s, 1), "no_answer_s": worst}
 
-    def faults(self) -> list[tuple[Status, Span]]:
+    def faults(self) -> list[tuple[Status, StatusTime]]:
         """What is no pose, the longest first."""
         faults = ((status, span) for status, span in self.spans.items() if status is not Status.OK)
         return sorted(faults, key=lambda item: -item[1].seconds)
 
     def note(self) -> str:
         """For how long there is a pose, and why there is none for the rest."""
-        said = ", ".join(f"{status} in {span.seconds:.0f} s" for status, span in self.faults() if span.seconds >= 1)
-        return f"images could be measured in {self.ok_s:.0f} of {self.seconds:.0f} s" + (f"; {said}" if said else "")
+        listed = ", ".join(f"{status} in {span.seconds:.0f} s" for status, span in self.faults() if span.seconds >= 1)
+        return f"images could be measured in {self.ok_s:.0f} of {self.seconds:.0f} s" + (
+            f"; {listed}" if listed else ""
+        )
 
     def problem(self) -> str:
         """Why most images would have no answer; empty where most have one."""
         if self.ok_s * 2 > self.seconds:
             return ""
-        told = "; ".join(
+        listed = "; ".join(
             f"{status} in {span.seconds:.0f} s ({span.example})"
             for status, span in self.faults()[:_MOST_TOLD]
             if span.seconds > _RARE * self.seconds
         )
         if self.ok_s == 0:
-            return f"no image could be measured: {told}"
-        return f"images could be measured only in {self.ok_s:.0f} of {self.seconds:.0f} s: {told}"
+            return f"no image could be measured: {listed}"
+        return f"images could be measured only in {self.ok_s:.0f} of {self.seconds:.0f} s: {listed}"
 
 
-class PoseSurvey:
+class PoseSampler:
     """Asks for a pose at every tenth of a second of a link, at every second of a long log.
 
     Args:
@@ -119,7 +121,7 @@ class PoseSurvey:
 
     def __init__(self, source: PoseSource) -> None:
         self._source = source
-        self._poses = Poses()
+        self._poses = PoseAvailability()
         self._waiting: deque[tuple[int, int]] = deque()
         self._first_ns: int | None = None
         self._next_ns = 0
@@ -139,7 +141,7 @@ class PoseSurvey:
             self._next_ns += step_ns
         self._ask(final=False)
 
-    def poses(self) -> Poses:
+    def poses(self) -> PoseAvailability:
         """What became of all moments; nothing is waited for any more."""
         self._ask(final=True)
         return self._poses
@@ -188,7 +190,7 @@ class HeightPair:
         return self.beyond > _FEW * len(self.steps_m)
 
     @property
-    def far(self) -> str:
+    def offset_text(self) -> str:
         """By how much the second one is above or below, in words."""
         median_m = float(np.median(self.steps_m))
         return f"{abs(median_m):.2f} m {'below' if median_m < 0 else 'above'}"
@@ -196,7 +198,7 @@ class HeightPair:
     def sentence(self, first: str, second: str, advice: str) -> str:
         """How the two differ, and what to do."""
         return (
-            f"heights disagree: {second} is {self.far} {first} in the median "
+            f"heights disagree: {second} is {self.offset_text} {first} in the median "
             f"({min(self.steps_m):+.2f} to {max(self.steps_m):+.2f} m), beyond their std in {self.beyond} of "
             f"{len(self.steps_m)} comparisons: {advice}"
         )
@@ -234,29 +236,31 @@ class HeightPairs:
         Args:
             home_above_plane_m: What is added to heights above home, of which a better one may follow.
         """
-        apart = {names: pair for names, pair in self._pairs.items() if pair.disagrees}
-        for alone in dict.fromkeys(name for names in apart for name in names):
-            against = {
-                _other(names, alone): _seen_from(names, pair, alone) for names, pair in apart.items() if alone in names
+        disagreeing = {names: pair for names, pair in self._pairs.items() if pair.disagrees}
+        for outlier in dict.fromkeys(name for names in disagreeing for name in names):
+            others = {
+                _other_source(names, outlier): _as_second(names, pair, outlier)
+                for names, pair in disagreeing.items()
+                if outlier in names
             }
-            if len(against) > 1 and self._agree(list(against)):
-                rest = {names: pair for names, pair in apart.items() if alone not in names}
-                return [_alone(alone, against, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
-        return _sentences(apart, home_above_plane_m)
+            if len(others) > 1 and self._are_consistent(list(others)):
+                rest = {names: pair for names, pair in disagreeing.items() if outlier not in names}
+                return [_outlier_sentence(outlier, others, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
+        return _sentences(disagreeing, home_above_plane_m)
 
-    def _agree(self, names: list[str]) -> bool:
+    def _are_consistent(self, names: list[str]) -> bool:
         """Whether these sources were compared, and agree."""
         pairs = [pair for pair_names, pair in self._pairs.items() if set(pair_names) <= set(names)]
         return bool(pairs) and not any(pair.disagrees for pair in pairs)
 
 
-def _sentences(apart: dict[tuple[str, str], HeightPair], home_above_plane_m: float) -> list[str]:
+def _sentences(disagreeing: dict[tuple[str, str], HeightPair], home_above_plane_m: float) -> list[str]:
     """One sentence for each pair."""
     sentences = []
-    for names, pair in apart.items():
-        alone = str(HeightSource.HOME) if HeightSource.HOME in names else names[1]
-        advice = _advice(alone, _seen_from(names, pair, alone).steps_m, home_above_plane_m)
-        sentences.append(pair.sentence(*names, f"if {_other(names, alone)} is right, {advice}"))
+    for names, pair in disagreeing.items():
+        outlier = str(HeightSource.HOME) if HeightSource.HOME in names else names[1]
+        advice = _advice(outlier, _as_second(names, pair, outlier).steps_m, home_above_plane_m)
+        sentences.append(pair.sentence(*names, f"if {_other_source(names, outlier)} is right, {advice}"))
     return sentences
 
 
@@ -273,24 +277,24 @@ def _advice(name: str, steps_m: list[float], home_above_plane_m: float) -> str:
     )
 
 
-def _other(names: tuple[str, str], name: str) -> str:
+def _other_source(names: tuple[str, str], name: str) -> str:
     return names[1] if name == names[0] else names[0]
 
 
-def _seen_from(names: tuple[str, str], pair: HeightPair, name: str) -> HeightPair:
+def _as_second(names: tuple[str, str], pair: HeightPair, name: str) -> HeightPair:
     """The pair with this source as the second one."""
     if name == names[1]:
         return pair
     return HeightPair(steps_m=[-step_m for step_m in pair.steps_m], stamps_ns=pair.stamps_ns, beyond=pair.beyond)
 
 
-def _alone(name: str, against: dict[str, HeightPair], home_above_plane_m: float) -> str:
+def _outlier_sentence(name: str, others: dict[str, HeightPair], home_above_plane_m: float) -> str:
     """That one source contradicts others, which agree; and what to do."""
-    others = " and ".join(against)
-    steps_m = [step_m for pair in against.values() for step_m in pair.steps_m]
-    far = " and ".join(f"{pair.far} {other}" for other, pair in against.items())
-    beyond = " and ".join(f"{pair.beyond} of {len(pair.steps_m)}" for pair in against.values())
+    steps_m = [step_m for pair in others.values() for step_m in pair.steps_m]
+    offset_text = " and ".join(f"{pair.offset_text} {other}" for other, pair in others.items())
+    beyond = " and ".join(f"{pair.beyond} of {len(pair.steps_m)}" for pair in others.values())
     return (
-        f"heights disagree: {name} is {far} in the median ({min(steps_m):+.2f} to {max(steps_m):+.2f} m), beyond "
-        f"their std in {beyond} comparisons, while {others} agree: {_advice(name, steps_m, home_above_plane_m)}"
+        f"heights disagree: {name} is {offset_text} in the median ({min(steps_m):+.2f} to {max(steps_m):+.2f} m), "
+        f"beyond their std in {beyond} comparisons, while {' and '.join(others)} agree: "
+        f"{_advice(name, steps_m, home_above_plane_m)}"
     )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aerodft.diagnosis.vehicle_health import HealthSurvey
+from aerodft.diagnosis.vehicle_health import VehicleHealth
 from aerodft.model import NO_BOOT_TIME, Camera, CameraTrack, ZoomSource
 from aerodft.service import TelemetrySettings, ZoomSettings
 
@@ -39,7 +39,7 @@ def _camera(hfov_deg: float) -> Camera:
     ],
 )
 def test_a_field_of_view_contradicts_the_file_by_more_than_its_std(source, off_deg, is_said) -> None:
-    survey = HealthSurvey()
+    survey = VehicleHealth()
     survey.add(_track(source, hfov_deg=63.0))
     assert any("says hfov 63.0 deg" in each for each in survey.sentences(_camera(63.0 + off_deg))) is is_said
 
@@ -53,7 +53,7 @@ def test_a_field_of_view_contradicts_the_file_by_more_than_its_std(source, off_d
     ],
 )
 def test_a_station_states_what_the_vehicle_reports_of_its_camera(zoom, is_said) -> None:
-    survey = HealthSurvey()
+    survey = VehicleHealth()
     survey.add(_track(ZoomSource.CAMERA_FOV_STATUS, hfov_deg=62.0))
     found = survey.sentences(_camera(70.0), TelemetrySettings(zoom=zoom))
     assert any("says hfov 62.0 deg" in each for each in found) is is_said
@@ -69,7 +69,7 @@ def test_a_station_states_what_the_vehicle_reports_of_its_camera(zoom, is_said) 
     ],
 )
 def test_a_zoom_of_unknown_effect_is_said(level, zoom, is_said) -> None:
-    survey = HealthSurvey()
+    survey = VehicleHealth()
     survey.add(_track(ZoomSource.CAMERA_SETTINGS, level=level))
     found = survey.sentences(None, TelemetrySettings(zoom=zoom))
     assert any("set telemetry.zoom.curve" in each for each in found) is is_said
@@ -94,7 +94,7 @@ def test_a_zoom_of_unknown_effect_is_said(level, zoom, is_said) -> None:
     ],
 )
 def test_cameras_and_their_streams_are_named_and_told_apart(zoom, said, unsaid) -> None:
-    survey = HealthSurvey()
+    survey = VehicleHealth()
     survey.add(_track(ZoomSource.CAMERA_FOV_STATUS, hfov_deg=62.0))
     for stream, hfov_deg in ((1, 70.0), (2, 12.0)):
         survey.add(_track(ZoomSource.VIDEO_STREAM_INFORMATION, hfov_deg=hfov_deg, camera=100, stream=stream))

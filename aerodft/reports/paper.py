@@ -1,12 +1,17 @@
-"""The paper's tables and figures as a JSON document, with a sentence for every difference."""
+"""The paper's tables and figures: a JSON document with a sentence for every difference, and the figures as PNG."""
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any, Final
 
+import matplotlib as mpl
+
+from aerodft.adapters.atomic_file import output_folder
 from aerodft.dft.paper import (
     CANON,
+    FIGURE_14_ERROR_M,
     MAX_DEPTH_M,
     TABLE_1,
     TABLE_2_HEIGHT_M,
@@ -17,41 +22,58 @@ from aerodft.dft.paper import (
     Percent,
     Sensitivity,
     SensitivityRow,
+    figure_12,
+    figure_14,
     figure_14_text_depth,
+    table_1,
+    table_2,
+    table_3,
 )
 
-SCHEMA: Final = "aerodft.paper/1"
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+_SCHEMA: Final = "aerodft.paper/1"
 
 _DEPTHS_M: Final = tuple(range(10, 151, 10))
 
+_SIZE_IN, _DPI = (8, 5), 110
 _HALF_DIGIT: Final = 0.005
 _HALF_PITCH_DIGIT_DEG: Final = 0.05
 
 
-def paper_document(
-    cameras: Sequence[CameraRow],
-    depths: Sequence[DepthRow],
-    sensitivities: Sequence[SensitivityRow],
-    curves: Sequence[ErrorCurve],
-    canon: ErrorCurve,
-    pngs: tuple[Path, Path],
-) -> dict[str, Any]:
-    """Everything that the command says, with what the paper prints beside what is computed."""
+def reproduce_paper(folder: Path) -> dict[str, Any]:
+    """Compute Tables 1 to 3, and draw Figures 12 and 14 into a folder, which is made where it is missing.
+
+    Returns:
+        All tables and figures as JSON values (``aerodft.paper/1``), with what the paper prints beside what is computed.
+
+    Raises:
+        InputError: The folder cannot be written to.
+    """
+    cameras, depths, sensitivities = table_1(), table_2(), table_3()
+    curves, canon = figure_12(), figure_14()
+    pngs = folder / "figure-12.png", folder / "figure-14.png"
+    with output_folder(folder, "the figures"):
+        _draw_figure_12(curves, cameras, pngs[0])
+        _draw_figure_14(canon, depths, pngs[1])
     return {
-        "schema": SCHEMA,
-        "table1": {"rows": [_camera(row) for row in cameras], "notes": table_1_notes(cameras)},
-        "table2": {"rows": [_depth(row) for row in depths], "notes": table_2_notes(depths)},
-        "table3": {"rows": [_sensitivity(row) for row in sensitivities], "notes": table_3_notes(sensitivities)},
+        "schema": _SCHEMA,
+        "table1": {"rows": [_camera(row) for row in cameras], "notes": _table_1_notes(cameras)},
+        "table2": {"rows": [_depth(row) for row in depths], "notes": _table_2_notes(depths)},
+        "table3": {"rows": [_sensitivity(row) for row in sensitivities], "notes": _table_3_notes(sensitivities)},
         "figure12": {
             "png": str(pngs[0]),
             "curves": [_curve(curve) for curve in curves],
-            "notes": figure_12_notes(curves),
+            "notes": _figure_12_notes(curves),
         },
         "figure14": {
             "png": str(pngs[1]),
             "curves": [_curve(canon)],
             "points": [_point(row) for row in depths],
-            "notes": figure_14_notes(depths),
+            "notes": _figure_14_notes(depths),
         },
     }
 
@@ -133,7 +155,7 @@ def _point(row: DepthRow) -> dict[str, float]:
     return {"truth_m": row.printed.truth_m, "error_m": row.printed.error_m, "quantization_m": row.quantization_m}
 
 
-def table_1_notes(rows: Sequence[CameraRow]) -> list[str]:
+def _table_1_notes(rows: Sequence[CameraRow]) -> list[str]:
     """Table 1: pitches, and the quantization errors that Section 5.1 states in its text."""
     by_label = {row.printed.label: row for row in rows}
     canon, nao = by_label["Cam1"], by_label["Cam7"]
@@ -176,7 +198,7 @@ def _text_error_notes(rows: Sequence[CameraRow], by_label: dict[str, CameraRow])
     return [definition, samsung, resolution]
 
 
-def table_2_notes(rows: Sequence[DepthRow]) -> list[str]:
+def _table_2_notes(rows: Sequence[DepthRow]) -> list[str]:
     """Table 2: what had to be assumed, its arithmetic, and what its errors look like."""
     off = [str(row.printed.case) for row in rows if abs(row.error_m - row.printed.error_m) > _HALF_DIGIT]
     percent = max(abs(row.error_percent - row.printed.error_percent) for row in rows)
@@ -220,7 +242,7 @@ def _recovery_notes(rows: Sequence[DepthRow]) -> list[str]:
     return [recovered, digits]
 
 
-def table_3_notes(rows: Sequence[SensitivityRow]) -> list[str]:
+def _table_3_notes(rows: Sequence[SensitivityRow]) -> list[str]:
     """Table 3: how each percentage arises, and where it holds."""
     pitch, height, x_axis, y_axis = rows
     angles = (
@@ -260,7 +282,7 @@ def _size_notes(pitch: SensitivityRow) -> list[str]:
     return [percent, not_a_maximum]
 
 
-def figure_12_notes(curves: Sequence[ErrorCurve]) -> list[str]:
+def _figure_12_notes(curves: Sequence[ErrorCurve]) -> list[str]:
     """Figure 12: what is drawn."""
     nearest = [curve.depth_m.min() for curve in curves]
     return [
@@ -272,7 +294,7 @@ def figure_12_notes(curves: Sequence[ErrorCurve]) -> list[str]:
     ]
 
 
-def figure_14_notes(rows: Sequence[DepthRow]) -> list[str]:
+def _figure_14_notes(rows: Sequence[DepthRow]) -> list[str]:
     """Figure 14: the text's figures beside the table's."""
     far = rows[-1]
     return [
@@ -304,3 +326,39 @@ def _text_depth(row: CameraRow) -> str:
     if row.depth_of_text_error_m is None:
         return f"{row.printed.label} never has {highest} m"
     return f"{row.printed.label} has {highest} m at {row.depth_of_text_error_m:.0f} m"
+
+
+def _draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], path: Path) -> None:
+    """Quantization error over depth, one curve a camera, and what the paper's text says of 150 m."""
+    figure, axes = plt.subplots(figsize=_SIZE_IN)
+    styles = cycle(("-", "-", "-", "-", "--"))  # the fifth curve lies on the first
+    for curve, row, style in zip(curves, cameras, styles, strict=False):
+        (line,) = axes.plot(curve.depth_m, curve.error_m, style, label=curve.label)
+        text = row.printed.text_error_m
+        if text is not None:
+            middle, half = (text[0] + text[1]) / 2, (text[1] - text[0]) / 2
+            axes.errorbar(MAX_DEPTH_M + 2, middle, yerr=half, fmt="x", capsize=4, color=line.get_color())
+    axes.plot([], [], "kx", label="the paper's text, at 150 m")
+    axes.set(xlim=(10, 155), ylim=(0, None), xlabel="depth Z (m)", ylabel="quantization error (m)")
+    axes.set_title("Figure 12: quantization error, camera 10 m high")
+    _save(figure, axes, path)
+
+
+def _draw_figure_14(curve: ErrorCurve, rows: Sequence[DepthRow], path: Path) -> None:
+    """Errors of Table 2 and the Canon's quantization error over depth."""
+    figure, axes = plt.subplots(figsize=_SIZE_IN)
+    axes.plot([row.printed.truth_m for row in rows], [row.printed.error_m for row in rows], "o-", label="Table 2")
+    seen = curve.depth_m <= MAX_DEPTH_M + 1
+    axes.plot(curve.depth_m[seen], curve.error_m[seen], label="quantization error, computed")
+    axes.plot([MAX_DEPTH_M], [FIGURE_14_ERROR_M], "kx", label=f"the paper's text: {FIGURE_14_ERROR_M} m at 150 m")
+    axes.set(xlim=(10, 155), ylim=(0, None), xlabel="depth Z (m)", ylabel="error (m)")
+    axes.set_title("Figure 14: error of Table 2, Canon 1000D 10.48 m high at 67.0 deg")
+    _save(figure, axes, path)
+
+
+def _save(figure: Figure, axes: Axes, path: Path) -> None:
+    axes.legend(loc="upper left", fontsize="small")
+    axes.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(path, dpi=_DPI)
+    plt.close(figure)

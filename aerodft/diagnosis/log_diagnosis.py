@@ -25,10 +25,10 @@ from aerodft.adapters.telemetry.mavlink import (
     message_name,
 )
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis.flight import HeightPairs, Poses, PoseSurvey
-from aerodft.diagnosis.message_requests import MessageRequest, wanted, wanted_of_cameras
+from aerodft.diagnosis.flight_checks import HeightPairs, PoseAvailability, PoseSampler
+from aerodft.diagnosis.message_requests import MessageRequest, missing_camera_messages, missing_messages
 from aerodft.diagnosis.streams import Parameters, ParameterTable, Stream, StreamTable, rangefinder_readings_m
-from aerodft.diagnosis.vehicle_health import HealthSurvey
+from aerodft.diagnosis.vehicle_health import VehicleHealth
 from aerodft.geometry import yaw_pitch_roll
 from aerodft.model import (
     NO_BOOT_TIME,
@@ -56,7 +56,7 @@ _PART_NS: Final = 5 * SECOND_NS
 
 
 @dataclass(slots=True)
-class ValueSource:
+class SourceSummary:
     """One source of heights or of attitudes.
 
     Attributes:
@@ -81,7 +81,7 @@ class ValueSource:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gap:
+class StreamGap:
     """A silence in a stream that poses are made of.
 
     Attributes:
@@ -101,9 +101,9 @@ class ClockSummary:
 
     Attributes:
         known_after_s: First UTC, since the log's first frame; None where the sender never knew it.
-        host_minus_utc_s: Median of arrival minus the sender's UTC; None likewise.
+        host_minus_utc_s: Median of arrival minus the sender's UTC; None where the sender never knew it.
         reboots_at_s: When the sender's time since boot was found to begin anew, since the log's first frame.
-        jumps_at_s: When its UTC was found to have jumped, likewise.
+        jumps_at_s: When its UTC was found to have jumped, since the log's first frame.
     """
 
     known_after_s: float | None
@@ -113,7 +113,7 @@ class ClockSummary:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SurveyReport:
+class DiagnosisReport:
     """Everything that was found.
 
     Attributes:
@@ -130,7 +130,7 @@ class SurveyReport:
         height_pairs: Sources of the height against each other.
         gaps: Silences in used streams.
         system: The system that is followed; None where no vehicle was heard, or in an on-board log.
-        component: Its autopilot's component, likewise.
+        component: Its autopilot's component; None where no vehicle was heard, or in an on-board log.
         systems: Systems that report an attitude or a position of their own.
         rejected: Rows of used messages that hold no value, by ``MESSAGE: reason``.
         counts: What the framer met.
@@ -140,7 +140,7 @@ class SurveyReport:
         health: What the vehicle says of itself.
         requests: What it should send more often.
         camera: What the vehicle's reports are held against; None for nothing.
-        settings: What the configuration asks of the telemetry, likewise.
+        settings: What the configuration asks of the telemetry; None for no configuration.
         poses: What an import would make of it.
         demands: Whether each source of the camera's attitude may be a demand, by its name.
         parameters: What the autopilot said of its parameters.
@@ -154,27 +154,27 @@ class SurveyReport:
     first_ns: int | None
     last_ns: int | None
     streams: tuple[Stream, ...]
-    heights: tuple[ValueSource, ...]
-    attitudes: tuple[ValueSource, ...]
+    heights: tuple[SourceSummary, ...]
+    attitudes: tuple[SourceSummary, ...]
     frames: dict[str, FrameEvidence]
-    vehicle_attitude: ValueSource | None
+    vehicle_attitude: SourceSummary | None
     clock: ClockSummary
     clock_health: ClockHealth
     height_pairs: HeightPairs
-    gaps: tuple[Gap, ...]
+    gaps: tuple[StreamGap, ...]
     system: int | None
     component: int | None
     systems: tuple[int, ...]
     rejected: dict[str, int]
     counts: FrameCounts
-    rangefinder: ValueSource | None = None
+    rangefinder: SourceSummary | None = None
     warnings: tuple[str, ...] = ()
     signing: SigningCounts | None = None
-    health: HealthSurvey = field(default_factory=HealthSurvey)
+    health: VehicleHealth = field(default_factory=VehicleHealth)
     requests: tuple[MessageRequest, ...] = ()
     camera: Camera | None = None
     settings: TelemetrySettings | None = None
-    poses: Poses = field(default_factory=Poses)
+    poses: PoseAvailability = field(default_factory=PoseAvailability)
     demands: dict[str, bool] = field(default_factory=dict)
     parameters: Parameters = field(default_factory=Parameters)
     unknown_ids: Counter[int] = field(default_factory=Counter)
@@ -195,9 +195,12 @@ class SurveyReport:
     @property
     def is_heard(self) -> bool:
         """Whether the followed autopilot sent anything; also where there was none to follow."""
-        asked = (self.system, self.component)
+        vehicle_ids = (self.system, self.component)
         return any(
-            all(want is None or want == got for want, got in zip(asked, (each.system, each.component), strict=True))
+            all(
+                want is None or want == got
+                for want, got in zip(vehicle_ids, (each.system, each.component), strict=True)
+            )
             for each in self.streams
         )
 
@@ -216,7 +219,7 @@ class SurveyReport:
 
 
 @dataclass(slots=True)
-class ClockSurvey:
+class ClockStatistics:
     """Takes in tracks of UTC, and what becomes known of the clock's health."""
 
     _first_ns: int | None = None
@@ -303,18 +306,18 @@ class LogDiagnosis:
         self._parameters = ParameterTable()
         self._unknown: Counter[int] = Counter()
         self._signed = 0
-        self._heights: dict[str, ValueSource] = {}
-        self._attitudes: dict[str, ValueSource] = {}
-        self._vehicle = ValueSource("vehicle", "deg")
+        self._heights: dict[str, SourceSummary] = {}
+        self._attitudes: dict[str, SourceSummary] = {}
+        self._vehicle = SourceSummary("vehicle", "deg")
         height = (settings or TelemetrySettings()).height
         self._frames = PoseSource(TelemetrySettings(height=height), origin=None, time_std_s=0.0)
         judge = self._frames if settings is None else PoseSource(settings, origin=None, time_std_s=0.0)
         self._sources = tuple(dict.fromkeys((self._frames, judge)))
-        self._poses = PoseSurvey(judge)
+        self._poses = PoseSampler(judge)
         self._pairs = HeightPairs()
-        self._rangefinder = ValueSource("RANGEFINDER", "m")
-        self._clock = ClockSurvey()
-        self._health = HealthSurvey()
+        self._rangefinder = SourceSummary("RANGEFINDER", "m")
+        self._clock = ClockStatistics()
+        self._health = VehicleHealth()
         self._first_ns: int | None = None
         self._last_ns: int | None = None
 
@@ -326,13 +329,13 @@ class LogDiagnosis:
         self._first_ns = first_ns if self._first_ns is None else min(self._first_ns, first_ns)
         self._last_ns = last_ns if self._last_ns is None else max(self._last_ns, last_ns)
         self._health.start_ns = self._first_ns
-        for rows in _short(block):
+        for rows in _history_parts(block):
             self._add_rows(rows)
         self._table.add(block, self._formats)
         self._parameters.add(block, self._formats)
         self._rangefinder.add(rangefinder_readings_m(block))
         self._unknown += unknown_ids(block)
-        self._signed += _signed(block)
+        self._signed += _signed_count(block)
 
     def _add_rows(self, rows: RawBlock) -> None:
         tracks = self._decoder.decode(rows)
@@ -353,16 +356,16 @@ class LogDiagnosis:
                 self._vehicle.add(_pitch_deg(track.wxyz))
             case GimbalTrack():
                 name = str(track.source)
-                self._attitudes.setdefault(name, ValueSource(name, "deg")).add(_pitch_deg(track.wxyz))
+                self._attitudes.setdefault(name, SourceSummary(name, "deg")).add(_pitch_deg(track.wxyz))
             case PositionTrack():
-                self._heights.setdefault("home", ValueSource("home", "m")).add(track.height_home_m)
+                self._heights.setdefault("home", SourceSummary("home", "m")).add(track.height_home_m)
             case HeightTrack():
                 name = str(track.source)
-                self._heights.setdefault(name, ValueSource(name, "m")).add(track.value_m)
+                self._heights.setdefault(name, SourceSummary(name, "m")).add(track.value_m)
 
     def report(
         self, *, counts: FrameCounts, warnings: tuple[str, ...] = (), signing: SigningCounts | None = None
-    ) -> SurveyReport:
+    ) -> DiagnosisReport:
         """What was found so far.
 
         Args:
@@ -373,10 +376,10 @@ class LogDiagnosis:
         streams = self._table.streams()
         vehicle = self._mavlink
         zoom = (self._settings or TelemetrySettings()).zoom
-        asked = {"system": vehicle.system, "component": vehicle.component, "autopilot": self._health.autopilot}
+        vehicle_ids = {"system": vehicle.system, "component": vehicle.component, "autopilot": self._health.autopilot}
         parameters = self._parameters.of(vehicle.system, vehicle.component)
         systems = {s.system for s in streams if s.name in {"ATTITUDE", "GLOBAL_POSITION_INT"}}
-        return SurveyReport(
+        return DiagnosisReport(
             target=self._target,
             first_ns=self._first_ns,
             last_ns=self._last_ns,
@@ -388,7 +391,12 @@ class LogDiagnosis:
             clock=self._clock.summary(self._first_ns),
             clock_health=self._frames.clock.health,
             height_pairs=self._pairs,
-            gaps=tuple(gap for stream in streams if _is_used(stream, vehicle.system) for gap in self._gaps(stream)),
+            gaps=tuple(
+                gap
+                for stream in streams
+                if stream.name in USED and stream.system == vehicle.system
+                for gap in self._gaps(stream)
+            ),
             system=vehicle.system,
             component=self._followed.component if vehicle.component is None else vehicle.component,
             systems=tuple(sorted(system for system in systems if system is not None)),
@@ -400,8 +408,8 @@ class LogDiagnosis:
             health=self._health,
             settings=self._settings,
             requests=(
-                *wanted(streams, **asked, parameters=parameters),
-                *wanted_of_cameras(streams, **asked, zoom=zoom),
+                *missing_messages(streams, **vehicle_ids, parameters=parameters),
+                *missing_camera_messages(streams, **vehicle_ids, zoom=zoom),
             ),
             poses=self._poses.poses(),
             demands={str(source): is_demand for source, is_demand in self._frames.gimbal_demands().items()},
@@ -411,13 +419,13 @@ class LogDiagnosis:
             gimbal=self._followed.gimbal,
         )
 
-    def _gaps(self, stream: Stream) -> list[Gap]:
+    def _gaps(self, stream: Stream) -> list[StreamGap]:
         """Silences of more than a second, for a slow stream of more than three periods."""
         if stream.rate_hz <= 0 or self._first_ns is None:
             return []
         limit_ns = max(SECOND_NS, int(_SLOW_PERIODS * SECOND_NS / stream.rate_hz))
         return [
-            Gap(
+            StreamGap(
                 message=stream.name,
                 start_s=(start_ns - self._first_ns) / SECOND_NS,
                 duration_s=length_ns / SECOND_NS,
@@ -427,14 +435,14 @@ class LogDiagnosis:
         ]
 
 
-def _short(block: RawBlock) -> Iterator[RawBlock]:
+def _history_parts(block: RawBlock) -> Iterator[RawBlock]:
     """The block in parts that no history is too short for."""
     edges = np.flatnonzero(np.diff(block.arrival_ns // _PART_NS)) + 1
     for start, stop in pairwise([0, *edges.tolist(), len(block.arrival_ns)]):
         yield block.rows(start, stop)
 
 
-def _signed(block: RawBlock) -> int:
+def _signed_count(block: RawBlock) -> int:
     """How many frames carry a signature."""
     if block.protocol != WireProtocol.MAVLINK:
         return 0
@@ -442,13 +450,9 @@ def _signed(block: RawBlock) -> int:
     return int(np.count_nonzero((data[block.offset] == V2) & (data[block.offset + 2] & SIGNED != 0)))
 
 
-def _is_used(stream: Stream, system: int | None) -> bool:
-    return stream.name in USED and stream.system == system
-
-
 def _pitch_deg(wxyz: FloatArray) -> FloatArray:
     return np.degrees(yaw_pitch_roll(wxyz)[1])
 
 
-def _sources(sources: dict[str, ValueSource]) -> tuple[ValueSource, ...]:
+def _sources(sources: dict[str, SourceSummary]) -> tuple[SourceSummary, ...]:
     return tuple(source for _, source in sorted(sources.items()) if source.count)

@@ -1,4 +1,4 @@
-"""What the demo shows: a table of truth beside measurement, pictures and files."""
+"""The demo's report: truth beside measurement, figures, tables and maps."""
 
 import json
 from collections import defaultdict
@@ -10,8 +10,6 @@ from typing import Any
 import cv2
 import matplotlib as mpl
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from aerodft.model import FloatArray, Image
 from replay.export import ExportFormat, Overlay, export_text
@@ -65,10 +63,18 @@ def _with_breaks(rows: FloatArray) -> FloatArray:
 
 
 def report_demo(flight: Path, recording: Recording, out: Path) -> dict[str, Any]:
-    """Write pictures, CSV and GeoJSON to ``out``, print the table, and return it as a document."""
+    """Write ``widths.png``, ``annotated.png``, ``measurements.csv`` and ``.geojson``.
+
+    Args:
+        flight: Folder of the simulated flight, with its truth.
+        recording: What was recorded of it.
+        out: Folder to write to.
+
+    Returns:
+        By probe: truth and measurement in one image, and how many of all 95 % intervals hold the truth.
+    """
     measured = [json.loads(payload) for payload in recording.measurements()]
     answers = _answers(flight / "truth.jsonl", measured)
-    _print_table(answers)
     start_ns = min(int(item["stamp_ns"]) for item in measured)
     plot_widths(answers, start_ns, out / "widths.png")
     _annotate(recording, measured, out / "annotated.png")
@@ -100,22 +106,6 @@ def _summary(series: list[Answer]) -> dict[str, Any]:
         "intervals": len(series),
         "intervals_with_truth": sum(answer.inside for answer in series),
     }
-
-
-def _print_table(answers: dict[str, list[Answer]]) -> None:
-    table = Table("probe", "truth", "measured", "95 % interval", "inside?", "of all intervals", title="One image each")
-    for name, series in answers.items():
-        row = _summary(series)
-        low, high = row["ci95_m"]
-        table.add_row(
-            name,
-            f"{row['truth_m']:.2f} m",
-            f"{row['measured_m']:.2f} m",
-            f"{low:.2f} ... {high:.2f} m",
-            "yes" if row["inside"] else "no",
-            f"{row['intervals_with_truth']} of {row['intervals']} hold the truth",
-        )
-    Console().print(table)
 
 
 def _annotate(recording: Recording, measured: list[dict[str, Any]], path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``doctor --fix`` against an autopilot's stand-in that really changes its rates."""
+"""``doctor --request-messages`` against an autopilot's stand-in that really changes its rates."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ def _doctor(*arguments: object) -> Result:
 def test_every_request_gets_its_answer_and_rates_change() -> None:
     vehicle = StandIn(free_port(), answers={30: ACCEPTED, 24: ACCEPTED, 193: ACCEPTED, 132: QUIET, 136: DENIED})
     with flying(vehicle):
-        result = _doctor(f"udpin:{vehicle.port}", *SECONDS, "--fix", "--json")
+        result = _doctor(f"udpin:{vehicle.port}", *SECONDS, "--request-messages", "--json")
     assert isinstance(result.exception, NoAnswerError)  # without a gimbal: what it was asked for still counts
     fixed = {each["message"]: each for each in json.loads(result.stdout)["fix"]}
     assert {name: each["answer"] for name, each in fixed.items()} == {
@@ -53,7 +53,7 @@ def test_what_a_gimbal_says_of_itself_is_not_the_autopilots_rate() -> None:
     vehicle = StandIn(port, answers={30: DENIED})
     gimbal = StandIn(port, component=154, intervals_s={"ATTITUDE": 0.05})
     with flying(vehicle, gimbal):
-        result = _doctor(f"udpin:{port}", *SECONDS, "--fix", "--json")
+        result = _doctor(f"udpin:{port}", *SECONDS, "--request-messages", "--json")
     (fixed,) = [each for each in json.loads(result.stdout)["fix"] if each["message"] == "ATTITUDE"]
     assert (fixed["component"], fixed["answer"]) == (1, "denied")
     assert fixed["before_hz"] == pytest.approx(2.0, rel=0.3)
@@ -66,7 +66,7 @@ def test_a_camera_is_asked_itself_and_once() -> None:
     vehicle = StandIn(port)
     camera = StandIn(port, component=100, heartbeat=(30, 8), intervals_s={"HEARTBEAT": 0.2}, answers={260: ACCEPTED})
     with flying(vehicle, camera):
-        result = _doctor(f"udpin:{port}", "--seconds", "0.8", "--fix", "--json")
+        result = _doctor(f"udpin:{port}", "--seconds", "0.8", "--request-messages", "--json")
     document = json.loads(result.stdout)
     fixed = [each for each in document["fix"] if each["component"] == 100]
     assert [(each["message"], each["answer"], each["count"]) for each in fixed] == [
@@ -95,9 +95,9 @@ def test_only_the_chosen_vehicle_is_asked() -> None:
     port = free_port()
     chosen, other = StandIn(port, system=7), StandIn(port, system=3)
     with flying(chosen, other):
-        refused = _doctor(f"udpin:{port}", "--seconds", "0.8", "--fix")
+        refused = _doctor(f"udpin:{port}", "--seconds", "0.8", "--request-messages")
         assert chosen.commands == other.commands == []
-        result = _doctor(f"udpin:{port}", "--seconds", "0.8", "--fix", "--system", 7, "--json")
+        result = _doctor(f"udpin:{port}", "--seconds", "0.8", "--request-messages", "--system", 7, "--json")
     assert "several vehicles (systems 3, 7)" in str(refused.exception)
     assert {each["system"] for each in json.loads(result.stdout)["fix"]} == {7}
     assert {each.target_system for each in chosen.commands} == {7}
@@ -111,7 +111,7 @@ def test_requests_on_a_signed_link_are_signed(tmp_path: Path) -> None:
     key_file.chmod(0o600)
     vehicle = StandIn(free_port(), key=key)
     with flying(vehicle):
-        result = _doctor(f"udpin:{vehicle.port}", *SECONDS, "--fix", "--signing-key", key_file, "--json")
+        result = _doctor(f"udpin:{vehicle.port}", *SECONDS, "--request-messages", "--signing-key", key_file, "--json")
     fixed = {each["message"]: each for each in json.loads(result.stdout)["fix"]}
     assert fixed["ATTITUDE"]["answer"] == "accepted"
     assert fixed["ATTITUDE"]["after_hz"] == pytest.approx(10.0, rel=0.2)
@@ -166,7 +166,7 @@ def test_a_signed_link_without_a_key_is_said() -> None:
 def test_what_was_heard_before_a_vehicle_fell_silent_is_kept() -> None:
     vehicle = StandIn(free_port(), answers={}, falls_silent=True)
     with flying(vehicle):
-        result = _doctor(f"udpin:{vehicle.port}", "--seconds", "0.8", "--fix", "--json")
+        result = _doctor(f"udpin:{vehicle.port}", "--seconds", "0.8", "--request-messages", "--json")
     document = json.loads(result.stdout)
     assert "ATTITUDE" in {each["message"] for each in document["streams"]}
     assert document["problems"][0].startswith("the vehicle is silent since it was asked")
@@ -174,10 +174,10 @@ def test_what_was_heard_before_a_vehicle_fell_silent_is_kept() -> None:
 
 
 def test_a_log_cannot_be_asked(tmp_path: Path) -> None:
-    result = _doctor(tmp_path / "flight.tlog", "--fix")
+    result = _doctor(tmp_path / "flight.tlog", "--request-messages")
     assert "a log cannot be asked" in str(result.exception)
 
 
 def test_nobody_to_ask_is_said() -> None:
-    result = _doctor(f"udpin:{free_port()}", "--seconds", "0.2", "--fix")
+    result = _doctor(f"udpin:{free_port()}", "--seconds", "0.2", "--request-messages")
     assert "no vehicle could be asked" in str(result.exception)

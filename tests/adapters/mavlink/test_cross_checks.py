@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from aerodft.app.diagnose import diagnose
 from aerodft.diagnosis.findings import clock_document, clock_sentences
-from aerodft.diagnosis.flight import HeightPairs
-from aerodft.diagnosis.survey import ClockSummary
+from aerodft.diagnosis.flight_checks import HeightPairs
+from aerodft.diagnosis.log_diagnosis import ClockSummary
 from aerodft.model import HeightDifference, HeightSource
 from aerodft.service.clocks import ClockHealth
 
@@ -98,13 +99,10 @@ def test_what_happened_to_clocks_is_a_sentence(changes: dict[str, object], said:
 
 def test_a_real_flight_over_a_hill(data_folder: Path) -> None:
     """Home-relative heights know nothing of the hill; the rangefinder and the terrain do, and agree on it."""
-    from aerodft.cli.doctor_survey import survey_log  # noqa: PLC0415 - the survey as doctor makes it
-
-    survey = survey_log(data_folder / "sitl/servo_consumer.tlog").height_pairs
-    (sentence,) = survey.sentences()
+    pairs = diagnose(data_folder / "sitl/servo_consumer.tlog").report.height_pairs
+    (sentence,) = pairs.sentences()
     assert "while terrain and rangefinder agree: the ground below is not level with home" in sentence
-    pairs = survey.documents()
-    by_names = {(pair["source"], pair["other"]): pair for pair in pairs}
+    by_names = {(pair["source"], pair["other"]): pair for pair in pairs.documents()}
     agreed = by_names["rangefinder", "terrain"]
     assert agreed["beyond_std"] == 0
     assert max(abs(agreed["step_low_m"]), abs(agreed["step_high_m"])) < 0.25

@@ -13,8 +13,8 @@ from aerodft.adapters.telemetry import open_log
 from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts
 from aerodft.adapters.telemetry.signing import sign
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis import LogDiagnosis, SurveyReport, document, notes, problems
-from aerodft.diagnosis.flight import PoseSurvey
+from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, document, notes, problems
+from aerodft.diagnosis.flight_checks import PoseSampler
 from aerodft.model import BoolArray, IntArray, PoseBatch, PoseSample, RawBlock, Status, WireProtocol
 from aerodft.service import block_of
 from aerodft.service.clocks import ClockMap
@@ -27,7 +27,7 @@ MakeBlock = Callable[[list[bytes]], RawBlock]
 UTC_US = 1_800_000_000_000_000
 
 
-def _survey(path: Path) -> SurveyReport:
+def _survey(path: Path) -> DiagnosisReport:
     source = open_log(path)
     survey = LogDiagnosis(path.name)
     for event in source.events():
@@ -36,7 +36,7 @@ def _survey(path: Path) -> SurveyReport:
     return survey.report(counts=source.counts, warnings=source.warnings())
 
 
-def _says(report: SurveyReport, *words: str) -> bool:
+def _says(report: DiagnosisReport, *words: str) -> bool:
     return any(all(word in sentence for word in words) for sentence in problems(report))
 
 
@@ -97,10 +97,10 @@ def test_an_on_board_log(data_folder: Path) -> None:
 
 
 @pytest.fixture
-def made(pack: Callable[..., bytes]) -> Callable[..., SurveyReport]:
+def made(pack: Callable[..., bytes]) -> Callable[..., DiagnosisReport]:
     """The report on messages ``(seconds, message, system)``."""
 
-    def report(*messages: tuple[float, dialect.MAVLink_message, int]) -> SurveyReport:
+    def report(*messages: tuple[float, dialect.MAVLink_message, int]) -> DiagnosisReport:
         survey = LogDiagnosis("made")
         survey.add(
             block_of(
@@ -115,7 +115,7 @@ def made(pack: Callable[..., bytes]) -> Callable[..., SurveyReport]:
     return report
 
 
-def test_problems_of_a_made_log(made: Callable[..., SurveyReport]) -> None:
+def test_problems_of_a_made_log(made: Callable[..., DiagnosisReport]) -> None:
     attitude = dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0)
     rangefinder = dialect.MAVLink_rangefinder_message(0.04, 0)
     times_s = np.r_[np.arange(0, 5, 0.1), np.arange(9, 12, 0.1)]
@@ -134,7 +134,7 @@ def test_problems_of_a_made_log(made: Callable[..., SurveyReport]) -> None:
     assert _says(report, "bolted to the vehicle")
 
 
-def test_what_stops_before_the_rest_is_said(made: Callable[..., SurveyReport]) -> None:
+def test_what_stops_before_the_rest_is_said(made: Callable[..., DiagnosisReport]) -> None:
     attitude = dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0, 0, 0)
     fix = dialect.MAVLink_gps_raw_int_message(1, 3, 1, 1, 1, 120, 150, 0, 0, 12)
     report = made(*sorted([(t / 2, attitude, 1) for t in range(120)] + [(t / 2, fix, 1) for t in range(60)], key=_time))
@@ -142,7 +142,7 @@ def test_what_stops_before_the_rest_is_said(made: Callable[..., SurveyReport]) -
     assert not _says(report, "ATTITUDE stops")
 
 
-def test_what_was_worst_is_said_with_its_time(made: Callable[..., SurveyReport]) -> None:
+def test_what_was_worst_is_said_with_its_time(made: Callable[..., DiagnosisReport]) -> None:
     beats = [(t, dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3), 1) for t in (0, 1, 2, 9, 10)]
     ratios = [
         (t + 0.1, dialect.MAVLink_ekf_status_report_message(831, 0, 0, 0, 0.1 + 0.1 * t, 0), 1) for t in range(10)
@@ -201,7 +201,7 @@ def test_landing_is_no_problem(data_folder: Path) -> None:
     assert any("BELOW_MIN_HEIGHT in 4" in each for each in notes(report))
 
 
-def test_nothing_received(made: Callable[..., SurveyReport]) -> None:
+def test_nothing_received(made: Callable[..., DiagnosisReport]) -> None:
     report = LogDiagnosis("udpin:14550").report(counts=FrameCounts())
     assert not report.usable
     assert problems(report) == ["nothing was received: is the sender on, and does it send to this address?"]
@@ -221,7 +221,7 @@ def test_the_document_is_json(data_folder: Path) -> None:
     assert found["first_ns"] == str(report.first_ns)
 
 
-def _surveyed(block: RawBlock, **followed: int) -> SurveyReport:
+def _surveyed(block: RawBlock, **followed: int) -> DiagnosisReport:
     survey = LogDiagnosis("link", followed=Followed(**followed))
     survey.add(block)
     return survey.report(counts=FrameCounts())
@@ -316,7 +316,7 @@ class _Silent:
 
 def test_a_clock_that_jumps_again_and_again_is_asked_about_seldom() -> None:
     source = _Silent()
-    survey, day_ns = PoseSurvey(cast("PoseSource", source)), 86_400 * SECOND_NS
+    survey, day_ns = PoseSampler(cast("PoseSource", source)), 86_400 * SECOND_NS
     for jump in range(1, 101):
         survey.add(jump * day_ns, jump * day_ns + SECOND_NS)
     assert survey.poses().seconds == pytest.approx(99 * 86_400 + 1, abs=10.0)

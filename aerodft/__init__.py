@@ -10,18 +10,21 @@ from typing import TYPE_CHECKING, Final
 from aerodft.version import VERSION
 
 if TYPE_CHECKING:
+    from aerodft.app.align import VideoAlignment, align
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError
 
 __version__ = VERSION
 
 _ROOM_OF: Final = {
     "AerodftError": "aerodft.errors",
+    "VideoAlignment": "aerodft.app.align",
+    "align": "aerodft.app.align",
     "ConfigError": "aerodft.errors",
     "InputError": "aerodft.errors",
     "NoAnswerError": "aerodft.errors",
 }
 
-__all__ = ["AerodftError", "ConfigError", "InputError", "NoAnswerError", "__version__"]
+__all__ = ["AerodftError", "ConfigError", "InputError", "NoAnswerError", "VideoAlignment", "__version__", "align"]
 
 
 def __getattr__(name: str) -> object:

@@ -11,8 +11,9 @@ from typing import Final
 import orjson
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress as ProgressBar
 
+from aerodft.app.progress import Progress
 from aerodft.errors import InputError, UsageError
 
 _SAY_EVERY_S = 5.0
@@ -128,9 +129,22 @@ def progress_bar(what: str, first_ns: int, last_ns: int) -> Iterator[Callable[[i
         What to call with the time that has been reached.
     """
     console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+    with ProgressBar(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(what, total=max(last_ns - first_ns, 1))
         yield lambda now_ns: bar.update(task, completed=now_ns - first_ns)
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Progress]:
+    """A progress bar of a use case on stderr, on a terminal only.
+
+    Yields:
+        What the use case calls with how much is done, and of how much.
+    """
+    console = Console(stderr=True)
+    with ProgressBar(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))
 
 
 @contextmanager

@@ -13,11 +13,9 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from aerodft.adapters.config.camera import camera_document, load_camera
-from aerodft.adapters.images import VideoFileSource
-from aerodft.cli.sync_run import run_sync
+from aerodft.adapters.config.camera import camera_document
+from aerodft.app.align import align
 from aerodft.errors import NoAnswerError
-from aerodft.service import TelemetrySettings
 from calibration.sync import Alignment
 
 HERE = Path(__file__).parent
@@ -36,9 +34,8 @@ def aligned(seed: int, folder: Path, seconds: float, size: tuple[int, int]) -> t
     (folder / "camera.toml").write_text(tomli_w.dumps(camera_document(filmed.camera)))
     reference_ns = flights["write_clip"](filmed, clocks, folder / "video.mp4")
     start_s = time.process_time()
-    video = VideoFileSource(folder / "video.mp4")
-    camera = load_camera(folder / "camera.toml")
-    found = run_sync(video, folder / "flight.tlog", camera, TelemetrySettings(), 20.5).alignment
+    camera = folder / "camera.toml"
+    found = align(folder / "video.mp4", folder / "flight.tlog", camera=camera, max_offset_s=20.5).solution
     offset_s = clocks.offset_s + clocks.drift * (found.reference_ns - reference_ns) / 1e9
     return found, np.array([offset_s, clocks.drift, clocks.lag_s]), time.process_time() - start_s
 

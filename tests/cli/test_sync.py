@@ -12,7 +12,7 @@ import tomli_w
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.images import video_info
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.sync_lines import next_best
+from aerodft.cli.flights.sync import next_best
 from aerodft.geometry import camera_angles
 from replay.recordings import Recording
 

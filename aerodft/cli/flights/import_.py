@@ -21,7 +21,7 @@ from aerodft.adapters.config.station import (
 )
 from aerodft.cli.flight import measure_flight
 from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
-from aerodft.cli.output import say
+from aerodft.cli.output import progress, say
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, UsageError
 from replay.recordings import is_mcap
@@ -91,9 +91,10 @@ def _station(
 def _on_time(station: StationConfig, sync: SyncChoice | None, log: Path | None, config: Path) -> StationConfig:
     """The station with its images' clock as it was asked for, and how well that is known."""
     if sync is SyncChoice.AUTO or (sync is None and station.images.is_auto):
-        from aerodft.cli.sync_lines import aligned
+        from aerodft.app.align import aligned_station
 
-        return refreshed(aligned(station, log, config))
+        with progress("following the ground") as followed:
+            return refreshed(aligned_station(station, log, config, followed))
     return refreshed(_timed(replace(station, images=replace(station.images, is_auto=False))))
 
 

@@ -1,4 +1,4 @@
-"""The picture of an alignment: what images and log say of the camera's turning, before and after."""
+"""The figure of a video's alignment with a log: angular rates by images and by log, before and after."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ import numpy as np
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.output import output_folder
-from aerodft.cli.sync_run import SyncRun
 from aerodft.model import FloatArray
+from calibration.sync import Alignment
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -16,27 +16,29 @@ from matplotlib.axes import Axes
 
 _SIZE_IN, _DPI = (12.0, 8.0), 110
 _AXES = ("x: tilt", "y: pan", "z: roll")
-_SEEN, _SAID = "tab:blue", "tab:orange"
+_BY_IMAGES, _BY_LOG = "tab:blue", "tab:orange"
 
 
-def draw_sync(run: SyncRun, folder: Path) -> str:
-    """Draw ``sync.png`` into a folder, which is made where it is not there.
+def draw_alignment(found: Alignment, folder: Path) -> Path:
+    """Draw angular rates by images and log, as stamped and aligned, into a folder, which is made where it is missing.
 
     Returns:
-        The file.
+        The file, ``sync.png``.
 
     Raises:
         InputError: The folder cannot be written to.
     """
-    found, rates = run.alignment, run.alignment.rates
+    rates = found.rates
     times_s = (rates.stamp_ns - found.reference_ns) / 1e9
     figure, axes = plt.subplots(3, 2, figsize=_SIZE_IN, sharex=True, sharey="row", layout="constrained")
     for row, name in enumerate(_AXES):
-        seen = np.degrees(rates.seen_radps[:, row])
-        _panel(axes[row, 0], times_s, seen, np.degrees(rates.said_before_radps[:, row]))
-        _panel(axes[row, 1], times_s, seen, np.degrees(rates.said_radps[:, row]))
+        by_images, stamped, aligned = (
+            np.degrees(each[:, row]) for each in (rates.seen_radps, rates.said_before_radps, rates.said_radps)
+        )
+        _panel(axes[row, 0], times_s, by_images, stamped)
+        _panel(axes[row, 1], times_s, by_images, aligned)
         axes[row, 0].set_ylabel(f"{name} (deg/s)")
-        low, high = np.nanpercentile(np.degrees(rates.said_radps[:, row]), [0, 100])
+        low, high = np.nanpercentile(aligned, [0, 100])
         margin = 0.3 * (high - low) + 1.0
         axes[row, 0].set_ylim(low - margin, high + margin)
     axes[0, 0].set_title("as stamped")
@@ -48,11 +50,11 @@ def draw_sync(run: SyncRun, folder: Path) -> str:
     with output_folder(folder, "the plot", expected=""):
         figure.savefig(file, dpi=_DPI)
     plt.close(figure)
-    return str(file)
+    return file
 
 
-def _panel(axes: Axes, times_s: FloatArray, seen: FloatArray, said: FloatArray) -> None:
-    axes.plot(times_s, seen, ".", markersize=3, color=_SEEN)
+def _panel(axes: Axes, times_s: FloatArray, by_images: FloatArray, by_log: FloatArray) -> None:
+    axes.plot(times_s, by_images, ".", markersize=3, color=_BY_IMAGES)
     order = np.argsort(times_s, kind="stable")
-    axes.plot(times_s[order], said[order], "-", linewidth=1.2, color=_SAID)
+    axes.plot(times_s[order], by_log[order], "-", linewidth=1.2, color=_BY_LOG)
     axes.grid(alpha=0.3)

@@ -11,6 +11,10 @@ from aerodft.version import VERSION
 
 if TYPE_CHECKING:
     from aerodft.app.align import VideoAlignment, align
+    from aerodft.app.assembly import RunResult
+    from aerodft.app.importing import import_flight
+    from aerodft.app.recompute import RecomputeResult, recompute
+    from aerodft.app.station import Station
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError
 
 __version__ = VERSION
@@ -22,9 +26,27 @@ _ROOM_OF: Final = {
     "ConfigError": "aerodft.errors",
     "InputError": "aerodft.errors",
     "NoAnswerError": "aerodft.errors",
+    "RecomputeResult": "aerodft.app.recompute",
+    "RunResult": "aerodft.app.assembly",
+    "Station": "aerodft.app.station",
+    "import_flight": "aerodft.app.importing",
+    "recompute": "aerodft.app.recompute",
 }
 
-__all__ = ["AerodftError", "ConfigError", "InputError", "NoAnswerError", "VideoAlignment", "__version__", "align"]
+__all__ = [
+    "AerodftError",
+    "ConfigError",
+    "InputError",
+    "NoAnswerError",
+    "RecomputeResult",
+    "RunResult",
+    "Station",
+    "VideoAlignment",
+    "__version__",
+    "align",
+    "import_flight",
+    "recompute",
+]
 
 
 def __getattr__(name: str) -> object:

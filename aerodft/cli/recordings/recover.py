@@ -1,9 +1,6 @@
 """``aerodft recover``: a recording whose recorder was killed, or whose files were damaged, made whole in place."""
 
-import subprocess
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -47,24 +44,6 @@ def recover(
         raise NoAnswerError("nothing can be recovered", where=folder, got="no whole message in any segment")
     if any(recovery.is_lossy for recovery in recoveries):
         raise typer.Exit(LOSS)
-
-
-@contextmanager
-def recovering_beside(root: Path) -> Iterator[None]:
-    """Recover what is unfinished in a folder of recordings, in a process of its own that does not outlive the block."""
-    try:
-        is_needed = not all(recordings_in(root).values())
-    except InputError:  # the recorder will say what is wrong with the folder
-        is_needed = False
-    if not is_needed:
-        yield
-        return
-    line = [sys.executable, "-m", "aerodft", "recover", str(root.absolute())]
-    with subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:  # noqa: S603 - our own
-        try:
-            yield
-        finally:
-            process.terminate()  # which costs nothing: no copy takes a segment's name before it is whole
 
 
 def _all_of(below: Mapping[Path, bool]) -> list[Recovery]:

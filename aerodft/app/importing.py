@@ -113,50 +113,23 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     where = "" if isinstance(station, StationConfig) else str(station)
     station = station if isinstance(station, StationConfig) else load_station(Path(station))
     source = _image_input(station.images.source, video, video_start_ns, images, rate_hz)
-    station = refreshed(replace(station, images=replace(station.images, source=source)))
-    if calibration is not None:
-        station = with_calibration(station, Path(calibration))
-    station = replace(station, topics=topics or station.topics)
+    station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
+    station = refreshed(station) if calibration is None else with_calibration(station, Path(calibration))
     log = None if log is None else Path(log)
-    if (log is None) != (station.pipeline.telemetry is None) and not (log is not None and is_mcap(log)):
+    has_recording = log is not None and is_mcap(log)
+    if (log is None) != (station.pipeline.telemetry is None) and not has_recording:
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=where, expected=need)
     if sync or (sync is None and station.images.is_auto):
-        station = aligned_station(station, log, Path(where), progress)
+        station = refreshed(aligned_station(station, log, Path(where), progress))
     else:
-        station = _with_start_std(replace(station, images=replace(station.images, is_auto=False)))
-    files = (*station.observations.files, *map(Path, observations))
-    return measure_flight(refreshed(station), log, files, Path(output), where=where, progress=progress)
-
-
-def measure_flight(
-    station: StationConfig,
-    log: Path | None,
-    observation_files: Sequence[Path],
-    output: Path,
-    *,
-    where: str = "",
-    progress: Progress = no_progress,
-) -> RunResult:
-    """Measure a flight from its files, and record it.
-
-    Args:
-        station: The station, complete.
-        log: Its log or recording; None for a fixed camera.
-        observation_files: What others have seen in the images.
-        output: A new folder.
-        where: The configuration's name in messages.
-        progress: As for ``import_flight``.
-
-    Raises:
-        AerodftError: As for ``import_flight``.
-    """
+        station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
     statistics, pipeline = RunStatistics(), build_pipeline(station)
-    observers = build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
-    flight = open_flight(station, log, observation_files, observers.schedules)
-    recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
+    observers = build_observers(station, pipeline, where, may_record=has_recording)
+    flight = open_flight(station, log, (*station.observations.files, *map(Path, observations)), observers.schedules)
+    recorder = build_recorder(station, Path(output), started_ns=flight.first_ns, lossless=True)
     run_outputs = open_outputs(station.outputs, outputs_run(station, pipeline))
-    with closing_recorder(recorder, output), run_outputs as outputs:
+    with closing_recorder(recorder, Path(output)), run_outputs as outputs:
         first_ns, span_ns = flight.first_ns, flight.last_ns - flight.first_ns
         progress(0, span_ns)
         feed = MergedFeed(flight.sources, station.pipeline.tick_ns)
@@ -166,7 +139,7 @@ def measure_flight(
         statistics=statistics,
         counts=pipeline.counts,
         observers=observers.report(flight.observed.counts),
-        warnings=flight.warnings(),
+        warnings=() if flight.log is None else flight.log.warnings(),
     )
 
 
@@ -225,10 +198,6 @@ class Flight:
     last_ns: int
     observed: ObservedImages
     log: LogSource | None = None
-
-    def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the log, one sentence each; complete once it was read."""
-        return () if self.log is None else self.log.warnings()
 
 
 def open_flight(

@@ -49,13 +49,11 @@ class RecomputeResult(RunResult):
 
     Attributes:
         provenance: What it was computed from: recording, its hash, station, camera, configuration and calibration.
-        left_out: Parts of the recording that could not be read, by what they are.
         redetection: How far what was found again is from what was recorded; None where nothing was looked for.
         image_segments: How many files of images were copied as they are.
     """
 
     provenance: Mapping[str, Any]
-    left_out: Mapping[str, int]
     redetection: Moved | None = None
     image_segments: int = 0
 

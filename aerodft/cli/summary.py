@@ -22,7 +22,6 @@ def report(
     as_json: bool,
     live: bool = False,
     details: Mapping[str, object] | None = None,
-    left_out: Mapping[str, int] | None = None,
 ) -> None:
     """Say what a run recorded and measured.
 
@@ -30,8 +29,7 @@ def report(
         result: What it did.
         as_json: Print a JSON document as well.
         live: Whether it may have ended before its first image.
-        details: What else the document says.
-        left_out: What of the input could not be read, by what it is.
+        details: What else the document says; None for what became of looking at the images.
 
     Raises:
         NoAnswerError: Not one pose had an answer, or there was no image.
@@ -46,7 +44,7 @@ def report(
             "measurements": dict(statistics.measurements),
             "reasons": statistics.reasons,
             "warnings": result.warnings,
-            **(left_out or {}),
+            **result.left_out,
             "lost": result.lost,
             "recorded": totals.counts,
         }
@@ -63,7 +61,7 @@ def report(
         got = ", then ".join(f"{status} ({why})" for status, why in statistics.reasons.items()) or "no image"
         hint = "the recording is kept"
         raise NoAnswerError("no image has a usable pose", where=result.recording, got=got, hint=hint)
-    end_with_gaps(left_out or {})
+    end_with_gaps(result.left_out)
     if result.lost:
         raise typer.Exit(LOSS)
 

@@ -103,6 +103,7 @@ class RunResult:
         counts: Observations that came, and those that could not be used.
         observers: What became of looking at the images, by the table that asks for it; empty where nobody looked.
         warnings: What is wrong with the input, one sentence each.
+        left_out: Parts of the input that could not be read, by what they are.
     """
 
     totals: RecordingTotals
@@ -110,6 +111,7 @@ class RunResult:
     counts: Counts
     observers: Mapping[str, object] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def recording(self) -> Path:

@@ -1,13 +1,14 @@
 """``aerodft recompute``: the same pipeline over a recording's raw input, or over that of many recordings."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodft.cli.flights.import_ import import_
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.option_values import TopicOption, parse_topics
+from aerodft.cli.option_values import TopicOption
 from aerodft.cli.output import LOSS, print_json, progress, say
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
@@ -90,29 +91,12 @@ def recompute(
         raise UsageError("--output", got="nothing", expected="a new folder for the new recording")
     path = Path(recording[0])
     if is_foreign(path):
-        _measure_foreign(path, output, config, calibration, topic, as_json=json)
+        if config is None:
+            hint = "it says what to measure, and with which camera"
+            raise UsageError("no --config for another tool's recording", expected="--config FILE", hint=hint)
+        import_(path, config, output, calibration=calibration, topic=topic, json=json)
     else:
         _recompute_one(path, output, config, calibration, redetect=redetect, as_json=json)
-
-
-def _measure_foreign(
-    path: Path, output: Path, config: Path | None, calibration: Path | None, topic: list[str] | None, *, as_json: bool
-) -> None:
-    """Another tool's recording, which has no configuration of its own."""
-    from aerodft.adapters.config.station import load_station, with_calibration
-    from aerodft.app.importing import measure_flight
-
-    if config is None:
-        hint = "it says what to measure, and with which camera"
-        raise UsageError("no --config for another tool's recording", expected="--config FILE", hint=hint)
-    station = load_station(config)
-    if calibration is not None:
-        station = with_calibration(station, calibration)
-    station = replace(station, topics=parse_topics(topic, station.topics))
-    with progress("importing") as bar, interruptible(bar) as between_batches:
-        files = station.observations.files
-        result = measure_flight(station, path, files, output, where=str(config), progress=between_batches)
-    report(result, as_json=as_json)
 
 
 def _recompute_one(
@@ -131,7 +115,7 @@ def _recompute_one(
     if result.redetection is not None:
         details["vision"] = result.redetection.document()
         say(result.redetection.sentence())
-    report(result, as_json=as_json, details=details, left_out=result.left_out)
+    report(result, as_json=as_json, details=details)
 
 
 def _report_many(outcomes: "list[Outcome]", output: Path, *, as_json: bool) -> None:

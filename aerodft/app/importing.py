@@ -33,7 +33,6 @@ from aerodft.app.assembly import (
     DelayedSource,
     RunResult,
     RunStatistics,
-    SizeChecked,
     build_observers,
     build_pipeline,
     build_recorder,
@@ -41,6 +40,7 @@ from aerodft.app.assembly import (
     open_telemetry_log,
     outputs_run,
     run,
+    size_checked,
 )
 from aerodft.app.progress import Progress, no_progress
 from aerodft.conventions import SECOND_NS
@@ -272,14 +272,14 @@ def _images(
     else:
         rate_hz = chosen.rate_hz if isinstance(chosen, Rate) else DEFAULT_RATE_HZ
         return RateSource(span.arrivals_ns, rate_hz), {}
-    images = SizeChecked(OnClock(open_images(decode=decode), clock), camera, where)
+    images = size_checked(OnClock(open_images(decode=decode), clock), camera, where)
     with _quiet():
         return images, _stamps(OnClock(open_images(decode=False), clock), camera, where)
 
 
 def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:
     """The stamps of all images by index; refuses a wrong size here, before anything is written."""
-    images = (event for event in SizeChecked(source, camera, where).events() if isinstance(event, Image))
+    images = (event for event in size_checked(source, camera, where).events() if isinstance(event, Image))
     stamps = {image.index: image.stamp_ns for image in images}
     if not stamps:
         raise InputError("holds no image", where=where, expected="at least one", hint="it is cut or damaged")

@@ -1,7 +1,7 @@
 """A station's sources: delayed to where they arrive, checked, or stamped by another clock."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from aerodft.adapters.config.station import StationConfig
@@ -9,7 +9,6 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model import VISION, Camera, Event, Image, Observation, RawBlock
 from aerodft.service import Source
-from aerodft.service.clocks import ImageClock
 
 DEFAULT_RATE_HZ: Final = 5.0
 """How often a station without images measures."""
@@ -42,24 +41,29 @@ class DelayedSource:
                 yield replace(event, stamp_ns=stamp_ns, arrival_ns=last_ns)
 
 
-class SizeChecked:
-    """A source whose images must be of the camera's size: intrinsics of another mode give wrong metres."""
+@dataclass(frozen=True, slots=True)
+class _ChangedSource:
+    """A source whose events go through a function."""
 
-    def __init__(self, source: Source, camera: Camera, where: object) -> None:
-        self._source = source
-        self._camera = camera
-        self._where = where
+    source: Source
+    change: Callable[[Event], Event]
 
     def events(self) -> Iterator[Event]:
-        """The source's events.
+        return map(self.change, self.source.events())
 
-        Raises:
-            InputError: At the first image of another size.
-        """
-        for event in self._source.events():
-            if isinstance(event, Image):
-                check_size(event, self._camera, self._where)
-            yield event
+
+def size_checked(source: Source, camera: Camera, where: object) -> Source:
+    """The source, which raises ``InputError`` at the first image that is not of the camera's size.
+
+    Intrinsics of another mode would give wrong metres.
+    """
+
+    def checked(event: Event) -> Event:
+        if isinstance(event, Image):
+            check_size(event, camera, where)
+        return event
+
+    return _ChangedSource(source, checked)
 
 
 def check_size(image: Image, camera: Camera, where: object) -> None:
@@ -79,43 +83,27 @@ def check_size(image: Image, camera: Camera, where: object) -> None:
     )
 
 
-class _Reoffset:
-    """A recording's source under another time offset: images and what was observed in them move alike.
-
-    What aerodft itself saw bears its image's stamp, to which only the images' offset was added. Stamps at a rate are
-    nobody's clock, and stay.
-    """
-
-    def __init__(self, source: Source, *, old: ImageClock, new: ImageClock, observation_shift_ns: int) -> None:
-        self._source = source
-        self._old = old
-        self._new = new
-        self._observation_shift_ns = observation_shift_ns
-
-    def events(self) -> Iterator[Event]:
-        """The source's events with their stamps moved."""
-        for event in self._source.events():
-            if isinstance(event, Image):
-                yield replace(event, stamp_ns=self._moved(event.stamp_ns))
-            elif isinstance(event, Observation):
-                own_ns = 0 if event.source == VISION else self._observation_shift_ns
-                yield replace(event, stamp_ns=self._moved(event.stamp_ns) + own_ns)
-            else:
-                yield event
-
-    def _moved(self, stamp_ns: int) -> int:
-        return self._new.utc_ns(self._old.stamp_ns(stamp_ns))
-
-
 def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
-    """The source as the new configuration's time offsets would have stamped it."""
-    observations_s = new.observations.time_offset_s - old.observations.time_offset_s
+    """A recording's source as the new configuration's time offsets would have stamped it.
+
+    Images and what was observed in them move by as much. What aerodft itself saw bears its image's stamp, to which only
+    the images' offset was added. Stamps at a rate are nobody's clock, and stay.
+    """
+    shift_ns = round((new.observations.time_offset_s - old.observations.time_offset_s) * SECOND_NS)
     was, now = old.image_clock, new.image_clock
     if was != now and not _has_camera(source):
         was = now
-    if was == now and observations_s == 0:
+    if was == now and shift_ns == 0:
         return source
-    return _Reoffset(source, old=was, new=now, observation_shift_ns=round(observations_s * SECOND_NS))
+
+    def moved(event: Event) -> Event:
+        if isinstance(event, RawBlock):
+            return event
+        stamp_ns = now.utc_ns(was.stamp_ns(event.stamp_ns))
+        is_observed = isinstance(event, Observation) and event.source != VISION
+        return replace(event, stamp_ns=stamp_ns + shift_ns if is_observed else stamp_ns)
+
+    return _ChangedSource(source, moved)
 
 
 def _has_camera(source: Source) -> bool:

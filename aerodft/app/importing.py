@@ -248,29 +248,29 @@ def open_flight(
 
 
 def _has_own_images(station: StationConfig, recording: ForeignRecording | None) -> bool:
-    """Whether another tool's recording gives the images too: unless others, or a rate, were asked for."""
-    asked = isinstance(station.images.source, VideoFile | Stills | Rate)
-    return recording is not None and recording.images is not None and not asked
+    """Whether another tool's recording gives the images too: unless the station names others, or a rate."""
+    is_elsewhere = isinstance(station.images.source, VideoFile | Stills | Rate)
+    return recording is not None and recording.images is not None and not is_elsewhere
 
 
 def _images(
     station: StationConfig, span: LogSpan, recording: ForeignRecording | None, *, decode: bool
 ) -> tuple[Source, dict[int, int]]:
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
-    chosen, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
+    configured, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     open_images: Callable[..., Source]
-    if isinstance(chosen, VideoFile):
-        where, open_images = chosen.path, partial(VideoFileSource, chosen.path, start_ns=chosen.start_ns)
-    elif isinstance(chosen, Stills):
-        where = chosen.folder
-        open_images = partial(StillsFolderSource, where, pattern=chosen.pattern, utc_offset=chosen.utc_offset)
+    if isinstance(configured, VideoFile):
+        where, open_images = configured.path, partial(VideoFileSource, configured.path, start_ns=configured.start_ns)
+    elif isinstance(configured, Stills):
+        where = configured.folder
+        open_images = partial(StillsFolderSource, where, pattern=configured.pattern, utc_offset=configured.utc_offset)
     elif recording is not None and _has_own_images(station, recording):
         _check_camera(recording, camera)
         where, open_images = recording.path, partial(ForeignImages, recording)
     elif not span.arrivals_ns:
         raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
     else:
-        rate_hz = chosen.rate_hz if isinstance(chosen, Rate) else DEFAULT_RATE_HZ
+        rate_hz = configured.rate_hz if isinstance(configured, Rate) else DEFAULT_RATE_HZ
         return RateSource(span.arrivals_ns, rate_hz), {}
     images = size_checked(OnClock(open_images(decode=decode), clock), camera, where)
     with _quiet():
@@ -325,7 +325,7 @@ def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, stat
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence warnings of a first pass: the second says them."""
+    """Silence warnings while input is looked through: they come again when it is read."""
     loggers = [logging.getLogger(name) for name in ("aerodft.adapters", "replay")]
     before = [logger.level for logger in loggers]
     for logger in loggers:

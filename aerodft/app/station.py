@@ -8,13 +8,12 @@ from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
 from aerodft.adapters.images import LiveRate, StreamReader
 from aerodft.adapters.outputs import Output, open_outputs
 from aerodft.adapters.recording.recover import recordings_in
-from aerodft.adapters.recording.write import McapRecorder
 from aerodft.adapters.telemetry import signing_sentences
 from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
 from aerodft.adapters.wire.status import StationStatus
@@ -38,6 +37,9 @@ from aerodft.errors import ConfigError, InputError
 from aerodft.model import Image, Measurement, VideoPacket
 from aerodft.service import Inbox, LiveFeed, LiveObservers, Sink
 from aerodft.service.clocks import WallClock
+
+if TYPE_CHECKING:
+    from aerodft.adapters.recording.write import McapRecorder
 
 
 class Station:
@@ -95,6 +97,7 @@ class Station:
         self._outputs: tuple[Output, ...] = ()
         self._link: MavlinkLink | None = None
         self._recorder: McapRecorder | None = None
+        self._receivers: tuple[Output | McapRecorder, ...] = ()
         self._opened = ExitStack()
         self._thread = threading.Thread(target=self._run, name="station")
         self._error: BaseException | None = None
@@ -175,6 +178,7 @@ class Station:
             # Once nothing else can fail: packets that came before are not recorded.
             self._recorder = build_recorder(self._config, self.recording, started_ns=started_ns, lossless=False)
             stack.callback(self._recorder.close)
+            self._receivers = (*self._outputs, self._recorder)
             self._sinks[:0] = self._receivers
             self._thread.start()
             self._opened = stack.pop_all()
@@ -191,10 +195,6 @@ class Station:
             self.wait()
         if self._error is not None and error is None:
             raise self._error
-
-    @property
-    def _receivers(self) -> tuple[Output | McapRecorder, ...]:
-        return (*self._outputs, *(() if self._recorder is None else (self._recorder,)))
 
     def _run(self) -> None:
         try:

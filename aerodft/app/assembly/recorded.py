@@ -33,14 +33,14 @@ def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSou
 
     Args:
         path: A log of any registered format, a recording, or another tool's MCAP file or folder.
-        topics: Which topic of the latter is what.
+        topics: Which topic of another tool's recording is what.
 
     Returns:
         Its telemetry; and the recording, where another tool made it.
 
     Raises:
-        InputError: It cannot be read, or is none of these.
-        NoAnswerError: It holds nothing.
+        InputError: The file cannot be read, or is no log and no recording.
+        NoAnswerError: The file holds nothing.
     """
     if not is_mcap(path):
         return open_log(path), None
@@ -74,17 +74,18 @@ def stations_of(
 
     Args:
         recording: The recording.
-        config: The one to compute with, and where the recording has none the one it was made with; None for its own.
-        calibration: In place of that configuration's; None to leave it.
+        config: File of the one to compute with; it stands for the recording's own too, where that has none. None to
+            compute with the recording's own.
+        calibration: File of the calibration to compute with; None for that of the configuration.
 
     Raises:
-        InputError: There is none, or the recorded images are not of its camera.
+        InputError: There is no configuration, or the recorded images are not of its camera.
     """
-    new = recorded_station(recording) if config is None else load_station(config)
+    station = recorded_station(recording) if config is None else load_station(config)
     is_own = config is None or recording.text("config.toml") is None
-    was = new if is_own else recorded_station(recording)
-    new = new if calibration is None else with_calibration(new, calibration)
+    recorded = station if is_own else recorded_station(recording)
+    station = station if calibration is None else with_calibration(station, calibration)
     images = (event for event in RecordingSource(recording).events() if isinstance(event, Image))
     if (first := next(images, None)) is not None:  # one source has images of one size
-        check_size(first, new.pipeline.camera, recording.folder)
-    return was, new
+        check_size(first, station.pipeline.camera, recording.folder)
+    return recorded, station

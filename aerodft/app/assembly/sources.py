@@ -15,7 +15,7 @@ DEFAULT_RATE_HZ: Final = 5.0
 
 
 class DelayedSource:
-    """A source whose images and observations arrive some time after their stamps, beside the telemetry they need.
+    """A source whose images and observations arrive later, beside the telemetry that they need.
 
     Args:
         source: Images or observations.
@@ -58,12 +58,12 @@ def size_checked(source: Source, camera: Camera, where: object) -> Source:
     Intrinsics of another mode would give wrong metres.
     """
 
-    def checked(event: Event) -> Event:
+    def check(event: Event) -> Event:
         if isinstance(event, Image):
             check_size(event, camera, where)
         return event
 
-    return _ChangedSource(source, checked)
+    return _ChangedSource(source, check)
 
 
 def check_size(image: Image, camera: Camera, where: object) -> None:
@@ -90,20 +90,20 @@ def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:
     the images' offset was added. Stamps at a rate are nobody's clock, and stay.
     """
     shift_ns = round((new.observations.time_offset_s - old.observations.time_offset_s) * SECOND_NS)
-    was, now = old.image_clock, new.image_clock
-    if was != now and not _has_camera(source):
-        was = now
-    if was == now and shift_ns == 0:
+    old_clock, new_clock = old.image_clock, new.image_clock
+    if old_clock != new_clock and not _has_camera(source):
+        old_clock = new_clock
+    if old_clock == new_clock and shift_ns == 0:
         return source
 
-    def moved(event: Event) -> Event:
+    def restamp(event: Event) -> Event:
         if isinstance(event, RawBlock):
             return event
-        stamp_ns = now.utc_ns(was.stamp_ns(event.stamp_ns))
+        stamp_ns = new_clock.utc_ns(old_clock.stamp_ns(event.stamp_ns))
         is_observed = isinstance(event, Observation) and event.source != VISION
         return replace(event, stamp_ns=stamp_ns + shift_ns if is_observed else stamp_ns)
 
-    return _ChangedSource(source, moved)
+    return _ChangedSource(source, restamp)
 
 
 def _has_camera(source: Source) -> bool:

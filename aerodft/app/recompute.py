@@ -338,7 +338,7 @@ def recompute_rows(
                 "recorded_calibration": None if recorded.calibration is None else recorded.calibration.id,
             }
             with ParquetRows(part.path, constants=constants, metadata=part.metadata) as rows:
-                sink = MeasurementSink(lambda measurements: rows.add(map(encode_measurement, measurements)))
+                sink = MeasurementSink(lambda measurement: rows.add([encode_measurement(measurement)]))
                 run(opened.feed, opened.pipeline, (sink, statistics))
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")

@@ -114,12 +114,7 @@ class Station:
             callback: Called with each measurement in order; while it takes long, answers wait. What it raises ends the
                 station.
         """
-
-        def call(measurements: list[Measurement]) -> None:
-            for measurement in measurements:
-                callback(measurement)
-
-        self._sinks.append(MeasurementSink(call))
+        self._sinks.append(MeasurementSink(callback))
 
     def stop(self) -> None:
         """End once all that has arrived is measured; from any thread or signal handler."""

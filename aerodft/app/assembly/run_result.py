@@ -77,17 +77,18 @@ class MeasurementSink:
     """A sink that hands measurements on, in their order.
 
     Args:
-        on_measurements: Called with those of some ticks; live, of one.
+        on_measurement: Called with each.
     """
 
-    def __init__(self, on_measurements: Callable[[list[Measurement]], None]) -> None:
-        self._on_measurements = on_measurements
+    def __init__(self, on_measurement: Callable[[Measurement], None]) -> None:
+        self._on_measurement = on_measurement
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:  # noqa: ARG002 - what was read is not measured
         """Hand on the measurements of some ticks."""
         parts = [zip(order.tolist(), batch, strict=True) for _, order, batch in outputs.measured()]
-        found = sorted(chain.from_iterable(parts), key=itemgetter(0))
-        self._on_measurements([each for _, measurements in found for each in measurements])
+        for _, measurements in sorted(chain.from_iterable(parts), key=itemgetter(0)):
+            for measurement in measurements:
+                self._on_measurement(measurement)
 
     def close(self) -> None:
         """Nothing to write out."""

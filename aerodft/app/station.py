@@ -71,7 +71,7 @@ class Station:
         ...     with Station(Path(folder, "station.toml"), output=Path(folder, "rec")) as station:
         ...         names = set()
         ...         station.on_measurement(lambda measurement: names.add(measurement.name))
-        ...         station.wait(seconds=0.5)
+        ...         station.wait(seconds=1.0)
         >>> sorted(names)
         ['crossing', 'deck', 'gauge', 'pier']
     """

@@ -38,8 +38,8 @@ def test_a_station_hands_on_every_measurement_that_it_records(station):
     found = []
     station.on_measurement(found.append)
     with station:
-        station.wait(seconds=0.5)
-    assert len(found) > 3
+        while len(found) < 4:
+            station.wait(seconds=0.05)
     assert {each.name for each in found} == {"centre"}
     assert len(found) == len(list(Recording(station.recording).measurements())) == station.result.statistics.images
 
@@ -51,8 +51,9 @@ def test_what_a_callback_raises_ends_the_station_and_keeps_the_recording(station
     station.on_measurement(fail)
     with pytest.raises(LookupError, match="centre"), station:
         station.wait()
-    assert Recording(station.recording).is_whole
-    assert station.result.statistics.images == 1
+    recording = Recording(station.recording)
+    assert recording.is_whole
+    assert next(recording.measurements(), None) is not None
 
 
 def test_a_station_that_was_not_entered_has_no_result(station):

@@ -12,9 +12,12 @@ from aerodft.version import VERSION
 if TYPE_CHECKING:
     from aerodft.adapters.recording.recover import Recovery
     from aerodft.app.align import VideoAlignment, align
+    from aerodft.app.assembly import RunResult
     from aerodft.app.calibrate import CalibrationResult, calibrate
     from aerodft.app.calibrate_lens import LensCalibration, calibrate_lens, print_board
     from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
+    from aerodft.app.importing import import_flight
+    from aerodft.app.recompute import RecomputeResult, recompute
     from aerodft.app.recordings import (
         ExportSummary,
         Measurements,
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
         open_recording,
         recover,
     )
+    from aerodft.app.station import Station
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined
     from replay.compare import Comparison
 
@@ -42,7 +46,10 @@ _ROOM_OF: Final = {
     "Measurements": "aerodft.app.recordings",
     "NoAnswerError": "aerodft.errors",
     "NotDetermined": "aerodft.errors",
+    "RecomputeResult": "aerodft.app.recompute",
     "Recovery": "aerodft.adapters.recording.recover",
+    "RunResult": "aerodft.app.assembly",
+    "Station": "aerodft.app.station",
     "StationRecording": "aerodft.app.recordings",
     "VideoAlignment": "aerodft.app.align",
     "align": "aerodft.app.align",
@@ -51,8 +58,10 @@ _ROOM_OF: Final = {
     "compare": "aerodft.app.recordings",
     "diagnose": "aerodft.app.diagnose",
     "export": "aerodft.app.recordings",
+    "import_flight": "aerodft.app.importing",
     "open_recording": "aerodft.app.recordings",
     "print_board": "aerodft.app.calibrate_lens",
+    "recompute": "aerodft.app.recompute",
     "recover": "aerodft.app.recordings",
 }
 
@@ -69,7 +78,10 @@ __all__ = [
     "Measurements",
     "NoAnswerError",
     "NotDetermined",
+    "RecomputeResult",
     "Recovery",
+    "RunResult",
+    "Station",
     "StationRecording",
     "VideoAlignment",
     "__version__",
@@ -79,8 +91,10 @@ __all__ = [
     "compare",
     "diagnose",
     "export",
+    "import_flight",
     "open_recording",
     "print_board",
+    "recompute",
     "recover",
 ]
 

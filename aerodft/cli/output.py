@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 
+from aerodft.app.incomplete_input import incomplete_input
 from aerodft.app.progress import Progress
 from aerodft.errors import InputError, UsageError
 
@@ -31,18 +32,8 @@ def end_with_gaps(left_out: Mapping[str, int]) -> None:
         Exit: With 5, where there is such.
     """
     if any(left_out.values()):
-        say(f"aerodft: {gaps(left_out)}")
+        say(f"aerodft: {incomplete_input(left_out)}")
         raise typer.Exit(LOSS)
-
-
-def gaps(left_out: Mapping[str, int]) -> str:
-    """What could not be read, as a sentence; empty where that is nothing."""
-    found = [
-        f"{count} {what.replace('_', ' ').removesuffix('s' if count == 1 else '')}"
-        for what, count in left_out.items()
-        if count
-    ]
-    return f"the recording is not whole, and so is what came of it: without {' and '.join(found)}" if found else ""
 
 
 def json_bytes(document: object) -> bytes:

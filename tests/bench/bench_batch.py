@@ -16,8 +16,8 @@ import time
 from functools import partial
 from pathlib import Path
 
+from aerodft.app.recompute import recompute_rows
 from aerodft.cli.main import main as aerodft
-from aerodft.cli.recompute_many import Many, recompute_rows
 from replay.batch import Dataset, Job, Outcome, State, jobs_of, run_batch
 
 MOST = 0.6
@@ -45,7 +45,7 @@ def one_flight(folder: Path, seconds: float) -> Path:
 
 def work(job: Job, *, out: Path, log: Path) -> Outcome:
     """Recompute one recording, and note the processor time that this worker took since it was started."""
-    outcome = recompute_rows(job, dataset=Dataset.at(out), many=Many(config=None, calibration=None, overwrite=False))
+    outcome = recompute_rows(job, dataset=Dataset.at(out))
     (log / str(os.getpid())).write_text(str(time.process_time()))
     return outcome
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from aerodft.adapters.config.station import load_station
 from aerodft.app.assembly import RunStatistics, build_pipeline, run
-from aerodft.cli.flight import open_flight
+from aerodft.app.importing import open_flight
 from aerodft.cli.flights.import_ import import_
 from aerodft.cli.recordings.recompute import recompute
 from aerodft.service import MergedFeed
@@ -75,7 +75,7 @@ def _timed(title: str, seconds: float, work: Callable[[], object]) -> None:
 
 def _measure_alone(log: Path, config: Path) -> RunStatistics:
     station, statistics = load_station(config), RunStatistics()
-    flight = open_flight(station, log, ())
+    flight = open_flight(station, log)
     run(MergedFeed(flight.sources, station.pipeline.tick_ns), build_pipeline(station), (statistics,))
     return statistics
 

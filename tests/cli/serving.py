@@ -6,11 +6,11 @@ from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
-from aerodft.cli.flights import serve
+from aerodft.app import station
 from aerodft.cli.main import main
 
 WORD = "late:"
-_run, _before = serve.run, set[str]()
+_run, _before = station.run, set[str]()
 
 
 def compiled() -> set[str]:
@@ -33,6 +33,6 @@ def say() -> None:
 
 
 if __name__ == "__main__":
-    serve.run = run
+    station.run = run
     atexit.register(say)
     main()

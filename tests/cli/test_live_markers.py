@@ -273,7 +273,7 @@ def test_markers_are_found_again_in_the_recorded_images(flight, scenario, tmp_pa
     seen = ("--observations", flight / "observations.jsonl")
     imported(flight, scenario.world, "kept", *seen, markers=markers, record=record)
     count = len(seen_in(flight / "kept"))
-    run = run_aerodft("recompute", flight / "kept", "--vision", "-o", tmp_path / "again", "--json")
+    run = run_aerodft("recompute", flight / "kept", "--redetect", "-o", tmp_path / "again", "--json")
     assert run.code == 0, run.err
     vision = run.json["vision"]
     assert (vision["found"] + vision["lost"], vision["kept"]) == (count, 0)
@@ -286,10 +286,10 @@ def test_markers_are_found_again_in_the_recorded_images(flight, scenario, tmp_pa
 
 
 def test_what_cannot_be_looked_at_again_is_refused(flight, scenario, refined, tmp_path):
-    bare = run_aerodft("recompute", refined[0], "--vision", "-o", tmp_path / "again")
+    bare = run_aerodft("recompute", refined[0], "--redetect", "-o", tmp_path / "again")
     assert (bare.code, "no images in the recording; record.image_hz" in bare.last) == (4, True)
     imported(flight, scenario.world, "blind", "--observations", flight / "observations.jsonl")
-    blind = run_aerodft("recompute", flight / "blind", "--vision", "-o", tmp_path / "again")
-    nothing = "--vision: got a configuration without [markers], [watch], [objects], [river] and tracked probes"
+    blind = run_aerodft("recompute", flight / "blind", "--redetect", "-o", tmp_path / "again")
+    nothing = "--redetect: got a configuration without [markers], [watch], [objects], [river] and tracked probes"
     assert (blind.code, nothing in blind.last) == (2, True)
     assert not (tmp_path / "again").exists()

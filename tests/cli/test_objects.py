@@ -59,7 +59,7 @@ def test_recomputed_tracks_are_the_same_to_the_byte(yard, imported, aerodft, tmp
 
 def test_vision_says_where_it_is_shown_too_few_images(yard, imported, aerodft, tmp_path):
     assert imported.code == 0
-    again = aerodft("recompute", yard / "rec", "--vision", "-o", tmp_path / "seen", "--json")
+    again = aerodft("recompute", yard / "rec", "--redetect", "-o", tmp_path / "seen", "--json")
     assert again.code == 0, again.err
     assert again.json["vision"]["kept"] > 20
     assert any("[objects]" in each and "not recorded" in each for each in again.json["warnings"])

@@ -3,13 +3,12 @@
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 
 import orjson
 import pyarrow.dataset as ds
 import pytest
 
-from aerodft.cli.recompute_many import Many, recompute_rows
+from aerodft.app.recompute import recompute_rows
 from replay.batch import Dataset, Job, State
 from replay.recordings import Recording
 
@@ -69,12 +68,11 @@ def test_rows_of_another_configuration_take_the_place_of_others_only_when_asked(
     text = (flight_recording / "config.toml").read_text()
     config.write_text(text.replace("home_above_plane_m = 0.0", "home_above_plane_m = 2.5"))
     job, dataset = Job(recording="one", folder=flights / "one"), Dataset.at(tmp_path / "out")
-    own, other = (Many(config=each, calibration=None, overwrite=False) for each in (None, config))
-    assert recompute_rows(job, dataset=dataset, many=own).state is State.DONE
-    refused = recompute_rows(job, dataset=dataset, many=other)
+    assert recompute_rows(job, dataset=dataset).state is State.DONE
+    refused = recompute_rows(job, dataset=dataset, config=config)
     assert (refused.state, "add --overwrite" in refused.sentence) == (State.FAILED, True)
-    assert recompute_rows(job, dataset=dataset, many=own).state is State.SKIPPED
-    assert recompute_rows(job, dataset=dataset, many=replace(other, overwrite=True)).state is State.DONE
+    assert recompute_rows(job, dataset=dataset).state is State.SKIPPED
+    assert recompute_rows(job, dataset=dataset, config=config, overwrite=True).state is State.DONE
     rows = ds.dataset(dataset.folder, partitioning="hive").to_table().to_pylist()
     assert len(rows) == 15
     assert {row["config"] == row["recorded_config"] for row in rows} == {False}

@@ -222,7 +222,7 @@ def test_its_recording_computed_again_needs_no_image(looked, aerodft, tmp_path):
     folder, _ = looked
     assert aerodft("recompute", folder / "recording", "-o", tmp_path / "same").code == 0
     assert aerodft("compare", folder / "recording", tmp_path / "same").code == 0
-    again = aerodft("recompute", folder / "recording", "--vision", "-o", tmp_path / "seen", "--json")
+    again = aerodft("recompute", folder / "recording", "--redetect", "-o", tmp_path / "seen", "--json")
     assert again.code == 0, again.err
     assert again.json["vision"]["median_px"] < 5.0  # transects begin elsewhere where a bank is seen otherwise
 

@@ -166,7 +166,7 @@ def test_what_cannot_be_watched_is_refused_in_a_sentence(tables, said, watched, 
 
 def test_steady_points_are_found_again_in_the_recorded_images_and_hardly_moved(aerodft, imported, tmp_path):
     """Every other image was recorded; the encoder's noise is all that moves a point."""
-    run = aerodft("recompute", imported[1], "--vision", "-o", tmp_path / "again", "--json")
+    run = aerodft("recompute", imported[1], "--redetect", "-o", tmp_path / "again", "--json")
     assert run.code == 0, run.err
     vision = run.json["vision"]
     assert run.json["watch"]["images"] == vision["kept"] == LENGTH // 2

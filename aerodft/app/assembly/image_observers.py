@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from aerodft.adapters.config.station import Rate, StationConfig, Watch, river_probes
+from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Watch, river_probes
 from aerodft.adapters.images import read_camera_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import moved_on
-from aerodft.model import Image, PixelSource, PoseSample, Status
-from aerodft.service import ObjectSettings, ObserverCounts, ObserverSchedule, Pipeline
+from aerodft.model import Camera, Image, PixelSource, PoseSample, Status
+from aerodft.service import ObserverCounts, ObserverSchedule, Pipeline
 from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
 from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
@@ -24,26 +24,29 @@ _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
 
 @dataclass(frozen=True, slots=True)
 class ImageObservers:
-    """All that looks at a station's images.
+    """What finds pixels in a station's images.
 
     Attributes:
-        schedules: What a feed shows images to.
-        names: Of the tables that ask for each.
-        notes: What some of them have to say of their own, by that name.
+        by_table: How often each looks, by the table that asks for it.
+        notes: What some of them have to say of their own, by table.
     """
 
-    schedules: tuple[ObserverSchedule, ...] = ()
-    names: tuple[str, ...] = ()
+    by_table: Mapping[str, ObserverSchedule] = field(default_factory=dict)
     notes: Mapping[str, Callable[[], dict[str, object]]] = field(default_factory=dict)
 
+    @property
+    def schedules(self) -> tuple[ObserverSchedule, ...]:
+        """What a feed shows images to."""
+        return tuple(self.by_table.values())
+
     def report(self, counts: Sequence[ObserverCounts]) -> dict[str, object]:
-        """What was looked at, for the summary; empty where nobody looked.
+        """What was looked at, by table; empty where nobody looked.
 
         Args:
             counts: Of each schedule.
         """
         looks: dict[str, object] = {}
-        for name, count in zip(self.names, counts, strict=True):
+        for name, count in zip(self.by_table, counts, strict=True):
             found = {"images": count.looked, "skipped": count.skipped, "unreadable": count.unreadable}
             looks[name] = found | (self.notes[name]() if name in self.notes else {})
         return looks
@@ -52,7 +55,7 @@ class ImageObservers:
 def build_observers(
     station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False
 ) -> ImageObservers:
-    """Who looks at the images of a station.
+    """What finds pixels in the images of a station.
 
     Args:
         station: The station.
@@ -66,44 +69,44 @@ def build_observers(
     """
     schedules: dict[str, ObserverSchedule] = {}
     notes: dict[str, Callable[[], dict[str, object]]] = {}
+    camera, ground, probes = station.pipeline.camera, station.pipeline.ground, station.pipeline.probes
+    pose_of = partial(_pose_now, pipeline)
     if station.watch is not None:
-        _check_images(station, "[watch]", where, may_record=may_record)
-        schedules["watch"] = _camera_motion_schedule(station.watch, station)
+        schedules["watch"] = _camera_motion_schedule(station.watch, camera)
     if (markers := station.markers) is not None:
-        _check_images(station, "[markers]", where, may_record=may_record)
-        observer = MarkerObserver(
-            markers.survey, station.pipeline.camera, markers.ignore, lambda image: _place_near(pipeline, image)
-        )
+        observer = MarkerObserver(markers.survey, camera, markers.ignore, partial(_place_near, pipeline))
         schedules["markers"] = ObserverSchedule(observer, markers.every_s)
         notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
-        _check_images(station, "[objects]", where, may_record=may_record)
-        moving = _who_sees_objects(station, objects, pipeline)
+        is_fixed = station.pipeline.fixed_pose is not None
+        # Before a fixed camera what changes moves; before one that flies, what changes on the held ground.
+        moving = MovingObjects(camera, objects) if is_fixed else MovingOverGround(camera, objects, pose_of, ground)
         schedules["objects"] = ObserverSchedule(moving, objects.every_s)
         notes["objects"] = lambda: {"restless": moving.restless}
     if station.river is not None:
-        _check_images(station, "[river]", where, may_record=may_record)
-        probes = river_probes(station.pipeline.probes)
-        river = RiverObserver(station.pipeline.camera, station.river, probes, lambda image: _pose_now(pipeline, image))
+        river = RiverObserver(camera, station.river, river_probes(probes), pose_of)
         schedules["river"] = ObserverSchedule(river, station.river.every_s)
         notes["river"] = lambda: {"without_river": dict(river.misses)}
-    tracked = tuple(probe for probe in station.pipeline.probes if probe.source is PixelSource.TRACKED)
-    if tracked:
-        _check_images(station, "tracked probes", where, may_record=may_record)
-        camera, ground = station.pipeline.camera, station.pipeline.ground
-        schedules["tracked"] = ObserverSchedule(
-            TrackedProbes(camera, tracked, lambda image: _pose_now(pipeline, image), ground)
-        )
-    return ImageObservers(tuple(schedules.values()), tuple(schedules), notes)
+    if tracked := tuple(probe for probe in probes if probe.source is PixelSource.TRACKED):
+        schedules["tracked"] = ObserverSchedule(TrackedProbes(camera, tracked, pose_of, ground))
+    if schedules and not _has_images(station.images.source, may_record=may_record):
+        table = next(iter(schedules))
+        got = f"none to look into for {'tracked probes' if table == 'tracked' else f'[{table}]'}"
+        raise ConfigError("images", where=where, got=got, expected="a stream or a device; for import a video or stills")
+    return ImageObservers(schedules, notes)
 
 
-def _camera_motion_schedule(watch: Watch, station: StationConfig) -> ObserverSchedule:
-    """Who looks for steady points.
+def _has_images(source: ImageInput | None, *, may_record: bool) -> bool:
+    return not isinstance(source, Rate) and (may_record or source is not None)
+
+
+def _camera_motion_schedule(watch: Watch, camera: Camera) -> ObserverSchedule:
+    """What finds the steady points that a camera's motion is told by.
 
     Raises:
         InputError: The reference image cannot be read, is of another size, or shows too little.
     """
-    camera, settings, pixels = station.pipeline.camera, watch.settings, None
+    settings, pixels = watch.settings, None
     if watch.reference is not None:
         hint = "watch.reference is an image that the camera took in the mode that it is in now"
         pixels = read_camera_image(watch.reference, camera, hint)
@@ -118,35 +121,17 @@ def _camera_motion_schedule(watch: Watch, station: StationConfig) -> ObserverSch
     return ObserverSchedule(points, settings.every_s)
 
 
-def _who_sees_objects(
-    station: StationConfig, objects: ObjectSettings, pipeline: Pipeline
-) -> MovingObjects | MovingOverGround:
-    """Before a fixed camera what changes moves; before one that flies, what changes on the held ground."""
-    camera, ground = station.pipeline.camera, station.pipeline.ground
-    if station.pipeline.fixed_pose is not None:
-        return MovingObjects(camera, objects)
-    return MovingOverGround(camera, objects, lambda image: _pose_now(pipeline, image), ground)
-
-
 def _marker_notes(observer: MarkerObserver) -> dict[str, object]:
     return {"not_surveyed": _by_text(observer.strangers), "wrong_size": _by_text(observer.false)}
 
 
 def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
-    """The same with ids as JSON's keys are."""
+    """Counts of markers with their ids as JSON has keys."""
     return {str(marker): count for marker, count in counts.items()}
 
 
-def _check_images(station: StationConfig, table: str, where: object, *, may_record: bool) -> None:
-    if may_record and not isinstance(station.images.source, Rate):
-        return
-    if station.images.source is None or isinstance(station.images.source, Rate):
-        expected = "a stream or a device; for import a video or stills"
-        raise ConfigError("images", where=where, got=f"none to look into for {table}", expected=expected)
-
-
 def _pose_near(pipeline: Pipeline, image: Image) -> PoseSample | None:
-    """The newest pose that is finished; None where that is not of about the same time."""
+    """The newest pose that is finished; None where it is farther than a second from the image's stamp."""
     sample = pipeline.last_pose
     if sample is None or abs(pipeline.in_utc(image).stamp_ns - sample.stamp_ns) > _RECENT_S * SECOND_NS:
         return None
@@ -166,7 +151,7 @@ def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
 
 
 def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:
-    """Where the camera is by that pose; None where there is none, or nobody knows where."""
+    """Where the camera is by the newest pose; None where that is too old, or has no place on the map."""
     sample = _pose_near(pipeline, image)
     if sample is None or sample.pose is None or sample.origin is None:
         return None

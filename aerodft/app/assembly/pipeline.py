@@ -1,9 +1,8 @@
 """Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,8 @@ from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.model import Camera, Event, Image, Measurement, RawBlock
-from aerodft.service import Batches, Feed, Inbox, Pipeline, Sink, Source
+from aerodft.model import Measurement
+from aerodft.service import Batches, Feed, Inbox, Pipeline, Sink
 from aerodft.vision.objects import ObjectTracks
 from calibration.camera_motion import CameraMotionCalibrator
 from calibration.flight import BiasCalibrator
@@ -33,7 +32,11 @@ _log = logging.getLogger(__name__)
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:
-    """The pipeline of a station, with its decoder and its calibration, which landmarks or steady points refine."""
+    """The pipeline of a station, with its decoder and its calibration, which landmarks or steady points refine.
+
+    Raises:
+        ConfigError: The images' clock is still to be found.
+    """
     if station.images.is_auto:
         hint = "`aerodft import` finds it, `aerodft sync` says it"
         raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
@@ -119,92 +122,24 @@ def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
     recorder.close()
 
 
-def run(feed: Feed, pipeline: Pipeline, sinks: tuple[Sink, ...], on_tick: Callable[[int], None] | None = None) -> None:
+def run(feed: Feed, pipeline: Pipeline, sinks: Sequence[Sink], on_tick: Callable[[int], None] | None = None) -> None:
     """Drive a pipeline with a feed until it ends; every sink sees every input and output.
 
     Args:
         feed: What is read.
         pipeline: What measures.
         sinks: Who takes inputs and outputs.
-        on_tick: Called with the time that has been reached.
+        on_tick: Called between two batches with the time that has been reached; what it raises ends the run there.
     """
     now_ns = 0
     for batches in feed.batches():
         now_ns = int(batches.now_ns[-1])
-        _advance(pipeline, batches, sinks)
+        outputs = pipeline.advance(batches)
+        for sink in sinks:
+            sink.take(batches, outputs)
+        del outputs  # some megabytes, which are not kept while the next are made
         if on_tick is not None:
             on_tick(now_ns)
     outputs = pipeline.finish()
     for sink in sinks:
         sink.take(Batches(now_ns=np.array([now_ns])), outputs)
-
-
-def _advance(pipeline: Pipeline, batches: Batches, sinks: tuple[Sink, ...]) -> None:
-    """Some ticks; their outputs, some megabytes, are not kept while the next are made."""
-    outputs = pipeline.advance(batches)
-    for sink in sinks:
-        sink.take(batches, outputs)
-
-
-class DelayedSource:
-    """A source whose images and observations arrive some time after their stamps, beside the telemetry they need.
-
-    Args:
-        source: Images or observations.
-        lateness_ns: Added to arrivals; by the stamp, where it depends on that.
-        offset_ns: Added to stamps and arrivals.
-    """
-
-    def __init__(self, source: Source, *, lateness_ns: int | Callable[[int], int], offset_ns: int = 0) -> None:
-        self._source = source
-        self._lateness_ns = lateness_ns
-        self._offset_ns = offset_ns
-
-    def events(self) -> Iterator[Event]:
-        """The source's events, moved; raw telemetry passes as it is."""
-        last_ns = 0
-        for event in self._source.events():
-            if isinstance(event, RawBlock):
-                yield event
-            else:
-                stamp_ns, late = event.stamp_ns + self._offset_ns, self._lateness_ns
-                late_ns = late if isinstance(late, int) else late(stamp_ns)
-                last_ns = max(last_ns, event.arrival_ns + self._offset_ns + late_ns)  # none overtakes
-                yield replace(event, stamp_ns=stamp_ns, arrival_ns=last_ns)
-
-
-class SizeChecked:
-    """A source whose images must be of the camera's size: intrinsics of another mode give wrong metres."""
-
-    def __init__(self, source: Source, camera: Camera, where: object) -> None:
-        self._source = source
-        self._camera = camera
-        self._where = where
-
-    def events(self) -> Iterator[Event]:
-        """The source's events.
-
-        Raises:
-            InputError: At the first image of another size.
-        """
-        for event in self._source.events():
-            if isinstance(event, Image):
-                check_size(event, self._camera, self._where)
-            yield event
-
-
-def check_size(image: Image, camera: Camera, where: object) -> None:
-    """Refuse an image that the camera file is not about.
-
-    Raises:
-        InputError: The sizes differ.
-    """
-    if image.width_px is None or (image.width_px, image.height_px) == (camera.width_px, camera.height_px):
-        return
-    raise InputError(
-        "images are of another size than the camera file",
-        where=where,
-        got=f"{image.width_px} x {image.height_px} px",
-        expected=f"{camera.width_px} x {camera.height_px} px of {camera.name!r}",
-        hint="a camera file belongs to one mode (size, crop, zoom)",
-    )

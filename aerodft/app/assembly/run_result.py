@@ -1,13 +1,17 @@
-"""What a run came to, counted while it goes on."""
+"""What a run recorded and measured: counted while it goes on, and all of it at the end."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from operator import itemgetter
+from pathlib import Path
 
 import numpy as np
 
-from aerodft.model import CODES, CalibrationEstimate, CameraMotionEstimate, IntArray, Status
-from aerodft.service import Batches, ImageOutputs, StepOutputs
+from aerodft.adapters.recording.write import RecordingTotals
+from aerodft.model import CODES, CalibrationEstimate, CameraMotionEstimate, IntArray, Measurement, Status
+from aerodft.service import Batches, Counts, ImageOutputs, StepOutputs
 
 
 @dataclass(slots=True)
@@ -20,7 +24,7 @@ class RunStatistics:
         measurements: Number of measurements by status.
         reasons: Why poses cannot be measured with: the first sentence of each status.
         estimate: The last one of a live calibration; None without landmarks.
-        steadiness: The last one of a watched camera; None of others.
+        camera_motion: The last one of a fixed camera that is watched for bumps; None of others.
     """
 
     images: int = 0
@@ -28,7 +32,7 @@ class RunStatistics:
     measurements: Counter[str] = field(default_factory=Counter)
     reasons: dict[str, str] = field(default_factory=dict)
     estimate: CalibrationEstimate | None = None
-    steadiness: CameraMotionEstimate | None = None
+    camera_motion: CameraMotionEstimate | None = None
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:  # noqa: ARG002 - what was read is not counted
         """Count the outputs of some ticks."""
@@ -41,7 +45,7 @@ class RunStatistics:
             if isinstance(single.content, CalibrationEstimate):
                 self.estimate = single.content
             elif isinstance(single.content, CameraMotionEstimate):
-                self.steadiness = single.content
+                self.camera_motion = single.content
 
     def close(self) -> None:
         """Nothing to write out."""
@@ -67,3 +71,55 @@ def _count(counter: Counter[str], parts: Sequence[tuple[IntArray, IntArray]]) ->
     found, first, counts = np.unique(codes, return_index=True, return_counts=True)
     for row in np.argsort(first).tolist():
         counter[CODES[found[row]].value] += int(counts[row])
+
+
+class MeasurementSink:
+    """A sink that hands measurements on, in their order.
+
+    Args:
+        on_measurement: Called with each.
+    """
+
+    def __init__(self, on_measurement: Callable[[Measurement], None]) -> None:
+        self._on_measurement = on_measurement
+
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:  # noqa: ARG002 - what was read is not measured
+        """Hand on the measurements of some ticks."""
+        parts = [zip(order.tolist(), batch, strict=True) for _, order, batch in outputs.measured()]
+        for _, measurements in sorted(chain.from_iterable(parts), key=itemgetter(0)):
+            for measurement in measurements:
+                self._on_measurement(measurement)
+
+    def close(self) -> None:
+        """Nothing to write out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """What a run recorded and measured, and what was lost on the way.
+
+    Attributes:
+        totals: What became of the messages and images that were to be recorded.
+        statistics: Images, poses and measurements by status.
+        counts: Observations that came, and those that could not be used.
+        observers: What became of looking at the images, by the table that asks for it; empty where nobody looked.
+        warnings: What is wrong with the input, one sentence each.
+        left_out: Parts of the input that could not be read, by what they are.
+    """
+
+    totals: RecordingTotals
+    statistics: RunStatistics
+    counts: Counts
+    observers: Mapping[str, object] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    left_out: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def recording(self) -> Path:
+        """The folder of the recording."""
+        return self.totals.folder
+
+    @property
+    def lost(self) -> int:
+        """Messages and images that are not in the recording: the disk was full, failed or was too slow."""
+        return self.totals.lost + self.totals.shed_messages

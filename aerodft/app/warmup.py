@@ -27,13 +27,13 @@ _TICK_NS: Final = SECOND_NS // 20
 _RATES_HZ: Final = {**DEFAULT_RATES_HZ, "GPS_RAW_INT": 5.0, "DISTANCE_SENSOR": 5.0, "TERRAIN_REPORT": 5.0}
 
 
-def rehearse(station: StationConfig) -> None:
-    """Fly for some seconds, with an image on every tick; nothing of it is published or kept."""
+def warm_up(station: StationConfig) -> None:
+    """Fly a simulated vehicle for 1.5 s past the station's pipeline, with an image on every tick; nothing is kept."""
     telemetry = station.pipeline.telemetry
     if telemetry is None:
         return
-    anybody = replace(telemetry, system=None, component=None, gimbal=None)
-    pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, telemetry=anybody)))
+    any_vehicle = replace(telemetry, system=None, component=None, gimbal=None)
+    pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, telemetry=any_vehicle)))
     for batch in _flight():
         pipeline.advance(batch)
     pipeline.finish()
@@ -50,8 +50,8 @@ def _flight() -> Iterator[Batches]:
     telling = Autopilot(rates_hz=_RATES_HZ, booted_ns=_BOOTED_NS + _UTC_NS - _BEGIN_NS)
     sent = datagrams(way.cut(_BEGIN_NS, _UTC_NS), silent) + datagrams(way.cut(_UTC_NS, _END_NS), telling)
     for index, now_ns in enumerate(range(_BEGIN_NS, _END_NS, _TICK_NS)):
-        came = [each for each in sent if now_ns - _TICK_NS < each.due_ns <= now_ns]
-        block = block_of(WireProtocol.MAVLINK, "", [each.due_ns for each in came], [each.data for each in came])
+        received = [each for each in sent if now_ns - _TICK_NS < each.due_ns <= now_ns]
+        block = block_of(WireProtocol.MAVLINK, "", [each.due_ns for each in received], [each.data for each in received])
         yield Batches.of(
             np.array([now_ns]), (block, Image(index=index, stamp_ns=now_ns, arrival_ns=now_ns, clock=StampClock.HOST))
         )

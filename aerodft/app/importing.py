@@ -1,0 +1,356 @@
+"""Importing a recorded flight: its sources on one axis of arrival times, through the pipeline into a recording."""
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from aerodft.adapters.config.station import (
+    ImageInput,
+    Rate,
+    StationConfig,
+    Stills,
+    Topics,
+    VideoFile,
+    load_station,
+    refreshed,
+    stated_start_ns,
+    with_calibration,
+)
+from aerodft.adapters.images import RateSource, StillsFolderSource, VideoFileSource, video_info
+from aerodft.adapters.outputs import open_outputs
+from aerodft.adapters.recording.write import Thinned
+from aerodft.adapters.telemetry import LogSource, decoder_of
+from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.wire.observations import load_observations
+from aerodft.app.align import aligned_station
+from aerodft.app.assembly import (
+    DEFAULT_RATE_HZ,
+    DelayedSource,
+    RunResult,
+    RunStatistics,
+    build_observers,
+    build_pipeline,
+    build_recorder,
+    closing_recorder,
+    open_telemetry_log,
+    outputs_run,
+    run,
+    size_checked,
+)
+from aerodft.app.progress import Progress, no_progress
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import InputError, NoAnswerError
+from aerodft.model import Camera, GimbalSource, HeightSource, Image
+from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
+from aerodft.service.clocks import LogSpan, OnClock, survey_span
+from replay.foreign import ForeignImages, ForeignRecording
+from replay.recordings import is_mcap
+
+_WHOLE_SECONDS_STD_S: Final = 3**-0.5
+"""How far, root mean square, a time is from itself cut to whole seconds."""
+
+_STDS: Final = 3.0
+_SHARE: Final = 0.01  # what two calibrations of one camera differ by, or a zoom by the least
+
+_log = logging.getLogger(__name__)
+
+
+def import_flight(  # noqa: PLR0913 - what a user may choose, by name
+    log: str | Path | None = None,
+    *,
+    station: str | Path | StationConfig,
+    output: str | Path,
+    video: str | Path | None = None,
+    video_start_ns: int | None = None,
+    images: str | Path | None = None,
+    rate_hz: float | None = None,
+    observations: Sequence[str | Path] = (),
+    calibration: str | Path | None = None,
+    sync: bool | None = None,
+    topics: Topics | None = None,
+    progress: Progress = no_progress,
+) -> RunResult:
+    """Turn a flight's log, and video or stills, into a recording with measurements.
+
+    Args:
+        log: .tlog, ArduPilot .bin, or an MCAP file or folder with MAVLink; None for a fixed camera.
+        station: Station file, or a station.
+        output: New folder for the recording.
+        video: Video file, in place of the station's images.
+        video_start_ns: UTC of the video's first image in ns; None for the station's, or the file's.
+        images: Folder of stills, in place of the station's images.
+        rate_hz: Without images: evaluations per second.
+        observations: JSON-lines files of observed pixels, beside those of the station.
+        calibration: Calibration file, in place of the station's.
+        sync: Whether the video's clock is found as by ``align``; None as the station says.
+        topics: Which topic of another tool's recording is what; None for the station's.
+        progress: Called between batches with nanoseconds of the flight; what it raises ends the import there, and
+            the recording holds what was read so far.
+
+    Returns:
+        What was recorded and measured. Where no image had a usable pose, ``statistics.reasons`` say why.
+
+    Raises:
+        ValueError: More than one of ``video``, ``images`` and ``rate_hz`` is given, or the start of no video.
+        InputError: A file cannot be read, the folder cannot be written, or images and log do not overlap in time.
+        NoAnswerError: The log holds no height or no camera attitude that the station could use.
+
+    Example:
+        >>> import tempfile
+        >>> from aerodft import import_flight
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     result = import_flight(
+        ...         "samples/copter.tlog", station="configs/services/river-flight.toml", output=folder + "/rec"
+        ...     )
+        >>> result.statistics.images, result.statistics.poses["ok"], result.lost
+        (300, 266, 0)
+    """
+    where = "" if isinstance(station, StationConfig) else str(station)
+    station = station if isinstance(station, StationConfig) else load_station(Path(station))
+    source = _image_input(station.images.source, video, video_start_ns, images, rate_hz)
+    station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
+    station = refreshed(station) if calibration is None else with_calibration(station, Path(calibration))
+    log = None if log is None else Path(log)
+    has_recording = log is not None and is_mcap(log)
+    if (log is None) != (station.pipeline.telemetry is None) and not has_recording:
+        have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
+        raise InputError(f"the configuration has {have}", where=where, expected=need)
+    if sync or (sync is None and station.images.is_auto):
+        station = refreshed(aligned_station(station, log, Path(where), progress))
+    else:
+        station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
+    statistics, pipeline = RunStatistics(), build_pipeline(station)
+    observers = build_observers(station, pipeline, where, may_record=has_recording)
+    flight = open_flight(station, log, (*station.observations.files, *map(Path, observations)), observers.schedules)
+    recorder = build_recorder(station, Path(output), started_ns=flight.first_ns, lossless=True)
+    run_outputs = open_outputs(station.outputs, outputs_run(station, pipeline))
+    with closing_recorder(recorder, Path(output)), run_outputs as outputs:
+        first_ns, span_ns = flight.first_ns, flight.last_ns - flight.first_ns
+        progress(0, span_ns)
+        feed = MergedFeed(flight.sources, station.pipeline.tick_ns)
+        run(feed, pipeline, (*outputs, recorder, statistics), lambda now_ns: progress(now_ns - first_ns, span_ns))
+    return RunResult(
+        totals=recorder.totals,
+        statistics=statistics,
+        counts=pipeline.counts,
+        observers=observers.report(flight.observed.counts),
+        warnings=() if flight.log is None else flight.log.warnings(),
+    )
+
+
+def _image_input(
+    configured: ImageInput | None,
+    video: str | Path | None,
+    video_start_ns: int | None,
+    images: str | Path | None,
+    rate_hz: float | None,
+) -> ImageInput | None:
+    """What the arguments name, else what the configuration does."""
+    if sum(each is not None for each in (video, images, rate_hz)) > 1:
+        raise ValueError("video, images and rate_hz: at most one of them")
+    if video is None and video_start_ns is not None:
+        if images is not None or rate_hz is not None or not isinstance(configured, VideoFile):
+            raise ValueError("video_start_ns without a video")
+        video = configured.path
+    if images is not None:
+        folder = Path(images)
+        return replace(configured, folder=folder) if isinstance(configured, Stills) else Stills(folder=folder)
+    if rate_hz is not None:
+        return Rate(rate_hz=rate_hz)
+    if video is None:
+        return configured
+    start_ns = stated_start_ns(configured, Path(video)) if video_start_ns is None else video_start_ns
+    return VideoFile(path=Path(video), start_ns=start_ns)
+
+
+def _with_start_std(station: StationConfig) -> StationConfig:
+    """The station with a larger std in time where its video's start was read in whole seconds."""
+    source = station.images.source
+    if not isinstance(source, VideoFile) or source.start_ns is not None:
+        return station
+    start_ns = video_info(source.path).start_ns
+    if start_ns is None or start_ns % SECOND_NS:
+        return station
+    time_std_s = math.hypot(station.pipeline.time_std_s, _WHOLE_SECONDS_STD_S)
+    _log.warning("%s: start in whole seconds: every interval covers %.2f s of std in time", source.path, time_std_s)
+    return replace(station, pipeline=replace(station.pipeline, time_std_s=time_std_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """Everything that an import runs over.
+
+    Attributes:
+        sources: Telemetry, images and observations.
+        first_ns: First arrival, roughly; for the progress bar.
+        last_ns: Last arrival, roughly.
+        observed: The images among them, and what is seen in them.
+        log: The log among them; None for a fixed camera.
+    """
+
+    sources: tuple[Source, ...]
+    first_ns: int
+    last_ns: int
+    observed: ObservedImages
+    log: LogSource | None = None
+
+
+def open_flight(
+    station: StationConfig,
+    log: Path | None,
+    observation_files: Sequence[Path] = (),
+    schedules: Sequence[ObserverSchedule] = (),
+) -> Flight:
+    """Open and check all sources of a station's recorded flight.
+
+    Args:
+        station: The station.
+        log: Its log or recording; for a fixed camera None, or another tool's recording of its images.
+        observation_files: What others have seen in the images.
+        schedules: What looks at the images on the way.
+
+    Raises:
+        InputError: A source cannot be read, or images and log do not overlap in time.
+        NoAnswerError: The log holds no height or no camera attitude that the configuration could use.
+    """
+    span, source, recording = LogSpan(), None, None
+    sources: list[Source] = []
+    telemetry = station.pipeline.telemetry
+    if log is not None and telemetry is None:
+        recording = ForeignRecording(log, station.topics)
+    elif log is not None and telemetry is not None:
+        source, recording = open_telemetry_log(log, station.topics)
+        sources.append(source)
+        with _quiet():
+            span = survey_span(source, decoder_of(telemetry))
+        _check_sources(log, span, telemetry)
+    images, stamps = _images(station, span, recording, decode=station.record.image_hz > 0 or bool(schedules))
+    if schedules and isinstance(images, RateSource) and recording is not None:
+        raise recording.refusal_without("images")
+    _check_overlap(span, stamps, log, station)
+    files = [load_observations(path, stamps) for path in observation_files]
+    offset_ns = round(station.observations.time_offset_s * SECOND_NS)
+    by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
+    lateness_ns = span.jitter_ns if by_host else span.lateness_at
+    late: Source = DelayedSource(images, lateness_ns=lateness_ns)
+    observed = ObservedImages(late if schedules else Thinned(late, station.record.image_hz), schedules)
+    sources.append(observed)
+    sources += [DelayedSource(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
+    ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
+    if stamps:
+        ends += [stamp_ns + span.lateness_at(stamp_ns) for stamp_ns in (min(stamps.values()), max(stamps.values()))]
+    return Flight(tuple(sources), min(ends), max(ends), observed, source)
+
+
+def _has_own_images(station: StationConfig, recording: ForeignRecording | None) -> bool:
+    """Whether another tool's recording gives the images too: unless the station names others, or a rate."""
+    is_elsewhere = isinstance(station.images.source, VideoFile | Stills | Rate)
+    return recording is not None and recording.images is not None and not is_elsewhere
+
+
+def _images(
+    station: StationConfig, span: LogSpan, recording: ForeignRecording | None, *, decode: bool
+) -> tuple[Source, dict[int, int]]:
+    """The image source and all its stamps by index; without images, stamps at a rate over the log."""
+    configured, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
+    open_images: Callable[..., Source]
+    if isinstance(configured, VideoFile):
+        where, open_images = configured.path, partial(VideoFileSource, configured.path, start_ns=configured.start_ns)
+    elif isinstance(configured, Stills):
+        where = configured.folder
+        open_images = partial(StillsFolderSource, where, pattern=configured.pattern, utc_offset=configured.utc_offset)
+    elif recording is not None and _has_own_images(station, recording):
+        _check_camera(recording, camera)
+        where, open_images = recording.path, partial(ForeignImages, recording)
+    elif not span.arrivals_ns:
+        raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
+    else:
+        rate_hz = configured.rate_hz if isinstance(configured, Rate) else DEFAULT_RATE_HZ
+        return RateSource(span.arrivals_ns, rate_hz), {}
+    images = size_checked(OnClock(open_images(decode=decode), clock), camera, where)
+    with _quiet():
+        return images, _stamps(OnClock(open_images(decode=False), clock), camera, where)
+
+
+def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:
+    """The stamps of all images by index; refuses a wrong size here, before anything is written."""
+    images = (event for event in size_checked(source, camera, where).events() if isinstance(event, Image))
+    stamps = {image.index: image.stamp_ns for image in images}
+    if not stamps:
+        raise InputError("holds no image", where=where, expected="at least one", hint="it is cut or damaged")
+    return stamps
+
+
+def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> None:
+    heights = {*span.heights, *([HeightSource.MANUAL] if telemetry.height.manual_m is not None else [])}
+    for what, order, there in (
+        ("height", telemetry.height.order, heights),
+        ("camera attitude", telemetry.attitude.order, span.attitudes),
+    ):
+        usable = set(order) & set(there)
+        if what == "camera attitude" and telemetry.attitude.fixed_mount is None:
+            usable -= {GimbalSource.FIXED_MOUNT}
+        if not usable:
+            others = ", ".join(sorted(map(str, set(there) - {GimbalSource.FIXED_MOUNT}))) or "none"
+            raise NoAnswerError(
+                f"no {what} in the log",
+                where=log,
+                got=others,
+                expected=f"one of {', '.join(order)}",
+                hint="see `aerodft doctor`, and telemetry.height.order / telemetry.attitude.order in the config",
+            )
+
+
+def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, station: StationConfig) -> None:
+    if not stamps or span.first_ns is None or span.last_ns is None:
+        return
+    first_ns, last_ns = min(stamps.values()), max(stamps.values())
+    if last_ns >= span.first_ns and first_ns <= span.last_ns:
+        return
+    source = station.images.source
+    where = source.path if isinstance(source, VideoFile) else getattr(source, "folder", "images")
+    raise InputError(
+        f"images and log {log} do not overlap in time",
+        where=where,
+        got=f"images {unix_ns_to_iso(first_ns)} to {unix_ns_to_iso(last_ns)}",
+        expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
+        hint="check --video-start and images.time_offset_s, or let --sync auto find it",
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence warnings while input is looked through: they come again when it is read."""
+    loggers = [logging.getLogger(name) for name in ("aerodft.adapters", "replay")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _check_camera(recording: ForeignRecording, camera: Camera) -> None:
+    """Warn where the recording's own camera is another one than ``camera``, which is measured with."""
+    try:
+        recorded = recording.camera()
+    except InputError as error:
+        _log.warning("%s; not compared with %r", error, camera.name)
+        return
+    if recorded is None:
+        return
+    scale = camera.width_px / recorded.width_px
+    apart_px = abs(recorded.fx_px * scale - camera.fx_px)
+    if apart_px > max(_STDS * camera.std.focal_px, _SHARE * camera.fx_px):
+        recorded_px = recorded.fx_px * scale
+        _log.warning(
+            "%s: its camera (%s) has a focal length of %.1f px, %r of %.1f px, which is measured with",
+            *(recording.path, recorded.name, recorded_px, camera.name, camera.fx_px),
+        )

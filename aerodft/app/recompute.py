@@ -1,0 +1,361 @@
+"""Computing recordings anew: the pipeline over the input that they hold, with another configuration or calibration."""
+
+import glob
+import logging
+import os
+import shutil
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+
+from aerodft.adapters.config.station import StationConfig, resolved_toml
+from aerodft.adapters.wire.measurement import encode_measurement
+from aerodft.app.assembly import (
+    ImageObservers,
+    MeasurementSink,
+    RunResult,
+    RunStatistics,
+    build_observers,
+    build_pipeline,
+    build_recorder,
+    closing_recorder,
+    reoffset,
+    run,
+    stations_of,
+)
+from aerodft.app.incomplete_input import incomplete_input
+from aerodft.app.progress import Progress, no_progress
+from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
+from aerodft.service import Feed, MergedFeed, Pipeline, Source
+from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, recording_hash, run_batch
+from replay.export import ParquetRows
+from replay.recordings import Recording, RecordingSource, Redetection, RedetectionStatistics
+
+_PROVENANCE_NAME: Final = "computed_from.toml"
+
+_FROM_IMAGE_TO_IMAGE: Final = {"objects": "[objects]", "tracked": "tracked probes"}
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecomputeResult(RunResult):
+    """What a recording computed anew holds, and how it compares with what it was computed from.
+
+    Attributes:
+        provenance: What it was computed from: recording, its hash, station, camera, configuration and calibration.
+        redetection: How far what was found again is from what was recorded; None where nothing was looked for.
+        image_segments: How many files of images were copied as they are.
+    """
+
+    provenance: Mapping[str, Any]
+    redetection: RedetectionStatistics | None = None
+    image_segments: int = 0
+
+
+def recompute(
+    recording: str | Path,
+    output: str | Path,
+    *,
+    config: str | Path | None = None,
+    calibration: str | Path | None = None,
+    redetect: bool = False,
+    progress: Progress = no_progress,
+) -> RecomputeResult:
+    """Compute a recording's measurements anew, into a new recording.
+
+    With the recording's own configuration the measurements are identical to the byte on the same machine. Images are
+    copied, not encoded again.
+
+    Args:
+        recording: Folder of the recording.
+        output: New folder for the new recording.
+        config: Another station file; None for the recording's own configuration.
+        calibration: Another calibration file; None for that of the configuration.
+        redetect: Find what aerodft itself saw again in the recorded images; else it starts from the recorded
+            observations.
+        progress: Called between batches with nanoseconds of the recording; what it raises ends the work there, and
+            the new recording holds what was computed so far.
+
+    Raises:
+        InputError: The folder is no recording, has no configuration, its images are not of the camera, or the new
+            folder cannot be written.
+        ConfigError: A configuration or a calibration is not one.
+        NoAnswerError: The recording holds nothing, or with ``redetect`` no images.
+        UsageError: With ``redetect`` there is nothing to look for.
+
+    Example:
+        >>> import tempfile
+        >>> from aerodft import import_flight, recompute
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     first = import_flight(
+        ...         "samples/copter.tlog", station="configs/services/river-flight.toml", output=folder + "/a"
+        ...     )
+        ...     again = recompute(folder + "/a", folder + "/b")
+        >>> again.statistics.poses == first.statistics.poses
+        True
+    """
+    output = Path(output)
+    job = open_recomputation(
+        Path(recording),
+        None if config is None else Path(config),
+        None if calibration is None else Path(calibration),
+        redetect=redetect,
+    )
+    old, statistics, provenance = job.recording, RunStatistics(), _provenance_of(job)
+    texts = {_PROVENANCE_NAME: tomli_w.dumps(provenance, multiline_strings=True)}
+    recorder = build_recorder(job.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
+    with closing_recorder(recorder, output):
+        span_ns = old.end_ns - old.start_ns
+        progress(0, span_ns)
+        run(job.feed, job.pipeline, (recorder, statistics), lambda now_ns: progress(now_ns - old.start_ns, span_ns))
+    image_segments = _copy_images(old, output) if next(old.image_messages(), None) is not None else 0
+    redetection = job.redetection
+    return RecomputeResult(
+        totals=recorder.totals,
+        statistics=statistics,
+        counts=job.pipeline.counts,
+        observers={} if redetection is None else job.observers.report(redetection.counts),
+        warnings=() if redetection is None else _few_images(tuple(job.observers.by_table), redetection.moved.kept),
+        provenance=provenance,
+        left_out=old.left_out(images=redetect),
+        redetection=None if redetection is None else redetection.moved,
+        image_segments=image_segments,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recomputation:
+    """A recording, ready to be computed anew.
+
+    Attributes:
+        recording: What is read.
+        recorded_station: The configuration that it was made with; where it has none, the one to compute with.
+        station: The configuration to compute with.
+        pipeline: The pipeline of ``station``.
+        feed: The recording's input as that configuration stamps it.
+        redetection: What is looked for again in the recorded images; None where observations are taken as recorded.
+        observers: What looks for it.
+    """
+
+    recording: Recording
+    recorded_station: StationConfig
+    station: StationConfig
+    pipeline: Pipeline
+    feed: Feed
+    redetection: Redetection | None = None
+    observers: ImageObservers = field(default_factory=ImageObservers)
+
+
+def open_recomputation(
+    folder: Path, config: Path | None, calibration: Path | None, *, redetect: bool = False
+) -> Recomputation:
+    """Open a recording with its own configuration or another one, and another calibration where there is one.
+
+    Args:
+        folder: The recording.
+        config: None for its own configuration.
+        calibration: None for that of the configuration.
+        redetect: Look again into the recorded images; else it starts from the recorded observations.
+
+    Raises:
+        AerodftError: As for ``recompute``.
+    """
+    recording = Recording(folder)
+    recorded, station = stations_of(recording, config, calibration)
+    pipeline = build_pipeline(station)
+    source = reoffset(RecordingSource(recording, pixels=redetect), recorded, station)
+    redetection, observers = None, ImageObservers()
+    if redetect:
+        observers = build_observers(station, pipeline, config or folder, may_record=True)
+        source = redetection = _redetection(source, recording, observers)
+    return Recomputation(
+        recording=recording,
+        recorded_station=recorded,
+        station=station,
+        pipeline=pipeline,
+        feed=MergedFeed([source], station.pipeline.tick_ns),
+        redetection=redetection,
+        observers=observers,
+    )
+
+
+def _redetection(source: Source, recording: Recording, observers: ImageObservers) -> Redetection:
+    if not observers.schedules:
+        got = "a configuration without [markers], [watch], [objects], [river] and tracked probes"
+        raise UsageError("--redetect", got=got, expected="one of them: else aerodft looks for nothing itself")
+    if next(recording.image_messages(), None) is None:
+        hint = "record.image_hz says how many are kept"
+        raise NoAnswerError("no images in the recording", where=recording.folder, hint=hint)
+    return Redetection(source, observers.schedules)
+
+
+def _few_images(tables: tuple[str, ...], kept: int) -> tuple[str, ...]:
+    """A warning where observers that go from image to image were shown some of the images only."""
+    who = " and ".join(_FROM_IMAGE_TO_IMAGE[name] for name in tables if name in _FROM_IMAGE_TO_IMAGE)
+    if not kept or not who:
+        return ()
+    sentence = (
+        f"--redetect: {kept} observations are of images that are not recorded; {who} go from image to image, and find"
+        " other things in fewer of them: record every image (record.video = true of an H.264 stream, else image_hz of"
+        " the camera's rate or more), or compare without --redetect"
+    )
+    return (sentence,)
+
+
+def _copy_images(recording: Recording, output: Path) -> int:
+    """Copy the files of images as they are; returns how many there are."""
+    for number, segment in enumerate(recording.images, start=1):
+        try:
+            shutil.copy2(segment.path, output / f"images_{number:03d}.mcap")
+        except OSError as error:
+            hint = "the measurements are complete"
+            raise InputError("images cannot be copied", where=segment.path, got=error.strerror, hint=hint) from error
+    return len(recording.images)
+
+
+def _provenance_of(job: Recomputation) -> dict[str, Any]:
+    """What new measurements no longer name of the recording that they are computed from; ids are those in its own.
+
+    Where it was computed from another one itself, what it says of that one is under ``computed_from``.
+
+    Raises:
+        InputError: A segment cannot be read.
+    """
+    old, recorded = job.recording, job.recorded_station
+    known = {
+        "recording": str(old.folder.resolve()),
+        "recording_sha256": recording_hash([segment.path for segment in old.data]),
+        "station": recorded.pipeline.station,
+        "camera": recorded.pipeline.camera.name,
+        "config": recorded.pipeline.config_id,
+        "calibration": None if recorded.calibration is None else recorded.calibration.id,
+        "config_toml": old.text("config.toml"),
+        "computed_from": _earlier_provenance(old),
+    }
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def _earlier_provenance(recording: Recording) -> dict[str, Any] | None:
+    text = recording.text(_PROVENANCE_NAME)
+    if text is None:
+        return None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("the file is no TOML", where=recording.folder / _PROVENANCE_NAME, got=error) from error
+
+
+def recompute_many(  # noqa: PLR0913 - what a user may choose, by name
+    recordings: Sequence[str | Path],
+    output: str | Path,
+    *,
+    config: str | Path | None = None,
+    calibration: str | Path | None = None,
+    overwrite: bool = False,
+    scheduler: str = "processes",
+    workers: int | None = None,
+    progress: Progress = no_progress,
+) -> list[Outcome]:
+    """Compute recordings anew into a Parquet dataset, several at once; what is done already is not done again.
+
+    Args:
+        recordings: Folders of recordings, and patterns for folders.
+        output: The dataset's folder.
+        config: Another station file for all of them; None for each one's own configuration.
+        calibration: Another calibration file for all of them; None for that of each configuration.
+        overwrite: Replace rows that the dataset has of other input.
+        scheduler: ``processes`` of this machine, or the address of a Dask scheduler.
+        workers: Processes of this machine; None for one a core.
+        progress: Called with how many recordings are done.
+
+    Returns:
+        What became of each recording.
+
+    Raises:
+        InputError: There is no such recording, the scheduler cannot be reached, or the dataset cannot be written.
+    """
+    dataset = Dataset.at(Path(output))
+    jobs = jobs_of(_folders([str(each) for each in recordings], Path(output)))
+    work = partial(
+        recompute_rows,
+        dataset=dataset,
+        config=None if config is None else Path(config).resolve(),
+        calibration=None if calibration is None else Path(calibration).resolve(),
+        overwrite=overwrite,
+    )
+    outcomes: dict[str, Outcome] = {}
+    for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0))):
+        outcomes[outcome.recording] = outcome
+        progress(len(outcomes), len(jobs))
+        if outcome.sentence:
+            _log.warning("%s", outcome.sentence)
+    return [outcomes[job.recording] for job in jobs]
+
+
+def is_pattern(recording: str) -> bool:
+    """Whether a name is a pattern for several recordings."""
+    return glob.has_magic(recording) and not Path(recording).exists()
+
+
+def _folders(recordings: Sequence[str], output: Path) -> list[Path]:
+    """The folders that are meant, each once, in order of their names within a pattern."""
+    found: dict[Path, None] = {}
+    for each in recordings:
+        matching = sorted(glob.glob(each)) if is_pattern(each) else [each]  # noqa: PTH207 - an absolute one as well
+        for path in map(Path, matching):
+            if path.is_file() and path.suffix != ".mcap":
+                _log.warning("%s: no recording; left out", path)
+            elif path.resolve() != output.resolve():
+                found.setdefault(path.resolve())
+    if not found:
+        where = ", ".join(recordings)
+        raise InputError("there is no recording", where=where, got="nothing", expected="folders with data_000.mcap")
+    return list(found)
+
+
+def recompute_rows(
+    job: Job, *, dataset: Dataset, config: Path | None = None, calibration: Path | None = None, overwrite: bool = False
+) -> Outcome:
+    """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
+    try:
+        opened = open_recomputation(job.folder, config, calibration)
+        key = _key(opened)
+        done = dataset.done(job.recording, key)
+        if done is not None:
+            return _outcome(job, State.SKIPPED, done, dataset.left_out(job.recording, key))
+        statistics, recorded = RunStatistics(), opened.recorded_station
+        with dataset.part(job.recording, key, overwrite=overwrite) as part:
+            constants = {
+                "recording_folder": str(job.folder),
+                "recording_sha256": key.recording,
+                "recorded_config": recorded.pipeline.config_id,
+                "recorded_calibration": None if recorded.calibration is None else recorded.calibration.id,
+            }
+            with ParquetRows(part.path, constants=constants, metadata=part.metadata) as rows:
+                sink = MeasurementSink(lambda measurement: rows.add([encode_measurement(measurement)]))
+                run(opened.feed, opened.pipeline, (sink, statistics))
+                if not rows.count:
+                    raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
+                left_out = incomplete_input(opened.recording.left_out())
+                rows.describe(dataset.statuses_text(statistics.measurements, left_out))
+        return _outcome(job, State.DONE, statistics.measurements, left_out)
+    except AerodftError as error:
+        sentence = str(error) if str(job.folder) in str(error) else f"{job.folder}: {error}"
+        return Outcome(recording=job.recording, state=State.FAILED, sentence=sentence)
+
+
+def _outcome(job: Job, state: State, statuses: Mapping[str, int], left_out: str) -> Outcome:
+    sentence = f"{job.folder}: {left_out}" if left_out else ""
+    return Outcome(recording=job.recording, state=state, statuses=dict(statuses), sentence=sentence)
+
+
+def _key(opened: Recomputation) -> InputKey:
+    """What the numbers follow from: the recorded input, its configuration and the one to compute with."""
+    texts = (opened.recording.text("config.toml") or "", resolved_toml(opened.station))
+    return input_key([segment.path for segment in opened.recording.data], texts)

@@ -1,0 +1,276 @@
+"""A station that measures live: MAVLink and images in, measurements out on the bus and into a recording."""
+
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
+from aerodft.adapters.images import LiveRate, StreamReader
+from aerodft.adapters.outputs import Output, open_outputs
+from aerodft.adapters.telemetry import signing_sentences
+from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
+from aerodft.adapters.wire.status import StationStatus
+from aerodft.app.assembly import (
+    DEFAULT_RATE_HZ,
+    ImageObservers,
+    MeasurementSink,
+    RunResult,
+    RunStatistics,
+    build_observers,
+    build_pipeline,
+    build_recorder,
+    check_size,
+    opened_signing,
+    outputs_run,
+    run,
+)
+from aerodft.app.recordings import recovering_beside
+from aerodft.app.warmup import warm_up
+from aerodft.conventions import SECOND_NS
+from aerodft.errors import ConfigError, InputError
+from aerodft.model import Image, Measurement, VideoPacket
+from aerodft.service import Inbox, LiveFeed, LiveObservers, Sink
+from aerodft.service.clocks import WallClock
+
+if TYPE_CHECKING:
+    from aerodft.adapters.recording.write import McapRecorder
+
+
+class Station:
+    r"""A station that measures live while its ``with`` block lasts: every configured probe, for every image.
+
+    Entering opens links, bus and recording, and starts to measure in a thread of its own; leaving ends that, and
+    closes the recording. What ended the station early is raised then.
+
+    Args:
+        config: Station file, or a station.
+        output: New folder for the recording; None for one under the station's ``record.folder``.
+
+    Attributes:
+        recording: Folder of the recording.
+        status: State, counts and health as of the last second; None before the first one.
+
+    Raises:
+        ConfigError: The file is wrong, names recorded images, or has telemetry without a connection.
+
+    Example:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from aerodft import Station
+        >>> text = Path("configs/services/fixed-camera.toml").read_text()
+        >>> stream = 'stream = "rtsp://127.0.0.1:8554/bridge"'
+        >>> text = text.replace(stream, "rate_hz = 20.0").replace("[zenoh]", "[zenoh]\nenabled = false")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     _ = Path(folder, "station.toml").write_text(text)
+        ...     with Station(Path(folder, "station.toml"), output=Path(folder, "rec")) as station:
+        ...         names = set()
+        ...         station.on_measurement(lambda measurement: names.add(measurement.name))
+        ...         station.wait(seconds=1.0)
+        >>> sorted(names)
+        ['crossing', 'deck', 'gauge', 'pier']
+    """
+
+    def __init__(self, config: str | Path | StationConfig, *, output: str | Path | None = None) -> None:
+        where = "" if isinstance(config, StationConfig) else str(config)
+        self._config = station = config if isinstance(config, StationConfig) else load_station(Path(config))
+        if station.pipeline.telemetry is not None and station.link is None:
+            expected = 'e.g. "udpin:127.0.0.1:14550"'
+            raise ConfigError("telemetry.connection", where=where, got="none", expected=expected)
+        if isinstance(station.images.source, VideoFile | Stills):
+            expected = "stream, device or rate_hz"
+            raise ConfigError("images", where=where, got="recorded images", expected=expected, hint="use import")
+        self._where = where
+        self._clock = WallClock()
+        self._statistics = RunStatistics()
+        self._sinks: list[Sink] = [self._statistics]
+        self._pipeline = build_pipeline(station)
+        self._inbox = Inbox(self._clock)
+        self._feed = LiveFeed(self._inbox, self._clock, station.pipeline.tick_ns)
+        self._observers = ImageObservers()
+        self._live_observers = LiveObservers((), self._inbox.put_observations)
+        self._outputs: tuple[Output, ...] = ()
+        self._link: MavlinkLink | None = None
+        self._recorder: McapRecorder | None = None
+        self._receivers: tuple[Output | McapRecorder, ...] = ()
+        self._opened = ExitStack()
+        self._thread = threading.Thread(target=self._run, name="station")
+        self._error: BaseException | None = None
+        self._next_status_ns = 0
+        self.status: StationStatus | None = None
+        started = datetime.fromtimestamp(self._clock.now_ns() // SECOND_NS, UTC)
+        name = f"{station.pipeline.station}-{started:%Y%m%d-%H%M%S}"
+        self.recording = station.record.folder / name if output is None else Path(output)
+
+    def on_measurement(self, callback: Callable[[Measurement], None]) -> None:
+        """Have every measurement from now on handed to a function, in the station's thread.
+
+        Args:
+            callback: Called with each measurement in order; while it takes long, answers wait. What it raises ends the
+                station.
+        """
+        self._sinks.append(MeasurementSink(callback))
+
+    def stop(self) -> None:
+        """End once all that has arrived is measured; from any thread or signal handler."""
+        self._feed.stop()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait until the station has ended.
+
+        Args:
+            seconds: How long at most; None for as long as it takes.
+        """
+        self._thread.join(seconds)
+
+    @property
+    def output_warnings(self) -> tuple[str, ...]:
+        """What went wrong at the outputs, one sentence each; complete once the ``with`` block was left."""
+        return tuple(sentence for output in self._outputs for sentence in output.warnings())
+
+    @property
+    def result(self) -> RunResult:
+        """What was recorded and measured so far; complete once the ``with`` block was left.
+
+        Raises:
+            ValueError: It was not entered yet.
+        """
+        if self._recorder is None:
+            raise ValueError("the station has not been entered: there is no recording")
+        signing = None if self._link is None else self._link.signing
+        return RunResult(
+            totals=self._recorder.totals,
+            statistics=self._statistics,
+            counts=self._pipeline.counts,
+            observers=self._observers.report(self._live_observers.counts),
+            warnings=() if signing is None else tuple(signing_sentences(signing)),
+        )
+
+    def __enter__(self) -> Self:
+        """Open everything, and start to measure.
+
+        Raises:
+            InputError: A port, stream, key or folder cannot be used.
+            ConfigError: There is something to look for, and no images.
+        """
+        self._pipeline.warm_up()
+        warm_up(self._config)
+        self._observers = build_observers(self._config, self._pipeline, self._where)
+        with ExitStack() as stack:
+            started_ns = self._clock.now_ns()
+            stack.enter_context(recovering_beside(self._config.record.folder))  # what a power cut left unfinished
+            outputs = open_outputs(self._config.outputs, outputs_run(self._config, self._pipeline, self._inbox))
+            self._outputs = stack.enter_context(outputs)
+            observers = LiveObservers(self._observers.schedules, self._inbox.put_observations)
+            self._live_observers = stack.enter_context(observers)
+            self._open_images(stack)
+            self._open_link(stack)
+            # Once nothing else can fail: packets that came before are not recorded.
+            self._recorder = build_recorder(self._config, self.recording, started_ns=started_ns, lossless=False)
+            stack.callback(self._recorder.close)
+            self._receivers = (*self._outputs, self._recorder)
+            self._sinks[:0] = self._receivers
+            self._thread.start()
+            self._opened = stack.pop_all()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """End the station, and close what it opened.
+
+        Raises:
+            AerodftError: What ended the station early.
+        """
+        with self._opened:
+            self.stop()
+            self.wait()
+        if self._error is not None and error is None:
+            raise self._error
+
+    def _run(self) -> None:
+        try:
+            run(self._feed, self._pipeline, self._sinks, self._tell_status)
+        except BaseException as error:  # noqa: BLE001 - raised where the station is left
+            self._error = error
+
+    def _open_images(self, stack: ExitStack) -> None:
+        source = self._config.images.source
+        if isinstance(source, Stream | Device):
+            reader = StreamReader(
+                source.url if isinstance(source, Stream) else source.path,
+                self._take_image,
+                clock=self._clock,
+                on_packet=self._take_packet,
+                time_offset_s=self._config.image_offset_s,
+            )
+            stack.enter_context(reader)
+        else:
+            rate_hz = source.rate_hz if isinstance(source, Rate) else DEFAULT_RATE_HZ
+            rate = LiveRate(rate_hz, self._inbox.put_image, self._clock)
+            rate.start()
+            stack.callback(rate.stop)
+
+    def _open_link(self, stack: ExitStack) -> None:
+        link = self._config.link
+        if link is not None and self._config.pipeline.telemetry is not None:
+            check = stack.enter_context(opened_signing(link.signing))
+            address = parse_address(link.connection, baud=link.baud)
+            self._link = stack.enter_context(MavlinkLink(address, self._inbox, signing=check))
+
+    def _take_packet(self, packet: VideoPacket) -> None:
+        if self._recorder is not None:
+            self._recorder.packet(packet)
+
+    def _take_image(self, image: Image) -> None:
+        """Pass an image to the inbox and the observers; one of another size than the camera's ends the station."""
+        try:
+            check_size(image, self._config.pipeline.camera, "image stream")
+        except InputError as refusal:
+            self._error = refusal
+            self.stop()
+        else:
+            self._inbox.put_image(image)
+            self._live_observers(image)
+
+    def _tell_status(self, now_ns: int) -> None:
+        """Publish and record the station's state once a second of ticks."""
+        if now_ns < self._next_status_ns:
+            return
+        self._next_status_ns = now_ns + SECOND_NS
+        last = self._pipeline.last_pose
+        self.status = StationStatus(
+            station=self._config.pipeline.station,
+            stamp_ns=now_ns,
+            state="running",
+            text="no image yet" if last is None else "; ".join((str(last.status), *last.reasons)),
+            counts=self._counts(),
+            health=self._pipeline.health(now_ns),
+            rejected=self._pipeline.rejected(),
+        )
+        for receiver in self._receivers:
+            receiver.status(self.status)
+
+    def _counts(self) -> dict[str, int]:
+        looks, statistics = self._live_observers.counts, self._statistics
+        return {
+            "images": statistics.images,
+            "dropped_images": self._inbox.dropped_images,
+            "looks": sum(each.looked for each in looks),
+            "skipped_looks": sum(each.skipped for each in looks),
+            **({} if self._link is None else _link_counts(self._link)),
+            **({} if self._recorder is None else self._recorder.totals.counts),
+            **{f"poses_{status}": number for status, number in statistics.poses.items()},
+            **{f"measurements_{status}": number for status, number in statistics.measurements.items()},
+        }
+
+
+def _link_counts(link: MavlinkLink) -> dict[str, int]:
+    """What the link has heard, let in and refused."""
+    seen = link.counts
+    counts = {"frames": seen.frames, "frames_damaged": seen.bad_crc, "skipped_bytes": seen.skipped_bytes}
+    if link.signing is not None:
+        counts["frames_verified"] = link.signing.verified
+        counts |= {f"refused_{why.replace(' ', '_')}": number for why, number in link.signing.refused.items()}
+    return counts

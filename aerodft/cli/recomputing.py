@@ -64,7 +64,7 @@ def prepare(folder: Path, config: Path | None, calibration: Path | None, *, visi
 
 def _seen_again(source: Source, recording: Recording, eyes: ImageObservers) -> Redetection:
     if not eyes.schedules:
-        got = "a configuration without [markers], [watch], [objects], [river] and tracked probes"
+        got = "a configuration without [markers], [camera_motion], [objects], [river] and tracked probes"
         raise UsageError("--vision", got=got, expected="one of them: else aerodft looks for nothing itself")
     if next(recording.image_messages(), None) is None:
         hint = "record.image_hz says how many are kept"

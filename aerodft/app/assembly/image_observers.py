@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from aerodft.adapters.config.station import Rate, StationConfig, Watch, river_probes
+from aerodft.adapters.config.station import Rate, StationConfig, river_probes
 from aerodft.adapters.images import read_camera_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import moved_on
 from aerodft.model import Image, PixelSource, PoseSample, Status
-from aerodft.service import ObjectSettings, ObserverCounts, ObserverSchedule, Pipeline
+from aerodft.service import CameraMotionSettings, ObjectSettings, ObserverCounts, ObserverSchedule, Pipeline
 from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
 from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
@@ -66,9 +66,9 @@ def build_observers(
     """
     schedules: dict[str, ObserverSchedule] = {}
     notes: dict[str, Callable[[], dict[str, object]]] = {}
-    if station.watch is not None:
-        _check_images(station, "[watch]", where, may_record=may_record)
-        schedules["watch"] = _camera_motion_schedule(station.watch, station)
+    if station.camera_motion is not None:
+        _check_images(station, "[camera_motion]", where, may_record=may_record)
+        schedules["watch"] = _camera_motion_schedule(station.camera_motion, station)
     if (markers := station.markers) is not None:
         _check_images(station, "[markers]", where, may_record=may_record)
         observer = MarkerObserver(
@@ -97,22 +97,22 @@ def build_observers(
     return ImageObservers(tuple(schedules.values()), tuple(schedules), notes)
 
 
-def _camera_motion_schedule(watch: Watch, station: StationConfig) -> ObserverSchedule:
+def _camera_motion_schedule(settings: CameraMotionSettings, station: StationConfig) -> ObserverSchedule:
     """Who looks for steady points.
 
     Raises:
         InputError: The reference image cannot be read, is of another size, or shows too little.
     """
-    camera, settings, pixels = station.pipeline.camera, watch.settings, None
-    if watch.reference is not None:
-        hint = "watch.reference is an image that the camera took in the mode that it is in now"
-        pixels = read_camera_image(watch.reference, camera, hint)
+    camera, pixels = station.pipeline.camera, None
+    if settings.reference is not None:
+        hint = "camera_motion.reference is an image that the camera took in the mode that it is in now"
+        pixels = read_camera_image(settings.reference, camera, hint)
     points = SteadyPoints(camera, settings.ignore, pixels)
     if points.corners is not None and points.corners < LEAST_CORNERS:
         raise InputError(
             "the reference image shows too little that can be found again",
-            where=watch.reference,
-            got=f"{points.corners} corners outside watch.ignore",
+            where=settings.reference,
+            got=f"{points.corners} corners outside camera_motion.ignore",
             expected=f"at least {LEAST_CORNERS}",
         )
     return ObserverSchedule(points, settings.every_s)

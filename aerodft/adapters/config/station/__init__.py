@@ -20,6 +20,6 @@ from aerodft.adapters.config.station.loading import (
     with_calibration,
 )
 from aerodft.adapters.config.station.observer_tables import river_probes
-from aerodft.adapters.config.station.station import StationConfig, Watch
+from aerodft.adapters.config.station.station import StationConfig
 from aerodft.adapters.config.station.tables import OriginTable
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from

@@ -75,7 +75,7 @@ class ErrorStdTable(Table):
     heading_deg: AngleStd | None = None
 
 
-class LiveTable(Table):
+class LiveCalibrationTable(Table):
     """How biases are estimated from landmarks."""
 
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
@@ -83,11 +83,11 @@ class LiveTable(Table):
     initial: ErrorStdTable = ErrorStdTable()
     drift: ErrorStdTable = ErrorStdTable()
     gate_probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.999
-    outlier_share: Annotated[float, Field(ge=0, le=0.5)] = 0.1
+    outlier_fraction: Annotated[float, Field(ge=0, le=0.5)] = 0.1
 
 
 def live_from(
-    table: LiveTable,
+    table: LiveCalibrationTable,
     landmarks: tuple[LandmarkTable, ...],
     markers: tuple[SurveyedLandmark, ...],
     origin: GeoOrigin | None,
@@ -135,14 +135,14 @@ def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigi
 
 
 def live_document(live: LiveCalibration, markers: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """The tables ``landmark`` and ``calibration`` as TOML keys; reading them gives the same settings.
+    """The tables ``landmark`` and ``live_calibration`` as TOML keys; reading them gives the same settings.
 
     Args:
         live: The settings.
         markers: Names of the landmarks that are markers', which have a table of their own.
     """
     landmarks = [keys_of(LandmarkTable, each) for each in live.landmarks if each.name not in markers]
-    return {"landmark": landmarks, "calibration": keys_of(LiveTable, live)}
+    return {"landmark": landmarks, "live_calibration": keys_of(LiveCalibrationTable, live)}
 
 
 def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:

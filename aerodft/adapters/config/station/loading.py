@@ -53,13 +53,13 @@ from aerodft.adapters.config.station.live_tables import (
 )
 from aerodft.adapters.config.station.observer_tables import (
     NOT_OF_THE_NUMBERS,
+    CameraMotionTable,
     ObjectsTable,
     RiverTable,
+    camera_motion_from,
     objects_from,
     refuse_beside_paper,
     river_from,
-    watch_document,
-    watch_from,
 )
 from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig
 from aerodft.adapters.config.station.tables import (
@@ -133,7 +133,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
             live=_live(table, pipeline, markers, where),
             markers=markers,
-            watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
+            camera_motion=camera_motion_from(table.camera_motion, pipeline.model, pipeline.probes, where, folder),
             objects=objects_from(table.objects, pipeline.model, pipeline.probes, where),
             river=river_from(table.river, pipeline.model, pipeline.probes, where),
             topics=topics_from(table.topics),
@@ -158,7 +158,7 @@ def _live(
         refuse_beside_paper("landmark", pipeline.model, where, shown="[[landmark]]")
     if markers:
         refuse_beside_paper("markers", pipeline.model, where)
-    return live_from(table.calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
+    return live_from(table.live_calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
 
 
 def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
@@ -369,8 +369,8 @@ def _looked_for(station: StationConfig) -> dict[str, Any]:
     document: dict[str, Any] = {}
     if station.markers is not None:
         document["markers"] = markers_document(station.markers)
-    if station.watch is not None:
-        document["watch"] = watch_document(station.watch)
+    if station.camera_motion is not None:
+        document["camera_motion"] = keys_of(CameraMotionTable, station.camera_motion)
     if station.objects is not None:
         document["objects"] = keys_of(ObjectsTable, station.objects)
     if station.river is not None:

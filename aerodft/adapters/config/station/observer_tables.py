@@ -1,11 +1,10 @@
-"""The tables ``[watch]``, ``[objects]`` and ``[river]``: what is looked for in a station's images."""
+"""The tables ``[camera_motion]``, ``[objects]`` and ``[river]``: what is looked for in a station's images."""
 
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from pydantic import Field
 
-from aerodft.adapters.config.station.station import Watch
 from aerodft.adapters.config.tables import (
     Duration,
     Many,
@@ -15,7 +14,6 @@ from aerodft.adapters.config.tables import (
     Positive,
     Table,
     Text,
-    keys_of,
     value_of,
 )
 from aerodft.errors import ConfigError
@@ -25,12 +23,12 @@ from aerodft.service import OBJECTS, CameraMotionSettings, ObjectSettings, River
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 
 
-class WatchTable(Table):
+class CameraMotionTable(Table):
     """How a fixed camera is watched for bumps: what it is held against, and what counts as moved."""
 
     limit_deg: Annotated[float, Field(ge=0.01, le=45)] = 0.2
     every_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
-    confirm: Annotated[int, Field(ge=1, le=100)] = 3
+    confirm_looks: Annotated[int, Field(ge=1, le=100)] = 3
     lever_arm_m: NonNegative = 0.2
     ignore: Many[Polygon] = ()
     reference: Text | None = None
@@ -42,13 +40,13 @@ class ObjectsTable(Table):
     detect: bool = True
     every_s: Duration = 0.0
     shadows: bool = True
-    least_px: Annotated[int, Field(ge=1, le=10_000_000)] = 60
+    min_area_px: Annotated[int, Field(ge=1, le=10_000_000)] = 60
     ignore: Many[Polygon] = ()
     std_px: Positive = 2.0
     speed_mps: Positive = 3.0
     acceleration_mps2: Positive = 0.5
-    confirm: Annotated[int, Field(ge=1, le=1000)] = 3
-    forget_s: Duration = 5.0
+    confirm_looks: Annotated[int, Field(ge=1, le=1000)] = 3
+    track_timeout_s: Duration = 5.0
     distances_within_m: NonNegative = 0.0
 
 
@@ -62,15 +60,15 @@ class RiverTable(Table):
 
 
 NOT_OF_THE_NUMBERS: Final = {
-    "watch": ("every_s", "ignore", "reference"),
-    "objects": ("every_s", "shadows", "least_px", "ignore"),
+    "camera_motion": ("every_s", "ignore", "reference"),
+    "objects": ("every_s", "shadows", "min_area_px", "ignore"),
 }
 """What decides only which points or outlines are looked for: numbers depend on those that were found."""
 
 
-def watch_from(
-    table: WatchTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str, folder: Path
-) -> Watch | None:
+def camera_motion_from(
+    table: CameraMotionTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str, folder: Path
+) -> CameraMotionSettings | None:
     """How the camera is watched; None without the table.
 
     Raises:
@@ -78,12 +76,11 @@ def watch_from(
     """
     if table is None:
         return None
-    refuse_beside_paper("watch", model, where)
+    refuse_beside_paper("camera_motion", model, where)
     if any(probe.name == STEADY for probe in probes):
-        got, expected = f'"{STEADY}", beside [watch]', "another name: the points that stand still have this one"
+        got, expected = f'"{STEADY}", beside [camera_motion]', "another name: the points that stand still have this one"
         raise ConfigError("probe.name", where=where, got=got, expected=expected)
-    reference = None if table.reference is None else folder / table.reference
-    return Watch(settings=value_of(table, CameraMotionSettings), reference=reference)
+    return value_of(table, CameraMotionSettings, folder)
 
 
 def objects_from(
@@ -144,8 +141,3 @@ def refuse_beside_paper(
     if model is ProjectionModel.DFT:
         got, expected = 'it beside camera.model = "dft"', f'"pinhole", or no {shown or f"[{key}]"}'
         raise ConfigError(key, where=where, got=got, expected=expected, hint=f"the equations of the paper know {know}")
-
-
-def watch_document(watch: Watch) -> dict[str, Any]:
-    """The table as TOML keys; reading them gives the same settings."""
-    return keys_of(WatchTable, watch.settings) | keys_of(WatchTable, watch)

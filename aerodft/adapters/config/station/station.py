@@ -51,19 +51,6 @@ class MarkerSettings:
     every_s: float = 0.1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Watch:
-    """A fixed camera that is watched for bumps.
-
-    Attributes:
-        settings: What counts as moved.
-        reference: The image that its pose is the pose of; None for the first good one.
-    """
-
-    settings: CameraMotionSettings
-    reference: Path | None = None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StationConfig:
     """One station, from one file.
@@ -84,7 +71,7 @@ class StationConfig:
         live: Landmarks that refine them while the station measures, those of markers included; None where there are
             none.
         markers: Markers that are looked for in the images; None where there are none.
-        watch: How a fixed camera is watched for bumps; None where it is not.
+        camera_motion: How a fixed camera is watched for bumps; None where it is not.
         objects: How what moves is followed; None where it is not.
         river: How banks are looked for; None where they are not.
         topics: Of other tools' recordings.
@@ -101,7 +88,7 @@ class StationConfig:
     calibration: Calibration | None = None
     live: LiveCalibration | None = None
     markers: MarkerSettings | None = None
-    watch: Watch | None = None
+    camera_motion: CameraMotionSettings | None = None
     objects: ObjectSettings | None = None
     river: RiverLook | None = None
     topics: Topics = field(default_factory=Topics)

@@ -18,8 +18,8 @@ from aerodft.adapters.config.station.inputs import (
     Topics,
     VideoFile,
 )
-from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveTable
-from aerodft.adapters.config.station.observer_tables import ObjectsTable, RiverTable, WatchTable
+from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable
+from aerodft.adapters.config.station.observer_tables import CameraMotionTable, ObjectsTable, RiverTable
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.tables import (
     Duration,
@@ -222,8 +222,8 @@ class ConfigTable(Table):
     probe: Many[ProbeTable] = ()
     landmark: Many[LandmarkTable] = ()
     markers: dict[str, Any] | None = None
-    calibration: LiveTable = LiveTable()
-    watch: WatchTable | None = None
+    live_calibration: LiveCalibrationTable = LiveCalibrationTable()
+    camera_motion: CameraMotionTable | None = None
     objects: ObjectsTable | None = None
     river: RiverTable | None = None
     topics: TopicsTable = TopicsTable()
@@ -233,9 +233,9 @@ class ConfigTable(Table):
         if (self.telemetry is None) == (self.pose is None):
             got = "neither of them" if self.pose is None else "both of them"
             raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
-        if self.watch is not None and self.pose is None:
+        if self.camera_motion is not None and self.pose is None:
             hint = "a camera that moves has no image to be held against"
-            raise impossible("watch", got="it beside [telemetry]", expected="[pose]", hint=hint)
+            raise impossible("camera_motion", got="it beside [telemetry]", expected="[pose]", hint=hint)
         if self.pose is not None and (tracked := next((each.name for each in self.probe if each.tracked), None)):
             got, hint = f'tracked = true of "{tracked}" beside [pose]', "a fixed camera's pixels stay where they are"
             raise impossible("probe", got=got, expected="[telemetry]", hint=hint)

@@ -1,48 +1,35 @@
 """Corrections of the telemetry, as calibration files and stations have them."""
 
-import math
-from collections.abc import Callable
-from typing import Annotated, Any, Final, Self, TypeAlias
+from typing import Annotated, Self, TypeAlias
 
 import numpy as np
 from pydantic import model_validator
 
-from aerodft.adapters.config.covariance import checked_covariance
+from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.tables import (
     BiasDeg,
     Many,
-    Means,
     NonNegative,
     Real,
+    SiAttribute,
     Table,
     TimeOffset,
     Uncertain,
     impossible,
-    keys_of,
-    value_of,
+    si_value,
 )
-from aerodft.adapters.config.units import to_deg
 from aerodft.model import BIASES, BiasValues, Calibration, FloatArray, PoseStd
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...] | None
 
-_KEYS: Final[tuple[tuple[str, str, Callable[[float], float], Callable[[float], float]], ...]] = (
-    ("height_m", "height_m", float, float),
-    ("tilt_deg", "tilt_rad", math.radians, to_deg),
-    ("roll_deg", "roll_rad", math.radians, to_deg),
-    ("heading_deg", "heading_rad", math.radians, to_deg),
-    ("pan_deg", "pan_rad", math.radians, to_deg),
-    ("east_m", "east_m", float, float),
-    ("north_m", "north_m", float, float),
-    ("time_offset_s", "time_s", float, float),
-)
-"""What says which of the ``BIASES``, in their order: key and attribute, and how one becomes the other."""
+_IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east_m", "north_m", "time_s")
+"""Attributes of ``BiasValues`` in the order of ``BIASES``."""
 
 
 class NoiseTable(Table):
     """Standard deviations of what is new in every image."""
 
-    height_m: Annotated[NonNegative, Means("height_agl_m")] = 0.0
+    height_m: Annotated[NonNegative, SiAttribute("height_agl_m")] = 0.0
     horizontal_m: NonNegative = 0.0
     tilt_deg: NonNegative = 0.0
     pan_deg: NonNegative = 0.0
@@ -64,7 +51,7 @@ class BiasTable(Table):
     pan_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
     east_m: Uncertain[Real] = Uncertain(value=0.0)
     north_m: Uncertain[Real] = Uncertain(value=0.0)
-    time_offset_s: Uncertain[TimeOffset] = Uncertain(value=0.0)
+    time_offset_s: Annotated[Uncertain[TimeOffset], SiAttribute("time_s")] = Uncertain(value=0.0)
     noise: NoiseTable = NoiseTable()
     covariance: Many[Many[Real]] | None = None
     lens_covariance: Many[Many[Real]] | None = None
@@ -99,9 +86,13 @@ def biases_from(bias: BiasTable, identity: str, where: str) -> Calibration:
     """
     cov = _covariance(bias, where)
     lens_cov = None if bias.lens_covariance is None else np.array(bias.lens_covariance)
-    values = BiasValues(**{attribute: into(getattr(bias, key).value) for key, attribute, into, _ in _KEYS})
-    noise = value_of(bias.noise, PoseStd)
-    return Calibration(id=identity, bias=values, bias_cov=cov, lens_cov=lens_cov, noise=noise)
+    return Calibration(
+        id=identity,
+        bias=si_value(BiasValues, bias),
+        bias_cov=cov,
+        lens_cov=lens_cov,
+        noise=si_value(PoseStd, bias.noise),
+    )
 
 
 def _covariance(bias: BiasTable, where: str) -> FloatArray:
@@ -109,21 +100,26 @@ def _covariance(bias: BiasTable, where: str) -> FloatArray:
         return checked_covariance(
             bias.covariance, len(BIASES), where=where, key="bias.covariance", of=", ".join(BIASES)
         )
-    return np.diag(np.square([into(getattr(bias, key).std) for key, _, into, _ in _KEYS]))
+    stds = si_value(BiasValues, bias, part="std")
+    return np.diag(np.square([getattr(stds, attribute) for attribute in _IN_ORDER]))
 
 
-def bias_document(calibration: Calibration) -> dict[str, Any]:
-    """A calibration's biases as TOML keys; reading them gives the same biases again."""
-    cov, count = calibration.bias_cov, len(BIASES)
-    stds = (np.zeros(count) if cov is None else np.sqrt(np.diag(cov))).tolist()
-    document: dict[str, Any] = {
-        key: {"value": out(getattr(calibration.bias, attribute)), "std": out(std)}
-        for (key, attribute, _, out), std in zip(_KEYS, stds, strict=True)
-    }
-    document["noise"] = keys_of(NoiseTable, calibration.noise)
-    if cov is not None and np.any(cov - np.diag(np.diag(cov))):
-        document["covariance"] = cov.tolist()
-    if calibration.lens_cov is not None:
-        document["covariance"] = np.zeros((count, count)).tolist() if cov is None else cov.tolist()
-        document["lens_covariance"] = calibration.lens_cov.tolist()
-    return document
+def bias_table(calibration: Calibration, identity: str | None = None) -> BiasTable:
+    """The table of a calibration's biases; reading it gives equal biases.
+
+    Args:
+        calibration: The biases.
+        identity: Id of the calibration, where the table is to say it.
+    """
+    cov, lens_cov = calibration.bias_cov, calibration.lens_cov
+    full = np.zeros((len(BIASES), len(BIASES))) if cov is None else cov
+    stds = dict(zip(_IN_ORDER, np.sqrt(np.diag(full)).tolist(), strict=True))
+    is_diagonal = not np.any(full - np.diag(np.diag(full)))
+    return BiasTable.from_si(
+        calibration.bias,
+        stds=BiasValues(**stds),
+        calibration_id=identity,
+        noise=NoiseTable.from_si(calibration.noise),
+        covariance=None if is_diagonal and lens_cov is None else as_rows(full),
+        lens_covariance=None if lens_cov is None else as_rows(lens_cov),
+    )

@@ -9,13 +9,12 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from aerodft.adapters.atomic_file import write_whole
-from aerodft.adapters.config.camera.bias_tables import BiasTable, bias_document, biases_from
+from aerodft.adapters.config.camera.bias_tables import BiasTable, bias_table, biases_from
 from aerodft.adapters.config.camera.camera import CameraTable, camera_document, camera_from
 from aerodft.adapters.config.camera.fixed_pose import FixedPose
-from aerodft.adapters.config.camera.pose_tables import CalibratedPoseTable, calibrated_pose_from
+from aerodft.adapters.config.camera.pose_tables import CalibratedPoseTable, calibrated_pose_from, calibrated_pose_table
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import Table, impossible
-from aerodft.adapters.config.units import to_deg
 from aerodft.errors import InputError
 from aerodft.model import Calibration, Camera, ProjectionModel
 
@@ -98,35 +97,15 @@ def write_calibration(
     Raises:
         InputError: The file cannot be written.
     """
-    document: dict[str, Any] = {
-        "model": str(model),
-        "provenance": {key: value for key, value in provenance.items() if value is not None},
-        **({"pose": _pose(found)} if isinstance(found, FixedPose) else {"bias": bias_document(found)}),
-    }
-    if camera is not None:
-        document["camera"] = camera_document(camera)
+    table = CalibrationTable.model_construct(
+        model=model,
+        provenance={key: value for key, value in provenance.items() if value is not None},
+        bias=bias_table(found) if isinstance(found, Calibration) else None,
+        pose=calibrated_pose_table(found) if isinstance(found, FixedPose) else None,
+        camera=None if camera is None else camera_document(camera),
+    )
     try:
-        write_whole(path, tomli_w.dumps(document).encode())
+        write_whole(path, tomli_w.dumps(table.to_toml()).encode())
     except OSError as error:
         what, expected = "the calibration cannot be written", "a file to write to"
         raise InputError(what, where=path, got=error.strerror, expected=expected) from error
-
-
-def _pose(pose: FixedPose) -> dict[str, Any]:
-    std = pose.std
-    stated: dict[str, Any] = {
-        "height_agl_m": {"value": pose.height_agl_m, "std": std.height_agl_m},
-        "tilt_deg": {"value": to_deg(pose.tilt_rad), "std": to_deg(std.tilt_rad)},
-        "roll_deg": {"value": to_deg(pose.roll_rad), "std": to_deg(std.roll_rad)},
-        "heading_deg": {"value": to_deg(pose.heading_rad), "std": to_deg(std.heading_rad)},
-    }
-    if pose.lat_rad is not None and pose.lon_rad is not None:
-        stated |= {"lat_deg": to_deg(pose.lat_rad), "lon_deg": to_deg(pose.lon_rad)}
-        if pose.alt_msl_m is not None:
-            stated["alt_msl_m"] = pose.alt_msl_m
-    else:
-        stated |= {"east_m": pose.east_m, "north_m": pose.north_m}
-    stated["covariance"] = [list(row) for row in pose.covariance]
-    if pose.lens_covariance:
-        stated["lens_covariance"] = [list(row) for row in pose.lens_covariance]
-    return stated

@@ -14,15 +14,14 @@ from aerodft.adapters.config.tables import (
     FieldOfViewDeg,
     Focal,
     Many,
-    Means,
     NonNegative,
     Positive,
     Real,
+    SiAttribute,
     Table,
     Text,
     impossible,
-    keys_of,
-    value_of,
+    si_value,
 )
 from aerodft.model import Camera, LensModel
 
@@ -53,11 +52,11 @@ class CameraTable(Table):
     fy_px: Focal | None = None
     cx_px: Real | None = None
     cy_px: Real | None = None
-    distortion: Annotated[tuple[Real, ...], Field(strict=False)] = ()
     lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
-    focal_std_px: Annotated[NonNegative, Means("std.focal_px")] = 0.0
-    principal_point_std_px: Annotated[NonNegative, Means("std.principal_point_px")] = 0.0
-    distortion_std: Annotated[Many[NonNegative], Means("std.distortion", out=lambda stds: list(stds) or None)] = ()
+    distortion: Many[Real] = ()
+    focal_std_px: Annotated[NonNegative, SiAttribute("std.focal_px")] = 0.0
+    principal_point_std_px: Annotated[NonNegative, SiAttribute("std.principal_point_px")] = 0.0
+    distortion_std: Annotated[Many[NonNegative], SiAttribute("std.distortion", out=lambda stds: stds or None)] = ()
     covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
     mode: ModeTable | None = None
 
@@ -130,13 +129,13 @@ def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
     """
     covariance = _covariance(table, where, prefix)
     if table.hfov_deg is None:
-        return value_of(table, Camera, covariance=covariance)
+        return si_value(Camera, table, covariance=covariance)
     width, height, hfov_rad = table.width_px, table.height_px, math.radians(table.hfov_deg)
     vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
     camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
-    return value_of(
-        table,
+    return si_value(
         Camera,
+        table,
         fx_px=camera.fx_px,
         fy_px=camera.fx_px if table.vfov_deg is None else camera.fy_px,
         cx_px=camera.cx_px,
@@ -154,8 +153,5 @@ def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[floa
 
 def camera_document(camera: Camera) -> dict[str, Any]:
     """The camera as TOML keys; reading them gives an equal camera."""
-    document = keys_of(CameraTable, camera)
-    first = ("name", "width_px", "height_px", *_INTRINSICS, "lens", "distortion")
-    unsaid = _STDS if camera.covariance else ()
-    rest = (key for key in document if key not in (*first, *unsaid))
-    return {key: document[key] for key in (*first, *rest)}
+    stds = dict.fromkeys(_STDS) if camera.covariance else {}
+    return CameraTable.from_si(camera, **stds).to_toml()

@@ -10,37 +10,35 @@ from aerodft.adapters.config.camera.fixed_pose import FixedPose, std_of
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.tables import (
     ROWS,
+    UNLESS_ZERO,
     HeadingDeg,
     Latitude,
     Longitude,
     Many,
-    Means,
     NonNegative,
     Positive,
     Real,
     RollDeg,
+    SiAttribute,
     Table,
     Text,
     TiltDeg,
     Uncertain,
     impossible,
-    value_of,
+    si_value,
+    to_deg,
 )
-from aerodft.adapters.config.units import to_deg
 from aerodft.errors import ConfigError
 from aerodft.model import PoseStd
 
 _POSITION_STD_M = 2.0
 _HEADING_STD_DEG = 2.0
-_UNLESS_ZERO = Means(out=lambda value: value or None)
-_EXACT = Means(into=lambda given: given.value)
-_EXACT_DEG = Means(into=lambda given: math.radians(given.value))
 
 
 class PoseStdTable(Table):
     """How well a fixed camera's stated pose is known; unknown heading and position are exact by definition."""
 
-    height_m: Annotated[NonNegative, Means("height_agl_m")] = 0.1
+    height_m: Annotated[NonNegative, SiAttribute("height_agl_m")] = 0.1
     tilt_deg: NonNegative = 1.0
     pan_deg: NonNegative = 1.0
     roll_deg: NonNegative = 1.0
@@ -51,19 +49,19 @@ class PoseStdTable(Table):
 class PoseTable(Table):
     """A fixed camera's pose, or the calibration file that has it."""
 
-    calibration: Annotated[Text | None, Means("file")] = None
-    calibration_id: Annotated[Text | None, Means("calibration")] = None
+    calibration: Annotated[Text | None, SiAttribute("file")] = None
+    calibration_id: Annotated[Text | None, SiAttribute("calibration")] = None
     height_agl_m: Positive | None = None
     tilt_deg: TiltDeg | None = None
     roll_deg: RollDeg = 0.0
     heading_deg: Annotated[
-        HeadingDeg | None, Means("heading_rad", into=lambda angle_deg: math.radians(angle_deg or 0.0), out=to_deg)
+        HeadingDeg | None, SiAttribute("heading_rad", into=lambda angle_deg: math.radians(angle_deg or 0.0), out=to_deg)
     ] = None
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
-    east_m: Annotated[Real, _UNLESS_ZERO] = 0.0
-    north_m: Annotated[Real, _UNLESS_ZERO] = 0.0
+    east_m: Annotated[Real, UNLESS_ZERO] = 0.0
+    north_m: Annotated[Real, UNLESS_ZERO] = 0.0
     std: PoseStdTable = PoseStdTable()
     covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
     lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
@@ -86,10 +84,10 @@ class PoseTable(Table):
 class CalibratedPoseTable(Table):
     """A fixed camera's pose, each number with or without its standard deviation."""
 
-    height_agl_m: Annotated[Uncertain[Positive], _EXACT]
-    tilt_deg: Annotated[Uncertain[TiltDeg], _EXACT_DEG]
-    roll_deg: Annotated[Uncertain[RollDeg], _EXACT_DEG] = Uncertain(value=0.0)
-    heading_deg: Annotated[Uncertain[HeadingDeg], _EXACT_DEG] = Uncertain(value=0.0)
+    height_agl_m: Uncertain[Positive]
+    tilt_deg: Uncertain[TiltDeg]
+    roll_deg: Uncertain[RollDeg] = Uncertain(value=0.0)
+    heading_deg: Uncertain[HeadingDeg] = Uncertain(value=0.0)
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
@@ -125,14 +123,19 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
     if table.covariance is not None:
         of = "east, north, up, then rotation about the camera's x, y, z"
         cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
-        return value_of(table, FixedPose, covariance=as_rows(cov), std=std_of(cov))
+        return si_value(FixedPose, table, covariance=as_rows(cov), std=std_of(cov))
     horizontal_m, heading_deg = table.std.horizontal_m, table.std.heading_deg
     if horizontal_m is None:
         horizontal_m = 0.0 if table.lat_deg is None else _POSITION_STD_M
     if heading_deg is None:
         heading_deg = 0.0 if table.heading_deg is None else _HEADING_STD_DEG
-    std = value_of(table.std, PoseStd, horizontal_m=horizontal_m, heading_rad=math.radians(heading_deg))
-    return value_of(table, FixedPose, std=std)
+    std = si_value(PoseStd, table.std, horizontal_m=horizontal_m, heading_rad=math.radians(heading_deg))
+    return si_value(FixedPose, table, std=std)
+
+
+def pose_table(fixed: FixedPose) -> PoseTable:
+    """The table of a station's fixed pose; reading it gives an equal pose."""
+    return PoseTable.from_si(fixed, **({"std": None} if fixed.covariance else {}))
 
 
 def calibrated_pose_from(table: CalibratedPoseTable, identity: str, where: str) -> FixedPose:
@@ -144,10 +147,11 @@ def calibrated_pose_from(table: CalibratedPoseTable, identity: str, where: str) 
     covariance: tuple[tuple[float, ...], ...] = ()
     if table.covariance is not None:
         covariance = as_rows(checked_covariance(table.covariance, 6, where=where, key="pose.covariance"))
-    std = PoseStd(
-        height_agl_m=table.height_agl_m.std,
-        tilt_rad=math.radians(table.tilt_deg.std),
-        roll_rad=math.radians(table.roll_deg.std),
-        heading_rad=math.radians(table.heading_deg.std),
-    )
-    return value_of(table, FixedPose, std=std, covariance=covariance, calibration=identity)
+    std = si_value(PoseStd, table, part="std")
+    return si_value(FixedPose, table, std=std, covariance=covariance, calibration=identity)
+
+
+def calibrated_pose_table(found: FixedPose) -> CalibratedPoseTable:
+    """The table of a pose that a calibration found; reading it gives an equal pose, but for its id."""
+    in_degrees = {} if found.lat_rad is None else {"east_m": None, "north_m": None}
+    return CalibratedPoseTable.from_si(found, stds=found.std, **in_degrees)

@@ -40,7 +40,7 @@ from aerodft.adapters.config.evidence.tables import (
     priors_from,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import GEO, LOCAL, value_of
+from aerodft.adapters.config.tables import GEO, LOCAL, si_value
 from aerodft.adapters.file_kind import content_looks_like
 from aerodft.errors import ConfigError
 from aerodft.model import Camera, Evidence, EvidenceSet, Landmark
@@ -306,7 +306,7 @@ def _made(table: LandmarkTable | ObservationTable, name: str, frame: LocalFrame)
     axes = (1, 0, 2) if table.is_geo else (0, 1, 2)
     local_m = zip(axes, frame.local_m(whole).tolist(), strict=True)
     east_m, north_m, up_m = (None if place[axis] is None else each_m for axis, each_m in local_m)
-    return value_of(table, Landmark, name=name, position_m=(east_m, north_m, up_m))
+    return si_value(Landmark, table, name=name, position_m=(east_m, north_m, up_m))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.evidence.tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
-from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, value_of
+from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, si_value
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
 from aerodft.model import Evidence, GeoOrigin, Prior
@@ -228,7 +228,7 @@ def flight_from(tables: FlightTables, evidence: dict[str, list[Evidence]], frame
         noise_share=telemetry.noise_share,
         noise=errors_from(telemetry.noise, ErrorStd()),
         time=None if offset is None else Prior(value=offset.value, std=offset.std or 0.0),
-        origin=None if telemetry.origin is None else value_of(telemetry.origin, GeoOrigin),
+        origin=None if telemetry.origin is None else si_value(GeoOrigin, telemetry.origin),
     )
 
 

@@ -11,18 +11,18 @@ from aerodft.adapters.config.tables import (
     Count,
     Focal,
     HeadingDeg,
-    Means,
     Pixel,
     Positive,
     Quantity,
     Real,
     RollDeg,
+    SiAttribute,
     Table,
     Text,
     TiltDeg,
     impossible,
     repeated,
-    value_of,
+    si_value,
 )
 from aerodft.model import (
     Evidence,
@@ -169,7 +169,7 @@ class ObservationTable(Table):
 
     def made(self, name: str) -> Evidence:
         """The observation, under a name."""
-        return value_of(self, self.makes, name=name)
+        return si_value(self.makes, self, name=name)
 
 
 class _MeasuredTable(ObservationTable):
@@ -239,7 +239,7 @@ class ParallelTable(ObservationTable):
     def made(self, name: str) -> GroundLines:
         """The observation, under a name."""
         first, second = self.lines
-        return value_of(self, GroundLines, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
+        return si_value(GroundLines, self, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
 
 
 class RightAngleTable(ParallelTable):
@@ -253,7 +253,7 @@ class HorizonTable(ObservationTable):
 
     makes = Horizon
     pixels: Annotated[tuple[Pixel, ...], Field(strict=False, min_length=PLANE), AfterValidator(_distinct)]
-    sea: Annotated[bool, Means("is_sea")] = False
+    sea: Annotated[bool, SiAttribute("is_sea")] = False
 
 
 class _Lifted(Table):

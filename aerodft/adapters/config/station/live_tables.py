@@ -6,26 +6,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station.station import MarkerSettings
 from aerodft.adapters.config.tables import (
     LOCAL,
+    NOT_IN_CONFIG_ID,
     Duration,
     Latitude,
     Longitude,
-    Means,
     NonNegative,
     Positive,
     Real,
+    SiAttribute,
     Slug,
     Table,
     Text,
     impossible,
-    keys_of,
     repeated,
-    value_of,
+    si_value,
 )
 from aerodft.errors import ConfigError
 from aerodft.geometry import east_north
@@ -48,7 +47,7 @@ class LandmarkTable(Table):
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
-    position_m: Annotated[Place | None, Means("position_enu_m")] = None
+    position_m: Annotated[Place | None, SiAttribute("position_enu_m")] = None
     std_m: PlaceStd = (0.0, 0.0, 0.0)
     std_px: Positive = 1.0
 
@@ -114,9 +113,9 @@ def live_from(
                 f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
             )
     origin = needed_origin(origin, "[[landmark]]", where)
-    return value_of(
-        table,
+    return si_value(
         LiveCalibration,
+        table,
         landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
         drift=errors_from(table.drift, DRIFT),
     )
@@ -134,20 +133,9 @@ def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigi
     return origin
 
 
-def live_document(live: LiveCalibration, markers: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """The tables ``landmark`` and ``live_calibration`` as TOML keys; reading them gives the same settings.
-
-    Args:
-        live: The settings.
-        markers: Names of the landmarks that are markers', which have a table of their own.
-    """
-    landmarks = [keys_of(LandmarkTable, each) for each in live.landmarks if each.name not in markers]
-    return {"landmark": landmarks, "live_calibration": keys_of(LiveCalibrationTable, live)}
-
-
 def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:
     place = _on_map(table, origin, where) if table.position_m is None else table.position_m
-    return value_of(table, SurveyedLandmark, position_enu_m=place)
+    return si_value(SurveyedLandmark, table, position_enu_m=place)
 
 
 def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float, float, float]:
@@ -161,25 +149,33 @@ def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float,
 
 def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
     """The errors that a validated table describes; ``default`` applies to what it leaves out."""
-    given = asdict(value_of(table, ErrorStd))
+    given = asdict(si_value(ErrorStd, table))
     return replace(default, **{name: value for name, value in given.items() if value is not None})
 
 
-class _RateTable(Table):
-    every_s: Duration = 0.1
+class StationMarkersTable(Table):
+    """Markers that are looked for in a station's images: their file, or all that such a file would hold."""
 
+    model_config = ConfigDict(extra="allow")
 
-class _FileTable(_RateTable):
-    file: Text
+    file: Text | None = None
+    every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.1
+
+    @model_validator(mode="after")
+    def _file_alone(self) -> Self:
+        if self.file is not None and self.model_extra:
+            key = next(iter(self.model_extra))
+            raise impossible(key, got="it beside file", expected="file and every_s alone, or what such a file holds")
+        return self
 
 
 def marker_settings(
-    document: dict[str, Any] | None, origin: GeoOrigin | None, where: str, folder: Path
+    table: StationMarkersTable | None, origin: GeoOrigin | None, where: str, folder: Path
 ) -> MarkerSettings | None:
     """The markers of a station; None without the table.
 
     Args:
-        document: The table: ``file``, or what such a file would hold; and ``every_s``.
+        table: The table.
         origin: The station's.
         where: The station file's name in messages.
         folder: What a relative ``file`` starts from.
@@ -187,20 +183,16 @@ def marker_settings(
     Raises:
         ConfigError: As ``markers.load_markers``; or nobody knows where the markers are against the station.
     """
-    if document is None:
+    if table is None:
         return None
     from aerodft.adapters.config.evidence import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
 
     origin = needed_origin(origin, "[markers]", where)
-    if "file" in document:
-        table = validated(_FileTable, document, where, "markers.")
-        file, every_s = load_markers(folder / table.file), table.every_s
+    if table.file is not None:
+        file = load_markers(folder / table.file)
     else:
-        rest = {key: value for key, value in document.items() if key != "every_s"}
-        rate = {key: value for key, value in document.items() if key == "every_s"}
-        every_s = validated(_RateTable, rate, where, "markers.").every_s
-        file = markers_from(rest, Path(f"{where} [markers]"))
-    return MarkerSettings(survey=_placed(file, origin, where), ignore=file.ignore, every_s=every_s)
+        file = markers_from(table.model_extra or {}, Path(f"{where} [markers]"))
+    return MarkerSettings(survey=_placed(file, origin, where), ignore=file.ignore, every_s=table.every_s)
 
 
 def _placed(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
@@ -241,18 +233,18 @@ def marker_landmarks(settings: MarkerSettings | None) -> tuple[SurveyedLandmark,
     )
 
 
-def markers_document(settings: MarkerSettings) -> dict[str, Any]:
-    """The table as TOML keys, complete in itself; reading it gives the same settings."""
-    document: dict[str, Any] = {
+def station_markers_table(settings: MarkerSettings) -> StationMarkersTable:
+    """The table of a station's markers, complete in itself; reading it gives equal settings."""
+    ignore = {"ignore": sorted(settings.ignore)} if settings.ignore else {}
+    survey: dict[str, Any] = {
         "dictionary": settings.survey.dictionary,
         "crs": LOCAL,
-        "every_s": settings.every_s,
-        "marker": [_marker_document(each) for each in settings.survey.markers],
+        "marker": [_marker_keys(each) for each in settings.survey.markers],
     }
-    return {**document, "ignore": sorted(settings.ignore)} if settings.ignore else document
+    return StationMarkersTable.model_validate({"every_s": settings.every_s} | survey | ignore)
 
 
-def _marker_document(marker: SurveyedMarker) -> dict[str, Any]:
+def _marker_keys(marker: SurveyedMarker) -> dict[str, Any]:
     points_m = [list(point) for point in marker.points_m]
     place = {"position_m": points_m[0]} if len(points_m) == 1 else {"corners_m": points_m}
     side = {} if marker.side_m is None else {"side_m": marker.side_m}

@@ -5,9 +5,10 @@ Also the id of what a station's numbers depend on.
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomli_w
 
@@ -15,7 +16,7 @@ from aerodft.adapters.config.camera import (
     CameraTable,
     FixedPose,
     PoseTable,
-    bias_document,
+    bias_table,
     biases_from,
     camera_document,
     camera_from,
@@ -24,35 +25,27 @@ from aerodft.adapters.config.camera import (
     load_camera,
     placed,
     pose_sample,
+    pose_table,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import (
     GroundShape,
     TerrainGround,
-    ground_document,
     ground_from,
+    ground_table,
     made_ground,
     needs_place,
 )
-from aerodft.adapters.config.station.inputs import (
-    Device,
-    ImageSettings,
-    Link,
-    ObservationSettings,
-    Stills,
-    Stream,
-    Topics,
-    VideoFile,
-)
+from aerodft.adapters.config.station.inputs import Link, ObservationSettings, Topics
 from aerodft.adapters.config.station.live_tables import (
-    live_document,
+    LandmarkTable,
+    LiveCalibrationTable,
     live_from,
     marker_landmarks,
     marker_settings,
-    markers_document,
+    station_markers_table,
 )
 from aerodft.adapters.config.station.observer_tables import (
-    NOT_OF_THE_NUMBERS,
     CameraMotionTable,
     ObjectsTable,
     RiverTable,
@@ -64,23 +57,24 @@ from aerodft.adapters.config.station.observer_tables import (
 from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig
 from aerodft.adapters.config.station.tables import (
     ConfigTable,
-    ImagesTable,
     LimitsTable,
     ObservationsTable,
-    OriginTable,
-    ProbeTable,
     RecordTable,
+    StationTable,
+    TopicsTable,
+    ZenohTable,
     images_from,
+    images_table,
+    probe_table,
     probes_from,
-    topics_from,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
-from aerodft.adapters.config.tables import Table, Text, keys_of, value_of
-from aerodft.adapters.config.units import to_ns, to_s
-from aerodft.adapters.outputs import outputs_document, outputs_from
+from aerodft.adapters.config.tables import Table, Text, si_value
 from aerodft.errors import ConfigError
-from aerodft.model import Calibration, Camera, GeoOrigin, Probe, ProjectionModel
+from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
+
+Settings = TypeVar("Settings")
 
 
 class _CameraFile(Table):
@@ -125,9 +119,9 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             pipeline=pipeline,
             link=_link(telemetry, folder),
             images=images_from(table.images, folder),
-            observations=value_of(table.observations, ObservationSettings, folder),
-            outputs=outputs,
-            record=value_of(table.record, RecordSettings),
+            observations=si_value(ObservationSettings, table.observations, relative_to=folder),
+            zenoh=si_value(ZenohSettings, table.zenoh),
+            record=si_value(RecordSettings, table.record),
             fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
             ground=ground,
             calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
@@ -136,7 +130,7 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
             camera_motion=camera_motion_from(table.camera_motion, pipeline.model, pipeline.probes, where, folder),
             objects=objects_from(table.objects, pipeline.model, pipeline.probes, where),
             river=river_from(table.river, pipeline.model, pipeline.probes, where),
-            topics=topics_from(table.topics),
+            topics=si_value(Topics, table.topics),
         ),
         where,
     )
@@ -168,17 +162,16 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
         camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
     if table.telemetry is not None and table.telemetry.calibration:
         camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
-    return PipelineSettings(
-        station=table.station.name,
+    return si_value(
+        PipelineSettings,
+        table.station,
+        table.limits,
+        table.images,
+        table.observations,
         camera=camera,
         probes=probes_from(table.probe, camera, where),
         model=model,
         telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
-        origin=None if table.station.origin is None else value_of(table.station.origin, GeoOrigin),
-        max_range_m=table.limits.max_range_m,
-        time_std_s=table.images.time_std_s,
-        match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
-        tick_ns=table.station.tick_ms * 1_000_000,
     )
 
 
@@ -263,7 +256,7 @@ def _biases(path: Path) -> Calibration:
 def _link(table: TelemetryTable | None, folder: Path) -> Link | None:
     if table is None or table.connection is None:
         return None
-    return value_of(table, Link, folder)
+    return si_value(Link, table, relative_to=folder)
 
 
 def refreshed(station: StationConfig, where: str = "") -> StationConfig:
@@ -292,24 +285,10 @@ def refreshed(station: StationConfig, where: str = "") -> StationConfig:
 def config_id(station: StationConfig) -> str:
     """``sha256:...`` of what the numbers depend on: not of ports, folders, or where input comes from.
 
-    A telemetry calibration is left out too: a measurement names it by its own id. An elevation model counts with the
-    hash of its bytes.
+    Left out is what the tables mark as ``NOT_IN_CONFIG_ID``. A telemetry calibration is left out too: a measurement
+    names it by its own id. An elevation model counts with the hash of its bytes.
     """
-    document = station_document(station)
-    for key in (*station.outputs, "record", "topics", "river"):
-        document.pop(key, None)
-    document["station"].pop("name")
-    timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
-    document["images"] = {key: value for key, value in document["images"].items() if key in timing}
-    for key in ("files", "topic"):
-        document["observations"].pop(key, None)
-    for key in ("connection", "baud", "signing", "bias"):
-        document.get("telemetry", {}).pop(key, None)
-    document.get("ground", {}).pop("terrain", None)
-    document.get("markers", {}).pop("every_s", None)
-    for table, keys in NOT_OF_THE_NUMBERS.items():
-        for key in keys:
-            document.get(table, {}).pop(key, None)
+    document = ConfigTable.without_marked(station_document(station))
     text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
@@ -337,85 +316,38 @@ def resolved_toml(station: StationConfig, *, terrain_file: str | None = None) ->
 
 def station_document(station: StationConfig, terrain_file: str | None = None) -> dict[str, Any]:
     """The station as TOML keys; what is None is left out. ``terrain_file`` as in :func:`resolved_toml`."""
-    pipeline = station.pipeline
-    document: dict[str, Any] = {
-        "station": {"name": pipeline.station, "tick_ms": pipeline.tick_ns // 1_000_000},
-        "camera": {**camera_document(pipeline.camera), "model": str(pipeline.model)},
-    }
-    if pipeline.origin is not None:
-        document["station"]["origin"] = keys_of(OriginTable, pipeline.origin)
-    if pipeline.telemetry is not None:
-        document["telemetry"] = _telemetry(pipeline.telemetry, station)
-    if station.fixed_pose is not None:
-        document["pose"] = _pose(station.fixed_pose)
-    if station.ground is not None:
-        document["ground"] = ground_document(station.ground, terrain_file)
-    document["images"] = {**_images(station.images), "time_std_s": pipeline.time_std_s}
-    tolerance = {"match_tolerance_s": to_s(pipeline.match_tolerance_ns)}
-    document["observations"] = keys_of(ObservationsTable, station.observations) | tolerance
-    document["limits"] = keys_of(LimitsTable, pipeline)
-    document |= outputs_document(station.outputs)
-    document["record"] = keys_of(RecordTable, station.record)
-    if topics := _topics(station.topics):
-        document["topics"] = topics
-    document["probe"] = [_probe(probe) for probe in pipeline.probes]
-    if station.live is not None:
-        document |= live_document(station.live, frozenset(each.name for each in marker_landmarks(station.markers)))
-    return document | _looked_for(station)
+    pipeline, live = station.pipeline, station.live
+    from_markers = {each.name for each in marker_landmarks(station.markers)}
+    landmarks = () if live is None else tuple(each for each in live.landmarks if each.name not in from_markers)
+    table = ConfigTable.model_construct(
+        station=StationTable.from_si(pipeline),
+        camera={**camera_document(pipeline.camera), "model": str(pipeline.model)},
+        telemetry=None if pipeline.telemetry is None else _telemetry_table(pipeline.telemetry, station),
+        pose=_unless_none(pose_table, station.fixed_pose),
+        ground=None if station.ground is None else ground_table(station.ground, terrain_file),
+        images=images_table(station.images, pipeline.time_std_s),
+        observations=ObservationsTable.from_si(station.observations, pipeline),
+        limits=LimitsTable.from_si(pipeline),
+        zenoh=ZenohTable.from_si(station.zenoh),
+        record=RecordTable.from_si(station.record),
+        topics=None if station.topics == Topics() else TopicsTable.from_si(station.topics),
+        probe=tuple(map(probe_table, pipeline.probes)),
+        landmark=None if live is None else tuple(map(LandmarkTable.from_si, landmarks)),
+        live_calibration=_unless_none(LiveCalibrationTable.from_si, live),
+        markers=_unless_none(station_markers_table, station.markers),
+        camera_motion=_unless_none(CameraMotionTable.from_si, station.camera_motion),
+        objects=_unless_none(ObjectsTable.from_si, station.objects),
+        river=_unless_none(RiverTable.from_si, station.river),
+    )
+    return table.to_toml()
 
 
-def _looked_for(station: StationConfig) -> dict[str, Any]:
-    """The tables of what is looked for in the images."""
-    document: dict[str, Any] = {}
-    if station.markers is not None:
-        document["markers"] = markers_document(station.markers)
-    if station.camera_motion is not None:
-        document["camera_motion"] = keys_of(CameraMotionTable, station.camera_motion)
-    if station.objects is not None:
-        document["objects"] = keys_of(ObjectsTable, station.objects)
-    if station.river is not None:
-        document["river"] = keys_of(RiverTable, station.river)
-    return document
+def _unless_none(table_of: Callable[[Settings], Table], settings: Settings | None) -> Table | None:
+    return None if settings is None else table_of(settings)
 
 
-def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str, Any]:
-    link = {} if station.link is None else keys_of(TelemetryTable, station.link)
-    document = link | keys_of(TelemetryTable, settings)
-    if station.calibration is None:
-        return document
-    return document | {"bias": {"calibration_id": station.calibration.id, **bias_document(station.calibration)}}
-
-
-def _pose(fixed: FixedPose) -> dict[str, Any]:
-    document = keys_of(PoseTable, fixed)
-    if fixed.covariance:
-        del document["std"]
-    return document
-
-
-def _images(settings: ImageSettings) -> dict[str, Any]:
-    match settings.source:
-        case VideoFile(path=path):
-            document = {"video": str(path.absolute())}
-        case Stills(folder=folder):
-            document = {"stills": str(folder.absolute())}
-        case Stream(url=url):
-            document = {"stream": url}
-        case Device(path=device):
-            document = {"device": device}
-        case _:
-            document = {}
-    document |= keys_of(ImagesTable, settings.source) | keys_of(ImagesTable, settings)
-    return document | {"time_offset_s": "auto"} if settings.is_auto else document
-
-
-def _topics(topics: Topics) -> dict[str, Any]:
-    stated = {"images": topics.images, "camera": topics.camera}
-    named = {key: found[0] for key, found in stated.items() if found}
-    return {"mavlink": list(topics.mavlink), **named} if topics.mavlink else named
-
-
-def _probe(probe: Probe) -> dict[str, Any]:
-    document = keys_of(ProbeTable, probe)
-    elevation = () if probe.on_top_of is None else ("elevation_m", "elevation_std_m")
-    return {key: value for key, value in document.items() if key not in elevation}
+def _telemetry_table(settings: TelemetrySettings, station: StationConfig) -> TelemetryTable:
+    """The table of how telemetry becomes a pose, with the station's link and the biases that it is corrected by."""
+    bias = station.calibration
+    table = TelemetryTable.from_si(settings, station.link)
+    return table if bias is None else table.model_copy(update={"bias": bias_table(bias, bias.id)})

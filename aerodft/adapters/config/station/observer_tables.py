@@ -1,20 +1,21 @@
 """The tables ``[camera_motion]``, ``[objects]`` and ``[river]``: what is looked for in a station's images."""
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import Field
 
 from aerodft.adapters.config.tables import (
+    NOT_IN_CONFIG_ID,
     Duration,
     Many,
-    Means,
     NonNegative,
     Pixel,
     Positive,
+    SiAttribute,
     Table,
     Text,
-    value_of,
+    si_value,
 )
 from aerodft.errors import ConfigError
 from aerodft.model import STEADY, PixelSource, Probe, ProbeKind, ProjectionModel
@@ -27,21 +28,21 @@ class CameraMotionTable(Table):
     """How a fixed camera is watched for bumps: what it is held against, and what counts as moved."""
 
     limit_deg: Annotated[float, Field(ge=0.01, le=45)] = 0.2
-    every_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
+    every_s: Annotated[float, Field(ge=0, le=3600), NOT_IN_CONFIG_ID] = 1.0
     confirm_looks: Annotated[int, Field(ge=1, le=100)] = 3
     lever_arm_m: NonNegative = 0.2
-    ignore: Many[Polygon] = ()
-    reference: Text | None = None
+    ignore: Annotated[Many[Polygon], NOT_IN_CONFIG_ID] = ()
+    reference: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
 
 
 class ObjectsTable(Table):
     """How moving objects are looked for and followed over the ground; the defaults are those of ``ObjectSettings``."""
 
     detect: bool = True
-    every_s: Duration = 0.0
-    shadows: bool = True
-    min_area_px: Annotated[int, Field(ge=1, le=10_000_000)] = 60
-    ignore: Many[Polygon] = ()
+    every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.0
+    shadows: Annotated[bool, NOT_IN_CONFIG_ID] = True
+    min_area_px: Annotated[int, Field(ge=1, le=10_000_000), NOT_IN_CONFIG_ID] = 60
+    ignore: Annotated[Many[Polygon], NOT_IN_CONFIG_ID] = ()
     std_px: Positive = 2.0
     speed_mps: Positive = 3.0
     acceleration_mps2: Positive = 0.5
@@ -55,15 +56,8 @@ class RiverTable(Table):
 
     every_s: Duration = 1.0
     spacing_m: Positive = 1.0
-    seed: Annotated[Pixel | None, Means("seed_px")] = None
+    seed: Annotated[Pixel | None, SiAttribute("seed_px")] = None
     max_range_m: Positive | None = None
-
-
-NOT_OF_THE_NUMBERS: Final = {
-    "camera_motion": ("every_s", "ignore", "reference"),
-    "objects": ("every_s", "shadows", "min_area_px", "ignore"),
-}
-"""What decides only which points or outlines are looked for: numbers depend on those that were found."""
 
 
 def camera_motion_from(
@@ -80,7 +74,7 @@ def camera_motion_from(
     if any(probe.name == STEADY for probe in probes):
         got, expected = f'"{STEADY}", beside [camera_motion]', "another name: the points that stand still have this one"
         raise ConfigError("probe.name", where=where, got=got, expected=expected)
-    return value_of(table, CameraMotionSettings, folder)
+    return si_value(CameraMotionSettings, table, relative_to=folder)
 
 
 def objects_from(
@@ -98,7 +92,7 @@ def objects_from(
     if taken is not None:
         got, expected = f'"{taken}", beside [objects]', "another name: objects that move have such names"
         raise ConfigError("probe.name", where=where, got=got, expected=expected)
-    return value_of(table, ObjectSettings)
+    return si_value(ObjectSettings, table)
 
 
 def river_from(
@@ -115,7 +109,7 @@ def river_from(
     if not river_probes(probes):
         expected = 'a [[probe]] with kind = "river" and observed = true'
         raise ConfigError("river", where=where, got="no probe that is measured from banks", expected=expected)
-    return value_of(table, RiverLook)
+    return si_value(RiverLook, table)
 
 
 def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:

@@ -2,9 +2,9 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Final, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
 from aerodft.adapters.config.camera import PoseTable
 from aerodft.adapters.config.station.ground import GroundTable
@@ -15,29 +15,31 @@ from aerodft.adapters.config.station.inputs import (
     Rate,
     Stills,
     Stream,
-    Topics,
     VideoFile,
 )
-from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable
+from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable, StationMarkersTable
 from aerodft.adapters.config.station.observer_tables import CameraMotionTable, ObjectsTable, RiverTable
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.tables import (
+    NOT_IN_CONFIG_ID,
+    ROWS,
+    UNLESS_ZERO,
     Duration,
     Latitude,
     Longitude,
     Many,
-    Means,
     NonNegative,
     Pixel,
     Positive,
     Real,
+    SiAttribute,
     Slug,
     Table,
     Text,
     TimeOffset,
     impossible,
     matching,
-    value_of,
+    si_value,
 )
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
 from aerodft.dft import PROBE_KINDS
@@ -62,10 +64,6 @@ def _instant(value: object) -> object:
     return value
 
 
-def _iso(stamp_ns: int | None) -> str | None:
-    return None if stamp_ns is None else unix_ns_to_iso(stamp_ns)
-
-
 def _seconds_or_auto(value: object) -> object:
     """A number as it is; None for ``auto``."""
     if value == "auto":
@@ -83,6 +81,14 @@ def _offset(value: str) -> str:
     return value
 
 
+def _as_stated(seconds: object) -> object:
+    return seconds
+
+
+Instant = Annotated[int, BeforeValidator(_instant), PlainSerializer(unix_ns_to_iso)]
+Url = Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')]
+
+
 class OriginTable(Table):
     """A point of the measured plane."""
 
@@ -94,7 +100,7 @@ class OriginTable(Table):
 class StationTable(Table):
     """Who measures."""
 
-    name: Slug
+    name: Annotated[Slug, SiAttribute("station"), NOT_IN_CONFIG_ID]
     origin: OriginTable | None = None
     tick_ms: Annotated[int, Field(ge=1, le=1000)] = 50
 
@@ -102,17 +108,17 @@ class StationTable(Table):
 class ImagesTable(Table):
     """Where images come from; at most one of the five inputs."""
 
-    video: Text | None = None
-    start: Annotated[int | None, BeforeValidator(_instant), Means("start_ns", out=_iso)] = None
-    stills: Text | None = None
-    pattern: Text | None = None
-    utc_offset: Annotated[str, AfterValidator(_offset)] | None = None
-    stream: Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')] | None = None
-    device: Text | None = None
-    rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
-    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto)] = 0.0
-    time_drift: Annotated[float, Field(ge=-0.5, le=0.5), Means(out=lambda drift: drift or None)] = 0.0
-    time_reference: Annotated[int | None, BeforeValidator(_instant), Means("time_reference_ns", out=_iso)] = None
+    video: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    start: Annotated[Instant | None, SiAttribute("start_ns"), NOT_IN_CONFIG_ID] = None
+    stills: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    pattern: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    utc_offset: Annotated[Annotated[str, AfterValidator(_offset)] | None, NOT_IN_CONFIG_ID] = None
+    stream: Annotated[Url | None, NOT_IN_CONFIG_ID] = None
+    device: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    rate_hz: Annotated[Annotated[float, Field(gt=0, le=1000)] | None, NOT_IN_CONFIG_ID] = None
+    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto), PlainSerializer(_as_stated)] = 0.0
+    time_drift: Annotated[float, Field(ge=-0.5, le=0.5), UNLESS_ZERO] = 0.0
+    time_reference: Annotated[Instant | None, SiAttribute("time_reference_ns")] = None
     time_std_s: Duration = 0.0
 
     @model_validator(mode="after")
@@ -134,8 +140,8 @@ class ImagesTable(Table):
 class ObservationsTable(Table):
     """Where observed pixels come from."""
 
-    files: Many[Text] = ()
-    topic: bool = True
+    files: Annotated[Many[Text], NOT_IN_CONFIG_ID] = ()
+    topic: Annotated[bool, NOT_IN_CONFIG_ID] = True
     time_offset_s: TimeOffset = 0.0
     match_tolerance_s: Duration = 0.02
 
@@ -149,7 +155,7 @@ class LimitsTable(Table):
 class RecordTable(Table):
     """The recorder."""
 
-    folder: Annotated[Text, Means(into=Path, out=str)] = "recordings"
+    folder: Annotated[Text, SiAttribute(into=Path, out=str)] = "recordings"
     image_hz: NonNegative = 1.0
     video: bool = True
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
@@ -157,12 +163,16 @@ class RecordTable(Table):
     segment_mb: Annotated[float, Field(ge=1, le=100_000)] = 2000.0
 
 
+_TOPICS = SiAttribute(into=lambda said: (said,) if isinstance(said, str) else said, out=lambda topics: topics or None)
+_ONE_TOPIC = SiAttribute(into=lambda said: (said,) if said else (), out=lambda topics: topics[0] if topics else None)
+
+
 class TopicsTable(Table):
     """Which topic is what in another tool's recording, where its channels do not tell."""
 
-    mavlink: Many[Text] | Text = ()
-    images: Text | None = None
-    camera: Text | None = None
+    mavlink: Annotated[Many[Text] | Text, _TOPICS] = ()
+    images: Annotated[Text | None, _ONE_TOPIC] = None
+    camera: Annotated[Text | None, _ONE_TOPIC] = None
 
 
 def _kind(name: str) -> ProbeKind:
@@ -177,11 +187,11 @@ class ProbeTable(Table):
     """One thing to measure."""
 
     name: Slug
-    kind: Annotated[str, AfterValidator(_kind)]
-    pixels: Annotated[Many[Pixel] | None, Means(out=lambda pixels: [list(pixel) for pixel in pixels] or None)] = None
-    observed: Annotated[bool, Means("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
-    tracked: Annotated[bool, Means("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
-    at: Annotated[Annotated[int, BeforeValidator(_instant)] | None, Means("at_ns", out=_iso)] = None
+    kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
+    pixels: Annotated[Many[Pixel] | None, ROWS] = None
+    observed: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
+    tracked: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
+    at: Annotated[Instant | None, SiAttribute("at_ns")] = None
     std_px: NonNegative = 1.0
     elevation_m: Real = 0.0
     elevation_std_m: NonNegative = 0.0
@@ -208,25 +218,26 @@ class ProbeTable(Table):
 
 
 class ConfigTable(Table):
-    """A station's whole file; ``camera`` and ``markers`` are validated once it is known whether a file has them."""
+    """A station's whole file; ``camera`` is validated once it is known whether a file has it."""
 
     station: StationTable
     camera: dict[str, Any]
     telemetry: TelemetryTable | None = None
     pose: PoseTable | None = None
+    ground: GroundTable | None = None
     images: ImagesTable = ImagesTable()
     observations: ObservationsTable = ObservationsTable()
     limits: LimitsTable = LimitsTable()
-    ground: GroundTable | None = None
-    record: RecordTable = RecordTable()
+    zenoh: Annotated[ZenohTable, NOT_IN_CONFIG_ID] = ZenohTable()
+    record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
+    topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
     probe: Many[ProbeTable] = ()
     landmark: Many[LandmarkTable] = ()
-    markers: dict[str, Any] | None = None
     live_calibration: LiveCalibrationTable = LiveCalibrationTable()
+    markers: StationMarkersTable | None = None
     camera_motion: CameraMotionTable | None = None
     objects: ObjectsTable | None = None
-    river: RiverTable | None = None
-    topics: TopicsTable = TopicsTable()
+    river: Annotated[RiverTable | None, NOT_IN_CONFIG_ID] = None
 
     @model_validator(mode="after")
     def _telemetry_or_pose(self) -> Self:
@@ -269,7 +280,7 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
                 )
         if table.on_top_of is not None:
             _check_object(table.on_top_of, tables, f"{where}: probe[{index}].on_top_of")
-    return tuple(value_of(table, Probe, source=_source(table), pixels=table.pixels or ()) for table in tables)
+    return tuple(si_value(Probe, table, source=_source(table)) for table in tables)
 
 
 def _source(table: ProbeTable) -> PixelSource:
@@ -294,28 +305,39 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
     raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")
 
 
+def probe_table(probe: Probe) -> ProbeTable:
+    """The table of a probe; reading it gives an equal one."""
+    elevation = {} if probe.on_top_of is None else {"elevation_m": None, "elevation_std_m": None}
+    return ProbeTable.from_si(probe, **elevation)
+
+
+_INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
+    "video": (VideoFile, "path"),
+    "stills": (Stills, "folder"),
+    "stream": (Stream, "url"),
+    "device": (Device, "path"),
+    "rate_hz": (Rate, "rate_hz"),
+}
+"""What the images' five inputs are: the class, and which of its attributes has the key's value."""
+
+
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
     """Where images come from; relative paths start from ``folder``."""
-    offset_s, source = table.time_offset_s, _image_input(table, folder)
-    return value_of(table, ImageSettings, source=source, time_offset_s=offset_s or 0.0, is_auto=offset_s is None)
+    offset_s = table.time_offset_s
+    source: ImageInput | None = None
+    key = next((key for key in _INPUTS if getattr(table, key) is not None), None)
+    if key is not None:
+        kind, attribute = _INPUTS[key]
+        stated = getattr(table, key)
+        source = si_value(kind, table, **{attribute: folder / stated if key in ("video", "stills") else stated})
+    return si_value(ImageSettings, table, source=source, time_offset_s=offset_s or 0.0, is_auto=offset_s is None)
 
 
-def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:
-    if table.video is not None:
-        return VideoFile(path=folder / table.video, start_ns=table.start)
-    if table.stills is not None:
-        return Stills(folder=folder / table.stills, pattern=table.pattern, utc_offset=table.utc_offset)
-    if table.stream is not None:
-        return Stream(url=table.stream)
-    if table.device is not None:
-        return Device(path=table.device)
-    return None if table.rate_hz is None else Rate(rate_hz=table.rate_hz)
-
-
-def topics_from(table: TopicsTable) -> Topics:
-    """What the topics of other tools' recordings are."""
-    return Topics(
-        mavlink=(table.mavlink,) if isinstance(table.mavlink, str) else table.mavlink,
-        images=() if table.images is None else (table.images,),
-        camera=() if table.camera is None else (table.camera,),
-    )
+def images_table(settings: ImageSettings, time_std_s: float) -> ImagesTable:
+    """The table of where images come from, and of their stamps' std; reading it gives equal settings."""
+    keys: dict[str, object] = {"time_offset_s": "auto"} if settings.is_auto else {}
+    for key, (kind, attribute) in _INPUTS.items():
+        if isinstance(settings.source, kind):
+            value = getattr(settings.source, attribute)
+            keys[key] = str(value.absolute()) if isinstance(value, Path) else value
+    return ImagesTable.from_si(settings, settings.source, time_std_s=time_std_s, **keys)

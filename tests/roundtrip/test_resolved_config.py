@@ -19,7 +19,7 @@ from aerodft.adapters.config.station import (
     resolved_toml,
     with_calibration,
 )
-from aerodft.adapters.config.station.inputs import ObservationSettings
+from aerodft.adapters.config.station.station_config import ObservationSettings
 from aerodft.adapters.config.tables import to_deg, to_ns, to_s
 from aerodft.adapters.timestamps import iso_to_unix_ns, unix_ns_to_iso
 from aerodft.model import GeoOrigin, PoseStd, Probe, ProbeKind

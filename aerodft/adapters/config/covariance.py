@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import orjson
 
+from aerodft.adapters.config.tables import impossible
 from aerodft.adapters.file_kind import content_looks_like, looks_like
 from aerodft.conventions import LARGEST
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import FloatArray
+
+Rows: TypeAlias = tuple[tuple[float, ...], ...]
 
 _ROUNDING = 1e-6
 """Of the correlations: rows that were printed with seven digits still pass."""
@@ -59,7 +63,18 @@ def checked_covariance(
     return np.asarray((cov + cov.T) / 2)
 
 
-def as_rows(cov: FloatArray) -> tuple[tuple[float, ...], ...]:
+def check_lens_covariance(covariance: Rows | None, lens: Rows | None, count: int = 6) -> None:
+    """Refuse a covariance with the lens without that of the pose, or of another size (for validators)."""
+    if lens is None:
+        return
+    if covariance is None:
+        raise impossible("lens_covariance", got="it without covariance", expected="both")
+    if len(lens) != count or len({len(row) for row in lens}) != 1:
+        expected = f"{count} rows of as many as the lens has"
+        raise impossible("lens_covariance", got=f"{len(lens)} rows", expected=expected)
+
+
+def as_rows(cov: FloatArray) -> Rows:
     """A covariance ``(n, n)`` as rows of plain numbers."""
     return tuple(tuple(row) for row in cov.tolist())
 

@@ -18,7 +18,7 @@ from aerodft.adapters.config.station import (
     parse_station,
     with_calibration,
 )
-from aerodft.adapters.config.station.inputs import Link
+from aerodft.adapters.config.station.station_config import Link
 from aerodft.errors import ConfigError
 from aerodft.model import Camera, GimbalSource, HeightSource, PixelSource, ProbeKind, ProjectionModel
 from aerodft.service import HeightSettings, TelemetrySettings

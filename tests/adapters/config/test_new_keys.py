@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.adapters.config.reading import parse_toml, validated
-from aerodft.adapters.config.station.observer_tables import CameraMotionTable
+from aerodft.adapters.config.station.station_tables import CameraMotionTable
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, Duration, SiAttribute, Text, Uncertain, si_value
 from aerodft.service import CameraMotionSettings
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from aerodft.adapters.config.evidence.evidence_tables import SPACE, CameraPriorTable, EvidenceTable
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, check_on_map, takes_degrees
-from aerodft.adapters.config.evidence.tables import SPACE, CameraPriorTable, EvidenceTable
 from aerodft.adapters.config.tables import LOCAL
 from aerodft.errors import ConfigError
 from aerodft.geometry import rays_from_pixels

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.evidence.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.adapters.config.evidence.tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
 from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, si_value

@@ -23,9 +23,9 @@ from aerodft.adapters.config.evidence.cross_checks import (
     check_together,
     frame_around,
 )
-from aerodft.adapters.config.evidence.files import EvidenceFile, evidence_from
+from aerodft.adapters.config.evidence.evidence_file import EvidenceFile, evidence_from
+from aerodft.adapters.config.evidence.evidence_tables import GEO_KEYS, EvidenceTable, InDegrees, Rows, StdM, check_geo
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
-from aerodft.adapters.config.evidence.tables import GEO_KEYS, EvidenceTable, InDegrees, Rows, StdM, check_geo
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
 from aerodft.adapters.config.tables import Order, Positive, Real, Text, impossible
 from aerodft.errors import ConfigError

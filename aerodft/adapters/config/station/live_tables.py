@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from aerodft.adapters.config.station.station import MarkerSettings
+from aerodft.adapters.config.station.station_config import MarkerSettings
 from aerodft.adapters.config.tables import (
     LOCAL,
     NOT_IN_CONFIG_ID,

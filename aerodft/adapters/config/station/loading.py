@@ -36,7 +36,6 @@ from aerodft.adapters.config.station.ground import (
     made_ground,
     needs_place,
 )
-from aerodft.adapters.config.station.inputs import Link, ObservationSettings, Topics
 from aerodft.adapters.config.station.live_tables import (
     LandmarkTable,
     LiveCalibrationTable,
@@ -45,28 +44,34 @@ from aerodft.adapters.config.station.live_tables import (
     marker_settings,
     station_markers_table,
 )
-from aerodft.adapters.config.station.observer_tables import (
-    CameraMotionTable,
-    ObjectsTable,
-    RiverTable,
-    camera_motion_from,
-    objects_from,
-    refuse_beside_paper,
-    river_from,
+from aerodft.adapters.config.station.station_config import (
+    Link,
+    MarkerSettings,
+    ObservationSettings,
+    RecordSettings,
+    StationConfig,
+    Topics,
+    ZenohSettings,
 )
-from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig
-from aerodft.adapters.config.station.tables import (
+from aerodft.adapters.config.station.station_tables import (
+    CameraMotionTable,
     ConfigTable,
     LimitsTable,
+    ObjectsTable,
     ObservationsTable,
     RecordTable,
+    RiverTable,
     StationTable,
     TopicsTable,
     ZenohTable,
+    camera_motion_from,
     images_from,
     images_table,
+    objects_from,
     probe_table,
     probes_from,
+    refuse_beside_paper,
+    river_from,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import Table, Text, si_value

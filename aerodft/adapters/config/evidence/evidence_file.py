@@ -27,9 +27,7 @@ from aerodft.adapters.config.evidence.cross_checks import (
     check_together,
     frame_around,
 )
-from aerodft.adapters.config.evidence.images import Flight, FlightTables, flight_from, flight_tables
-from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
-from aerodft.adapters.config.evidence.tables import (
+from aerodft.adapters.config.evidence.evidence_tables import (
     GEO_KEYS,
     UNKNOWN,
     CameraPriorTable,
@@ -39,6 +37,8 @@ from aerodft.adapters.config.evidence.tables import (
     ObservationTable,
     priors_from,
 )
+from aerodft.adapters.config.evidence.images import Flight, FlightTables, flight_from, flight_tables
+from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import GEO, LOCAL, si_value
 from aerodft.adapters.file_kind import content_looks_like

@@ -1,7 +1,6 @@
 """Messages out of a segment's chunks, in the order in which they were written: as columns, or one by one."""
 
 import logging
-import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -9,13 +8,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from aerodft.adapters.recording.channels import DEFINITIONS, Channel, Channels, TooMuchDefinedError, definition
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
-from aerodft.adapters.recording.read.chunk_index import ChunkPlace
 from aerodft.adapters.recording.read.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
+from aerodft.adapters.recording.read.segment_scan import ChunkPlace
+from aerodft.adapters.recording.read.summary import DAMAGED
 from aerodft.errors import InputError
 from aerodft.jit import njit
 from aerodft.model import BoolArray, ImageArray, IntArray
@@ -35,7 +34,6 @@ _MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
 _LEAST_KEPT: Final = 0.5  # of a larger one
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
 _MOST_LEFT_OUT: Final = 100_000
-_DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 
 _log = logging.getLogger(__name__)
 
@@ -141,10 +139,10 @@ class ChunkReader:
             InputError: The file cannot be read.
         """
         for place in chunks:
-            self.channels.ledger.begin()
+            self.channels.begin_chunk()
             try:
                 yield from self._tables(place, wanted)
-            except _DAMAGED as error:
+            except DAMAGED as error:
                 self._leave_out(place, error)
 
     def _tables(self, place: ChunkPlace, wanted: Wanted | None) -> Iterator[ChunkTable]:
@@ -161,7 +159,7 @@ class ChunkReader:
     def _leave_out(self, place: ChunkPlace, why: Exception) -> None:
         self.damaged += 1
         if isinstance(why, TooMuchDefinedError):  # what others define must have room
-            self.channels.ledger.undo()
+            self.channels.undo_chunk()
         if place.offset in self.left_out or len(self.left_out) == _MOST_LEFT_OUT:
             return
         self.left_out.add(place.offset)
@@ -218,6 +216,18 @@ def record_tables(content: bytes) -> Iterator[RecordTable]:
         table = _record_table(content, position)
         yield table
         position = table.rest
+
+
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of a chunk's content.
+
+    Raises:
+        ValueError: A record ends outside of it, or is none.
+    """
+    for table in record_tables(content):
+        yield from zip(table.opcode.tolist(), table.start.tolist(), table.stop.tolist(), strict=True)
+        if table.is_damaged:
+            raise ValueError("ends within a record, or in none")
 
 
 def _record_table(content: bytes, position: int) -> RecordTable:

@@ -15,9 +15,9 @@ from io import BytesIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Footer, Header, Metadata, Statistics
+from mcap.records import Header, Metadata
 
-from aerodft.adapters.recording.channels import DEFINITIONS, Definitions, definition
+from aerodft.adapters.recording.channels import DEFINITIONS, Channels, definition
 from aerodft.adapters.recording.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -31,23 +31,23 @@ from aerodft.adapters.recording.read import (
     ATTACHMENT_HEAD_BYTES,
     CRC_BYTES,
     HEAD_BYTES,
+    MAX_SUMMARY_BYTES,
     MOST_ATTACHMENTS,
     AttachmentHead,
     ChunkHead,
     attachment_head,
     chunk_content,
     chunk_head,
+    read_summary,
     records_in,
 )
 from aerodft.adapters.recording.write import MOST_INDEX_BYTES, index_bytes, pieces
 
-_MAX_SMALL_BYTES, _MAX_SUMMARY_BYTES = 4 << 20, 16 << 20
+_MAX_SMALL_BYTES = 4 << 20
 _WINDOW_BYTES = 1 << 20
 _CHUNK = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # shorter than a terabyte
 _CANDIDATE_BYTES = RECORD_HEAD.size + HEAD_BYTES
 _DATA_END_BYTES = RECORD_HEAD.size + 4
-_FOOTER_CHECKED_BYTES = RECORD_HEAD.size + 16
-_TAIL_BYTES = _FOOTER_CHECKED_BYTES + 4 + len(MAGIC)
 _UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
 
@@ -96,7 +96,7 @@ class ChunkScanner:
         header: The file's; None where it is missing or damaged.
         metadata: Names and values.
         attachments: Those that are whole: where their records are, and what they say.
-        definitions: By the chunks so far, and from the beginning by the summary, if its checksum is right.
+        channels: By the chunks so far, and from the beginning by the summary, if its checksum is right.
         stated_messages: How many messages there are by the summary; None likewise.
         has_end: Whether the data is known to end where the file says so.
         is_whole: Whether the file ends as it should, with a sound summary and nothing behind it.
@@ -114,7 +114,7 @@ class ChunkScanner:
         self.header: Header | None = None
         self.metadata: list[Metadata] = []
         self.attachments: list[tuple[int, AttachmentHead]] = []
-        self.definitions = Definitions()
+        self.channels = Channels()
         self._metadata_bytes = self._index_bytes = 0
         self._most_index_bytes = MOST_INDEX_BYTES * 3 // 2  # a segment may have to go on to the next key image
         self.stated_messages: int | None = None
@@ -123,7 +123,7 @@ class ChunkScanner:
         self.has_end = self.is_whole = summary_start is not None
         self._end = self._size
         if summary_start is not None:  # it was found to be within its limit
-            self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * _MAX_SUMMARY_BYTES
+            self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * MAX_SUMMARY_BYTES
 
     def items(self) -> Iterator[GoodChunk | BadBytes]:
         """All chunks that are whole, and what lies between them, in order; attributes are final afterwards."""
@@ -227,19 +227,19 @@ class ChunkScanner:
             ValueError: One is damaged, or they are too much.
         """
         ids: set[int] = set()
-        self.definitions.ledger.begin()
+        self.channels.begin_chunk()
         try:
             for opcode, begin, end in records_in(content):
                 if opcode in DEFINITIONS:
                     record = definition(opcode, content[begin:end])
-                    self.definitions.add(record)
+                    self.channels.add(record)
                     if opcode == Opcode.CHANNEL:
                         ids.add(record.id)
         except _UNREADABLE as error:
-            self.definitions.ledger.undo()
+            self.channels.undo_chunk()
             raise ValueError("a damaged definition") from error
         except ValueError:
-            self.definitions.ledger.undo()
+            self.channels.undo_chunk()
             raise
         return frozenset(ids)
 
@@ -268,24 +268,13 @@ class ChunkScanner:
 
     def _summary_start(self) -> int | None:
         """Where the summary begins, its definitions read; None where the file has no sound one at its end."""
-        tail = self._read(max(self._size - _TAIL_BYTES, 0), _TAIL_BYTES)
-        if len(tail) < _TAIL_BYTES or not tail.endswith(MAGIC):
+        summary = read_summary(self._read, self._size)
+        if summary is None or not summary.is_checked or summary.start < len(MAGIC) + _DATA_END_BYTES:
             return None
-        try:
-            footer = Footer.read(ReadDataStream(BytesIO(tail[RECORD_HEAD.size :])))
-            start, size = footer.summary_start, self._size - _TAIL_BYTES - footer.summary_start
-            if not 0 <= size <= _MAX_SUMMARY_BYTES or start < len(MAGIC) + _DATA_END_BYTES:
-                return None
-            data = self._read(start, size)
-            if zlib.crc32(tail[:_FOOTER_CHECKED_BYTES], zlib.crc32(data)) != footer.summary_crc:
-                return None
-            self._define(data)
-            for opcode, begin, end in records_in(data):
-                if opcode == Opcode.STATISTICS:
-                    self.stated_messages = Statistics.read(ReadDataStream(BytesIO(data[begin:end]))).message_count
-        except (*_UNREADABLE, ValueError):
-            return None
-        return int(start)
+        self.channels = summary.channels
+        if summary.statistics is not None:
+            self.stated_messages = summary.statistics.message_count
+        return summary.start
 
     def _read(self, offset: int, length: int) -> bytes:
         return os.pread(self._descriptor, length, offset)
@@ -299,11 +288,9 @@ def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
     """
     indexes: dict[int, bytearray] = {}
     start_ns = end_ns = 0
-    for opcode, begin, end in records_in(content):
+    for opcode, begin, _ in records_in(content):
         if opcode != Opcode.MESSAGE:
             continue
-        if end - begin < MESSAGE_HEAD.size:
-            raise ValueError("ends within a message")
         channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
         start_ns = min(start_ns, log_ns) if indexes else log_ns
         end_ns = max(end_ns, log_ns)

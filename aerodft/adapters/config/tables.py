@@ -9,12 +9,12 @@ so with ``SiAttribute``. So a new key is a field of its table and an attribute o
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Final, Generic, Literal, Self, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar, get_args, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -56,6 +56,17 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, protected_namespaces=())
 
+    INSTEAD_OF: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that take the place of others: what is stated beside them is refused, and not written."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        for key, others in self.INSTEAD_OF.items():
+            stated = [each for each in others if each in self.model_fields_set and getattr(self, each) is not None]
+            if getattr(self, key) is not None and stated:
+                raise impossible(stated[0], got=f"it beside {key}", expected="one of the two")
+        return self
+
     @classmethod
     def from_si(cls, *values: object, stds: object = None, **keys: Any) -> Self:  # noqa: ANN401 - whatever keys hold
         """The table of dataclasses of SI values.
@@ -74,7 +85,9 @@ class Table(BaseModel):
             if nested is not None and issubclass(nested, Uncertain):
                 std = _to_key(getattr(stds, attribute), key, attribute, si, nested)
                 found[key] = nested.model_construct(value=found[key], std=std)
-        return cls.model_construct(**found, **keys)
+        found |= keys
+        replaced = {other for key, others in cls.INSTEAD_OF.items() if found.get(key) is not None for other in others}
+        return cls.model_construct(**{key: value for key, value in found.items() if key not in replaced})
 
     def to_toml(self) -> dict[str, Any]:
         """What TOML has for the keys that are set, in the order of the table; what is None is left out."""
@@ -263,6 +276,8 @@ def _to_key(value: Any, key: str, attribute: str, si: SiAttribute, nested: type[
         return si.out(value)
     if is_dataclass(value) and nested is not None:
         return nested.from_si(value)
+    if nested is not None and isinstance(value, tuple):
+        return tuple(map(nested.from_si, value))
     units = _units((si.name or key).rpartition(".")[2], attribute)
     return _plain(value) if units is None or value is None else units[1](value)
 

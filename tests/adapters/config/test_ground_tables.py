@@ -193,7 +193,10 @@ def test_a_terrain_is_laid_out_once(dem, tmp_path):
         ),
         (PLACED.replace("[camera]", '[camera]\nmodel = "dft"') + SLOPE, 'ground: got it beside camera.model = "dft"'),
         (PLACED + "[ground]\n", "x.toml: ground: got neither of them, expected either slope_deg with uphill_azimuth"),
-        (PLACED + SLOPE + 'terrain = "dem.tif"\n', "x.toml: ground: got both of them, expected either slope_deg"),
+        (
+            PLACED + SLOPE + 'terrain = "dem.tif"\n',
+            "x.toml: ground.uphill_azimuth_deg: got it beside terrain, expected one of the",
+        ),
         (PLACED + "[ground]\nslope_deg = 5\n", "ground.uphill_azimuth_deg: got nothing, expected where the ground r"),
         (PLACED + SLOPE + "cell_m = 5\n", "x.toml: ground.cell_m: got it beside slope_deg, expected one of the two"),
         (PLACED + TERRAIN + "uphill_azimuth_deg = 5\n", "ground.uphill_azimuth_deg: got it beside terrain, expected"),
@@ -249,7 +252,7 @@ def test_a_full_covariance_is_taken_as_it_is():
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        (rows(COV) + "std = { tilt_deg = 1 }\n", "x.toml: pose.covariance: got it beside std, expected one of the two"),
+        (rows(COV) + "std = { tilt_deg = 1 }\n", "x.toml: pose.std: got it beside covariance, expected one of the two"),
         (rows(COV[:5]), "x.toml: pose.covariance: got 5 rows, expected 6 rows of 6 numbers (east, north, up, then rot"),
         (rows(COV - 0.02 * np.eye(6)), "x.toml: pose.covariance: got [2][2] = -0.0075"),
         (rows(COV + np.outer(*2 * [[0, 1, 0, 0, 0, 0]]) @ np.ones((6, 6))), "got [0][1] = "),

@@ -15,5 +15,4 @@ from aerodft.adapters.config.camera.fixed_pose import (
     fixed_pose_from,
     placed,
     pose_sample,
-    pose_table,
 )

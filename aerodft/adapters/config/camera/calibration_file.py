@@ -15,7 +15,6 @@ from aerodft.adapters.config.camera.fixed_pose import (
     CalibratedPoseTable,
     FixedPose,
     calibrated_pose_from,
-    calibrated_pose_table,
 )
 from aerodft.adapters.config.covariance import as_rows, check_lens_covariance, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
@@ -208,7 +207,7 @@ def write_calibration(
         model=model,
         provenance={key: value for key, value in provenance.items() if value is not None},
         bias=bias_table(found) if isinstance(found, Calibration) else None,
-        pose=calibrated_pose_table(found) if isinstance(found, FixedPose) else None,
+        pose=CalibratedPoseTable.from_si(found, stds=found.std) if isinstance(found, FixedPose) else None,
         camera=None if camera is None else camera_document(camera),
     )
     try:

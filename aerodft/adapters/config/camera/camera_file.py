@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -27,7 +27,6 @@ from aerodft.model import Camera, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
-_STDS = ("focal_std_px", "principal_point_std_px", "distortion_std")
 _COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 
@@ -42,6 +41,8 @@ class ModeTable(Table):
 
 class CameraTable(Table):
     """A camera, either by its field of view or by its intrinsics."""
+
+    INSTEAD_OF: ClassVar = {"covariance": ("focal_std_px", "principal_point_std_px", "distortion_std")}
 
     name: Text
     width_px: Count
@@ -64,8 +65,6 @@ class CameraTable(Table):
     def _one_of_two_ways(self) -> Self:
         given = self.model_fields_set
         intrinsics = [key for key in _INTRINSICS if key in given]
-        if self.covariance is not None and (stds := [key for key in _STDS if key in given]):
-            raise impossible("covariance", got=f"it beside {stds[0]}", expected="one of the two")
         if {"hfov_deg", "vfov_deg"} & given and intrinsics:
             raise impossible(
                 "",
@@ -153,5 +152,4 @@ def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[floa
 
 def camera_document(camera: Camera) -> dict[str, Any]:
     """The camera as TOML keys; reading them gives an equal camera."""
-    stds = dict.fromkeys(_STDS) if camera.covariance else {}
-    return CameraTable.from_si(camera, **stds).to_toml()
+    return CameraTable.from_si(camera).to_toml()

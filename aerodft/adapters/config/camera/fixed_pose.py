@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -163,6 +163,8 @@ def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None
     return origin, east_m, north_m
 
 
+_ANGLES = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg")
+_PLACE = ("lat_deg", "lon_deg", "alt_msl_m", "east_m", "north_m")
 _POSITION_STD_M = 2.0
 _HEADING_STD_DEG = 2.0
 
@@ -180,6 +182,12 @@ class PoseStdTable(Table):
 
 class PoseTable(Table):
     """A fixed camera's pose, or the calibration file that has it."""
+
+    INSTEAD_OF: ClassVar = {
+        "calibration": (*_ANGLES, *_PLACE, "std", "covariance", "lens_covariance", "calibration_id"),
+        "covariance": ("std",),
+        "lat_deg": ("east_m", "north_m"),
+    }
 
     calibration: Annotated[Text | None, SiAttribute("file")] = None
     calibration_id: Annotated[Text | None, SiAttribute("calibration")] = None
@@ -200,21 +208,18 @@ class PoseTable(Table):
 
     @model_validator(mode="after")
     def _stated_or_calibrated(self) -> Self:
-        others = sorted(self.model_fields_set - {"calibration"})
-        if self.calibration and others:
-            raise impossible(others[0], got="it beside calibration", expected="one of the two")
         if not self.calibration:
             missing = [key for key in ("height_agl_m", "tilt_deg") if getattr(self, key) is None]
             if missing:
                 raise impossible(missing[0], got="nothing", expected="height_agl_m and tilt_deg, or calibration")
-        if self.covariance is not None and "std" in self.model_fields_set:
-            raise impossible("covariance", got="it beside std", expected="one of the two")
         _check_place(self)
         return self
 
 
 class CalibratedPoseTable(Table):
     """A fixed camera's pose, each number with or without its standard deviation."""
+
+    INSTEAD_OF: ClassVar = {"lat_deg": ("east_m", "north_m")}
 
     height_agl_m: Uncertain[Positive]
     tilt_deg: Uncertain[TiltDeg]
@@ -235,12 +240,10 @@ class CalibratedPoseTable(Table):
 
 
 def _check_place(table: PoseTable | CalibratedPoseTable) -> None:
-    """Refuse half of a position, a local place beside one, and covariances that do not fit (for validators)."""
+    """Refuse half of a position, and covariances that do not fit (for validators)."""
     if (table.lat_deg is None) != (table.lon_deg is None):
         missing = "lat_deg" if table.lat_deg is None else "lon_deg"
         raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
-    if table.lat_deg is not None and (table.east_m or table.north_m):
-        raise impossible("east_m" if table.east_m else "north_m", got="it beside lat_deg", expected="one of the two")
     check_lens_covariance(table.covariance, table.lens_covariance)
 
 
@@ -265,11 +268,6 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
     return si_value(FixedPose, table, std=std)
 
 
-def pose_table(fixed: FixedPose) -> PoseTable:
-    """The table of a station's fixed pose; reading it gives an equal pose."""
-    return PoseTable.from_si(fixed, **({"std": None} if fixed.covariance else {}))
-
-
 def calibrated_pose_from(table: CalibratedPoseTable, identity: str, where: str) -> FixedPose:
     """The pose that a calibration found.
 
@@ -281,9 +279,3 @@ def calibrated_pose_from(table: CalibratedPoseTable, identity: str, where: str) 
         covariance = as_rows(checked_covariance(table.covariance, 6, where=where, key="pose.covariance"))
     std = si_value(PoseStd, table, part="std")
     return si_value(FixedPose, table, std=std, covariance=covariance, calibration=identity)
-
-
-def calibrated_pose_table(found: FixedPose) -> CalibratedPoseTable:
-    """The table of a pose that a calibration found; reading it gives an equal pose, but for its id."""
-    in_degrees = {} if found.lat_rad is None else {"east_m": None, "north_m": None}
-    return CalibratedPoseTable.from_si(found, stds=found.std, **in_degrees)

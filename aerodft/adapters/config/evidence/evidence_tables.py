@@ -114,6 +114,8 @@ def check_geo(table: InDegrees, *, needs_alt: bool) -> None:
 class LandmarkTable(InDegrees):
     """A pixel and its place, by ``position_m`` or by latitude, longitude and altitude."""
 
+    INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
+
     name: Text | None = None
     image: Text | None = None
     pixel: Pixel
@@ -134,8 +136,6 @@ class LandmarkTable(InDegrees):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         in_degrees = [key for key in GEO_KEYS if key in self.model_fields_set]
-        if self.position_m is not None and in_degrees:
-            raise impossible(in_degrees[0], got="it beside position_m", expected="one of the two")
         if self.position_m is None and not in_degrees:
             raise impossible("position_m", got="nothing", expected=f"position_m, or {', '.join(GEO_KEYS)}")
         if in_degrees:
@@ -290,6 +290,8 @@ def _check_stds(key: str, std: tuple[float, ...] | None, size: int) -> None:
 class CameraPriorTable(InDegrees):
     """What is known of the camera beforehand, all optional; numbers, or ``{value, std}``."""
 
+    INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
+
     height_agl_m: Known[Positive] | None = None
     tilt_deg: Known[TiltDeg] | None = None
     roll_deg: Known[RollDeg] | None = None
@@ -321,8 +323,6 @@ class CameraPriorTable(InDegrees):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         in_degrees = [key for key in GEO_KEYS if key in self.model_fields_set]
-        if self.position_m is not None and in_degrees:
-            raise impossible(in_degrees[0], got="it beside position_m", expected="one of the two")
         for key in in_degrees:
             if getattr(self, key) is None:
                 raise impossible(key, got='"?"', expected="a number", hint="leave out what nobody knows")

@@ -6,7 +6,7 @@ import shutil
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Self, TypeAlias
+from typing import Annotated, ClassVar, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -94,12 +94,13 @@ def _point_table(point_rad: tuple[float, float] | None) -> PointTable | None:
     return None if point_rad is None else PointTable(lat_deg=to_deg(point_rad[0]), lon_deg=to_deg(point_rad[1]))
 
 
-_SLOPE_KEYS = ("uphill_azimuth_deg", "point")
-_TERRAIN_KEYS = ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction")
-
-
 class GroundTable(Table):
     """Ground that is not level: a slope, or an elevation model."""
+
+    INSTEAD_OF: ClassVar = {
+        "slope_deg": ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction"),
+        "terrain": ("uphill_azimuth_deg", "point"),
+    }
 
     slope_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
     uphill_azimuth_deg: HeadingDeg | None = None
@@ -117,9 +118,6 @@ class GroundTable(Table):
         if (self.slope_deg is None) == (self.terrain is None):
             got = "neither of them" if self.terrain is None else "both of them"
             raise impossible("", got=got, expected="either slope_deg with uphill_azimuth_deg, or terrain")
-        owner, others = ("slope_deg", _TERRAIN_KEYS) if self.terrain is None else ("terrain", _SLOPE_KEYS)
-        if beside := [key for key in others if key in self.model_fields_set]:
-            raise impossible(beside[0], got=f"it beside {owner}", expected="one of the two")
         if self.terrain is None and self.uphill_azimuth_deg is None:
             raise impossible("uphill_azimuth_deg", got="nothing", expected="where the ground rises to, from north")
         return self

@@ -3,7 +3,7 @@
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -43,6 +43,8 @@ PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], repeated(3), 
 class LandmarkTable(Table):
     """A surveyed point: on the map, or in metres east, north and up of the station's origin."""
 
+    INSTEAD_OF: ClassVar = {"position_m": ("lat_deg", "lon_deg", "alt_msl_m")}
+
     name: Slug
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
@@ -55,8 +57,6 @@ class LandmarkTable(Table):
     def _one_place(self) -> Self:
         on_map = {key: getattr(self, key) for key in ("lat_deg", "lon_deg", "alt_msl_m")}
         stated = [key for key, value in on_map.items() if value is not None]
-        if self.position_m is not None and stated:
-            raise impossible(stated[0], got="it beside position_m", expected="one of the two")
         if self.position_m is None and len(stated) < len(on_map):
             missing = next(key for key, value in on_map.items() if value is None)
             raise impossible(missing, got="nothing", expected="lat_deg, lon_deg and alt_msl_m, or position_m")

@@ -5,10 +5,9 @@ Also the id of what a station's numbers depend on.
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import tomli_w
 
@@ -25,7 +24,6 @@ from aerodft.adapters.config.camera import (
     load_camera,
     placed,
     pose_sample,
-    pose_table,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import (
@@ -38,7 +36,6 @@ from aerodft.adapters.config.station.ground import (
 )
 from aerodft.adapters.config.station.live_tables import (
     LandmarkTable,
-    LiveCalibrationTable,
     live_from,
     marker_landmarks,
     marker_settings,
@@ -54,21 +51,15 @@ from aerodft.adapters.config.station.station_config import (
     ZenohSettings,
 )
 from aerodft.adapters.config.station.station_tables import (
-    CameraMotionTable,
     ConfigTable,
     LimitsTable,
-    ObjectsTable,
     ObservationsTable,
-    RecordTable,
-    RiverTable,
     StationTable,
     TopicsTable,
-    ZenohTable,
     camera_motion_from,
     images_from,
     images_table,
     objects_from,
-    probe_table,
     probes_from,
     refuse_beside_paper,
     river_from,
@@ -78,8 +69,6 @@ from aerodft.adapters.config.tables import Table, Text, si_value
 from aerodft.errors import ConfigError
 from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
-
-Settings = TypeVar("Settings")
 
 
 class _CameraFile(Table):
@@ -324,31 +313,21 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
     pipeline, live = station.pipeline, station.live
     from_markers = {each.name for each in marker_landmarks(station.markers)}
     landmarks = () if live is None else tuple(each for each in live.landmarks if each.name not in from_markers)
-    table = ConfigTable.model_construct(
+    table = ConfigTable.from_si(
+        station,
+        pipeline,
         station=StationTable.from_si(pipeline),
         camera={**camera_document(pipeline.camera), "model": str(pipeline.model)},
         telemetry=None if pipeline.telemetry is None else _telemetry_table(pipeline.telemetry, station),
-        pose=_unless_none(pose_table, station.fixed_pose),
         ground=None if station.ground is None else ground_table(station.ground, terrain_file),
         images=images_table(station.images, pipeline.time_std_s),
         observations=ObservationsTable.from_si(station.observations, pipeline),
         limits=LimitsTable.from_si(pipeline),
-        zenoh=ZenohTable.from_si(station.zenoh),
-        record=RecordTable.from_si(station.record),
         topics=None if station.topics == Topics() else TopicsTable.from_si(station.topics),
-        probe=tuple(map(probe_table, pipeline.probes)),
         landmark=None if live is None else tuple(map(LandmarkTable.from_si, landmarks)),
-        live_calibration=_unless_none(LiveCalibrationTable.from_si, live),
-        markers=_unless_none(station_markers_table, station.markers),
-        camera_motion=_unless_none(CameraMotionTable.from_si, station.camera_motion),
-        objects=_unless_none(ObjectsTable.from_si, station.objects),
-        river=_unless_none(RiverTable.from_si, station.river),
+        markers=None if station.markers is None else station_markers_table(station.markers),
     )
     return table.to_toml()
-
-
-def _unless_none(table_of: Callable[[Settings], Table], settings: Settings | None) -> Table | None:
-    return None if settings is None else table_of(settings)
 
 
 def _telemetry_table(settings: TelemetrySettings, station: StationConfig) -> TelemetryTable:

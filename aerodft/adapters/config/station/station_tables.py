@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
@@ -312,6 +312,8 @@ def _kind(name: str) -> ProbeKind:
 class ProbeTable(Table):
     """One thing to measure."""
 
+    INSTEAD_OF: ClassVar = {"on_top_of": ("elevation_m", "elevation_std_m")}
+
     name: Slug
     kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
     pixels: Annotated[Many[Pixel] | None, ROWS] = None
@@ -333,13 +335,10 @@ class ProbeTable(Table):
             raise impossible("at", got="it without tracked = true", expected="the time of the image of tracked pixels")
         if not self.observed and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
-        kind = PROBE_KINDS[ProbeKind(self.kind)]
-        if self.pixels is not None and not kind.takes_pixels(len(self.pixels)):
-            expected = f"{kind.pixels_wanted} for {self.kind}"
-            raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
-        elevation = sorted(self.model_fields_set & {"elevation_m", "elevation_std_m"})
-        if self.on_top_of is not None and elevation:
-            raise impossible(elevation[0], got="it beside on_top_of", expected="one of the two")
+        if self.pixels is not None and not takes_pixels(self.kind, len(self.pixels)):
+            raise impossible(
+                "pixels", got=f"{len(self.pixels)} of them", expected=f"{pixels_wanted(self.kind)} for {self.kind}"
+            )
         return self
 
 
@@ -349,7 +348,7 @@ class ConfigTable(Table):
     station: StationTable
     camera: dict[str, Any]
     telemetry: TelemetryTable | None = None
-    pose: PoseTable | None = None
+    pose: Annotated[PoseTable | None, SiAttribute("fixed_pose")] = None
     ground: GroundTable | None = None
     images: ImagesTable = ImagesTable()
     observations: ObservationsTable = ObservationsTable()
@@ -357,9 +356,9 @@ class ConfigTable(Table):
     zenoh: Annotated[ZenohTable, NOT_IN_CONFIG_ID] = ZenohTable()
     record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
     topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
-    probe: Many[ProbeTable] = ()
+    probe: Annotated[Many[ProbeTable], SiAttribute("probes")] = ()
     landmark: Many[LandmarkTable] = ()
-    live_calibration: LiveCalibrationTable = LiveCalibrationTable()
+    live_calibration: Annotated[LiveCalibrationTable, SiAttribute("live")] = LiveCalibrationTable()
     markers: StationMarkersTable | None = None
     camera_motion: CameraMotionTable | None = None
     objects: ObjectsTable | None = None
@@ -429,12 +428,6 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
     else:
         return
     raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")
-
-
-def probe_table(probe: Probe) -> ProbeTable:
-    """The table of a probe; reading it gives an equal one."""
-    elevation = {} if probe.on_top_of is None else {"elevation_m": None, "elevation_std_m": None}
-    return ProbeTable.from_si(probe, **elevation)
 
 
 _INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, create_model, model_validator
 
@@ -186,6 +186,8 @@ class SigningTable(Table):
 class TelemetryTable(Table):
     """The vehicle, and how its telemetry becomes a pose."""
 
+    INSTEAD_OF: ClassVar = {"calibration": ("bias",)}
+
     connection: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
     baud: Annotated[Count, NOT_IN_CONFIG_ID] = 57600
     signing: Annotated[SigningTable | None, NOT_IN_CONFIG_ID] = None
@@ -200,12 +202,6 @@ class TelemetryTable(Table):
     zoom: ZoomTable = ZoomTable()
     calibration: Text | None = None
     bias: Annotated[TelemetryBiasTable | None, NOT_IN_CONFIG_ID] = None
-
-    @model_validator(mode="after")
-    def _one_calibration(self) -> Self:
-        if self.calibration and self.bias:
-            raise impossible("bias", got="it beside calibration", expected="one of the two")
-        return self
 
     @model_validator(mode="after")
     def _a_link_to_sign(self) -> Self:

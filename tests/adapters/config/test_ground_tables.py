@@ -195,7 +195,7 @@ def test_a_terrain_is_laid_out_once(dem, tmp_path):
         (PLACED + "[ground]\n", "x.toml: ground: got neither of them, expected either slope_deg with uphill_azimuth"),
         (
             PLACED + SLOPE + 'terrain = "dem.tif"\n',
-            "x.toml: ground.uphill_azimuth_deg: got it beside terrain, expected one of the",
+            "ground.uphill_azimuth_deg: got it beside terrain, expected",
         ),
         (PLACED + "[ground]\nslope_deg = 5\n", "ground.uphill_azimuth_deg: got nothing, expected where the ground r"),
         (PLACED + SLOPE + "cell_m = 5\n", "x.toml: ground.cell_m: got it beside slope_deg, expected one of the two"),

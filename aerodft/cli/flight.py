@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
-from aerodft.adapters.images import RateSource, StillsFolderSource
-from aerodft.adapters.outputs import open_outputs
-from aerodft.adapters.recording.write import Thinned
-from aerodft.adapters.telemetry import LogSource, decoder_of
+from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels
+from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
 from aerodft.app.assembly import (
@@ -103,7 +101,7 @@ def open_flight(
     by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
     lateness_ns = span.jitter_ns if by_host else span.lateness_at
     late: Source = DelayedSource(images, lateness_ns=lateness_ns)
-    looked = ObservedImages(late if lookouts else Thinned(late, station.record.image_hz), lookouts)
+    looked = ObservedImages(late if lookouts else ThinnedPixels(late, station.record.image_hz), lookouts)
     sources.append(looked)
     sources += [DelayedSource(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]

@@ -13,4 +13,3 @@ from aerodft.adapters.recording.write.segment import (
     pieces,
     sync_folder,
 )
-from aerodft.adapters.recording.write.thinning import Thinned

@@ -19,13 +19,12 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
-from aerodft.adapters.images import encode_jpeg
+from aerodft.adapters.images import encode_jpeg, is_due
 from aerodft.adapters.recording.channels import STATION_KEY, Channel, protobuf_channel
 from aerodft.adapters.recording.write.foxglove import camera_calibration, compressed_image, compressed_video
 from aerodft.adapters.recording.write.records import Record, Records, image_sequence, warm_up
 from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME
 from aerodft.adapters.recording.write.segmented_writer import Series, SeriesSettings
-from aerodft.adapters.recording.write.thinning import is_due
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.adapters.worker_queue import WorkerQueue

@@ -26,12 +26,12 @@ def unfinished(folder: Path, *chunks: tuple[bytes, int]) -> Path:
     """A segment of ours whose recorder was killed; of each chunk what it defines, and its message's channel."""
     path = folder / "data_000.mcap"
     with path.open("wb") as file:
-        file.write(Summary(PROFILE, "ours", [(METADATA_NAME, {"station": "a"})], {}, {}).beginning)
+        file.write(Summary(PROFILE, "ours", [(METADATA_NAME, {"station": "a"})], {}, {}).header)
         for second, (definitions, identity) in enumerate(chunks, start=1):
             buffer = ChunkBuffer(definitions)
             buffer.add(identity, second * 10**9, b"payload")
-            built = buffer.built(None)
-            file.writelines((built.head, built.content, built.indexes))
+            chunk = buffer.build(None)
+            file.writelines((chunk.head, chunk.content, chunk.indexes))
     return path
 
 

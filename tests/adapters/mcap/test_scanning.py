@@ -27,10 +27,10 @@ def test_chunks_beyond_what_can_be_held_are_left_out_and_said(
     monkeypatch.setattr(segment_scan, "_MOST_CHUNKS", 3)
     path, one = tmp_path / "many.mcap", record(Opcode.CHUNK, EMPTY_CHUNK)
     path.write_bytes(MAGIC + one * 3)
-    assert not scan_segment(path).left_out
+    assert not scan_segment(path).damaged_offsets
     path.write_bytes(MAGIC + one * 5)
     found = scan_segment(path)
-    assert (len(found.chunks), len(found.left_out), found.is_whole) == (3, 1, False)
+    assert (len(found.chunks), len(found.damaged_offsets), found.is_whole) == (3, 1, False)
     assert "more than 3 chunks and no index" in caplog.text
 
 

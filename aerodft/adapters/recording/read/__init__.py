@@ -12,13 +12,13 @@ from aerodft.adapters.recording.read.chunks import (
     chunk_head,
 )
 from aerodft.adapters.recording.read.messages import (
+    ChannelFilter,
     ChunkReader,
     ChunkTable,
     ReadMessage,
-    Wanted,
     content_bytes,
     is_one_of,
     records_in,
 )
-from aerodft.adapters.recording.read.segment_scan import ChunkPlace, SegmentScan, log_times, scan_segment
+from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan, log_times, scan_segment
 from aerodft.adapters.recording.read.summary import MAX_SUMMARY_BYTES, read_summary

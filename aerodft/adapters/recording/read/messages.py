@@ -13,14 +13,14 @@ from mcap.opcode import Opcode
 from aerodft.adapters.recording.channels import DEFINITIONS, Channel, Channels, TooMuchDefinedError, definition
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.recording.read.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
-from aerodft.adapters.recording.read.segment_scan import ChunkPlace
+from aerodft.adapters.recording.read.segment_scan import ChunkLocation
 from aerodft.adapters.recording.read.summary import DAMAGED
 from aerodft.errors import InputError
 from aerodft.jit import njit
 from aerodft.model import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
-Wanted = Callable[[Channel], bool]
+ChannelFilter = Callable[[Channel], bool]
 
 _COLUMNS: Final = ("channel", "sequence", "log_ns", "start", "stop")
 _HEAD: Final = RECORD_HEAD.size
@@ -33,7 +33,7 @@ _LEAST, _MOST = 8, 1 << 16  # records of a table: some kilobytes of zeros unpack
 _MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
 _LEAST_KEPT: Final = 0.5  # of a larger one
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
-_MOST_LEFT_OUT: Final = 100_000
+_MOST_DAMAGED: Final = 100_000
 
 _log = logging.getLogger(__name__)
 
@@ -117,18 +117,18 @@ class ChunkReader:
     Attributes:
         channels: Known so far.
         damaged: Chunks that were left out.
-        left_out: Where those begin, each named once; may be shared with who reads the same file again.
+        damaged_offsets: Where those begin, each named once; may be shared with who reads the same file again.
     """
 
     channels: Channels = field(default_factory=Channels)
     damaged: int = 0
-    left_out: set[int] = field(default_factory=set)
+    damaged_offsets: set[int] = field(default_factory=set)
 
-    def messages(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ReadMessage]:
+    def messages(self, chunks: Iterable[ChunkLocation], wanted: ChannelFilter | None = None) -> Iterator[ReadMessage]:
         """The messages of chunks of one file; arguments and errors are those of ``tables``."""
         return chain.from_iterable(map(ChunkTable.messages, self.tables(chunks, wanted)))
 
-    def tables(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ChunkTable]:
+    def tables(self, chunks: Iterable[ChunkLocation], wanted: ChannelFilter | None = None) -> Iterator[ChunkTable]:
         """The messages of chunks of one file as columns; a damaged chunk is left out, counted and logged.
 
         Args:
@@ -145,7 +145,7 @@ class ChunkReader:
             except DAMAGED as error:
                 self._leave_out(place, error)
 
-    def _tables(self, place: ChunkPlace, wanted: Wanted | None) -> Iterator[ChunkTable]:
+    def _tables(self, place: ChunkLocation, wanted: ChannelFilter | None) -> Iterator[ChunkTable]:
         """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
         content = _content(place)
         for records in record_tables(content):
@@ -156,20 +156,20 @@ class ChunkReader:
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
 
-    def _leave_out(self, place: ChunkPlace, why: Exception) -> None:
+    def _leave_out(self, place: ChunkLocation, why: Exception) -> None:
         self.damaged += 1
         if isinstance(why, TooMuchDefinedError):  # what others define must have room
             self.channels.undo_chunk()
-        if place.offset in self.left_out or len(self.left_out) == _MOST_LEFT_OUT:
+        if place.offset in self.damaged_offsets or len(self.damaged_offsets) == _MOST_DAMAGED:
             return
-        self.left_out.add(place.offset)
-        if len(self.left_out) > _MOST_NAMED:
+        self.damaged_offsets.add(place.offset)
+        if len(self.damaged_offsets) > _MOST_NAMED:
             return
-        more = "; further ones are left out and not named" if len(self.left_out) == _MOST_NAMED else ""
+        more = "; further ones are left out and not named" if len(self.damaged_offsets) == _MOST_NAMED else ""
         _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
 
 
-def content_bytes(place: ChunkPlace) -> int:
+def content_bytes(place: ChunkLocation) -> int:
     """What a chunk claims to hold; 0 where it cannot be read.
 
     Raises:
@@ -187,7 +187,7 @@ def content_bytes(place: ChunkPlace) -> int:
         return 0
 
 
-def _content(place: ChunkPlace) -> bytes:
+def _content(place: ChunkLocation) -> bytes:
     """A chunk's records, uncompressed and checked.
 
     Raises:
@@ -241,7 +241,7 @@ def _record_table(content: bytes, position: int) -> RecordTable:
 
 
 def message_table(
-    content: bytes, channels: dict[int, Channel], records: RecordTable, wanted: Wanted | None = None
+    content: bytes, channels: dict[int, Channel], records: RecordTable, wanted: ChannelFilter | None = None
 ) -> ChunkTable:
     """The messages among records, of channels that are known and, where somebody says so, wanted."""
     rows = np.flatnonzero(records.opcode == _MESSAGE)

@@ -52,7 +52,7 @@ class ChannelSets:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChunkPlace:
+class ChunkLocation:
     """A whole chunk in a file, or some messages that stand in no chunk.
 
     Attributes:
@@ -86,17 +86,17 @@ class SegmentScan:
         texts: The configuration that it carries: files by name; empty where it carries none.
         channels: Those that are known before a chunk is read: all of them where ``is_indexed``.
         is_indexed: Whether the file's own index was used.
-        left_out: Where damaged chunks begin that were met so far; readers share it.
+        damaged_offsets: Where damaged chunks begin that were met so far; readers share it.
     """
 
     path: Path
-    chunks: tuple[ChunkPlace, ...]
+    chunks: tuple[ChunkLocation, ...]
     station: str | None
     is_whole: bool
     channels: Channels = field(default_factory=Channels)
     is_indexed: bool = False
     texts: dict[str, str] = field(default_factory=dict)
-    left_out: set[int] = field(default_factory=set, compare=False, repr=False)
+    damaged_offsets: set[int] = field(default_factory=set, compare=False, repr=False)
 
 
 def scan_segment(path: Path) -> SegmentScan:
@@ -123,7 +123,7 @@ def scan_segment(path: Path) -> SegmentScan:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
-def log_times(place: ChunkPlace) -> dict[int, tuple[int, ...]] | None:
+def log_times(place: ChunkLocation) -> dict[int, tuple[int, ...]] | None:
     """Log times by channel id, from the message indexes behind a chunk; None where they are missing.
 
     Raises:
@@ -157,10 +157,10 @@ class _Scan:
         self._path = path
         self._file = file
         self._size = size
-        self._places: list[ChunkPlace] = []
+        self._places: list[ChunkLocation] = []
         self._ids: set[int] = set()  # of the last place
         self._sets = ChannelSets()
-        self._left_out: set[int] = set()
+        self._damaged_offsets: set[int] = set()
         self._channels = Channels()
         self._station: str | None = None
         self._texts: dict[str, str] = {}
@@ -193,14 +193,14 @@ class _Scan:
             is_whole=is_whole,
             channels=self._channels,
             texts=self._texts,
-            left_out=self._left_out,
+            damaged_offsets=self._damaged_offsets,
         )
 
     def _is_full(self, opcode: int, position: int) -> bool:
         """Whether there are more chunks than can be held; what lies behind them is left out."""
         if opcode != Opcode.CHUNK or len(self._places) < _MOST_CHUNKS:
             return False
-        self._left_out.add(position)
+        self._damaged_offsets.add(position)
         _log.warning("%s: more than %d chunks and no index; what follows them is left out", self._path, _MOST_CHUNKS)
         return True
 
@@ -256,7 +256,9 @@ class _Scan:
     def _add(self, offset: int, length: int, start_ns: int, end_ns: int, *, is_bare: bool) -> None:
         self._settle()
         self._places.append(
-            ChunkPlace(path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare)
+            ChunkLocation(
+                path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare
+            )
         )
 
     def _take_small(self, opcode: int, data: bytes) -> bool:
@@ -327,8 +329,8 @@ def _is_complete(summary: FileSummary) -> bool:
     return is_inside and is_apart and used <= summary.channels.by_id.keys()
 
 
-def _place(path: Path, index: ChunkIndex, sets: ChannelSets) -> ChunkPlace:
-    return ChunkPlace(
+def _place(path: Path, index: ChunkIndex, sets: ChannelSets) -> ChunkLocation:
+    return ChunkLocation(
         path=path,
         offset=index.chunk_start_offset + HEAD.size,
         length=index.chunk_length - HEAD.size,

@@ -23,8 +23,8 @@ from aerodft.adapters.recording.layout import (
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    BuiltChunk,
-    built_chunk,
+    EncodedChunk,
+    assemble_chunk,
     index_entry,
 )
 from aerodft.adapters.recording.read import (
@@ -52,7 +52,7 @@ _UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GoodChunk:
+class WholeChunk:
     """A chunk that is whole.
 
     Attributes:
@@ -64,14 +64,14 @@ class GoodChunk:
     """
 
     offset: int
-    built: BuiltChunk
+    chunk: EncodedChunk
     content: bytes
     defines: frozenset[int]
     is_as_built: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BadBytes:
+class DamagedBytes:
     """Bytes that are no whole record.
 
     Attributes:
@@ -125,25 +125,25 @@ class ChunkScanner:
         if summary_start is not None:  # it was found to be within its limit
             self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * MAX_SUMMARY_BYTES
 
-    def items(self) -> Iterator[GoodChunk | BadBytes]:
+    def items(self) -> Iterator[WholeChunk | DamagedBytes]:
         """All chunks that are whole, and what lies between them, in order; attributes are final afterwards."""
         magic = self._read(0, len(MAGIC))
         self._position = len(MAGIC)
         if magic != MAGIC:
-            yield BadBytes(offset=0, length=len(magic), why="no MCAP file", is_torn=MAGIC.startswith(magic))
+            yield DamagedBytes(offset=0, length=len(magic), why="no MCAP file", is_torn=MAGIC.startswith(magic))
         while self._position < self._end and self._index_bytes <= self._most_index_bytes:
             item = self._next()
             if item is not None:
                 yield item
         if self._position < self._end:
             length = self._end - self._position
-            yield BadBytes(offset=self._position, length=length, why="more chunks than a file's index may have")
+            yield DamagedBytes(offset=self._position, length=length, why="more chunks than a file's index may have")
             self._position = self._end
         if not self.is_whole and self._position < self._size:
             why = "no sound index"
-            yield BadBytes(offset=self._position, length=self._size - self._position, why=why, is_torn=True)
+            yield DamagedBytes(offset=self._position, length=self._size - self._position, why=why, is_torn=True)
 
-    def _next(self) -> GoodChunk | BadBytes | None:
+    def _next(self) -> WholeChunk | DamagedBytes | None:
         start = self._position
         head = self._read(start, RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
@@ -196,7 +196,7 @@ class ChunkScanner:
             return False
         return stream.count == len(content)
 
-    def _chunk(self, start: int, length: int, end: int) -> GoodChunk | BadBytes:
+    def _chunk(self, start: int, length: int, end: int) -> WholeChunk | DamagedBytes:
         at = start + RECORD_HEAD.size
         try:
             head = chunk_head(self._read(at, min(HEAD_BYTES, length)), length)
@@ -208,17 +208,17 @@ class ChunkScanner:
         data = self._read(at + head.data_at, head.data_bytes)
         try:
             content = chunk_content(head, data)
-            built = _rebuilt(head, data, content)
+            chunk = _with_indexes(head, data, content)
             defines = self._define(content)
         except ValueError as error:
-            return BadBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
-        is_as_built = self._read(start, len(built.head)) == built.head
-        if self._read(end, len(built.indexes)) == built.indexes:
-            self._position += len(built.indexes)
+            return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
+        is_as_built = self._read(start, len(chunk.head)) == chunk.head
+        if self._read(end, len(chunk.indexes)) == chunk.indexes:
+            self._position += len(chunk.indexes)
         else:
             is_as_built = False
-        self._index_bytes += index_bytes(built)
-        return GoodChunk(offset=start, built=built, content=content, defines=defines, is_as_built=is_as_built)
+        self._index_bytes += index_bytes(chunk)
+        return WholeChunk(offset=start, chunk=chunk, content=content, defines=defines, is_as_built=is_as_built)
 
     def _define(self, content: bytes) -> frozenset[int]:
         """Take a chunk's schemas and channels, all or none; returns the ids of the channels.
@@ -243,7 +243,7 @@ class ChunkScanner:
             raise
         return frozenset(ids)
 
-    def _lost(self, start: int, why: str) -> BadBytes:
+    def _lost(self, start: int, why: str) -> DamagedBytes:
         """Go on where something makes sense again."""
         position = start + 1
         while position < self._end:
@@ -252,10 +252,10 @@ class ChunkScanner:
                 at = position + found.start()
                 if found.start() < _WINDOW_BYTES and self._makes_sense(at, window[at - position :][:_CANDIDATE_BYTES]):
                     self._position = at
-                    return BadBytes(offset=start, length=at - start, why=why)
+                    return DamagedBytes(offset=start, length=at - start, why=why)
             position += _WINDOW_BYTES
         self._position = self._end
-        return BadBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
+        return DamagedBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
 
     def _makes_sense(self, at: int, data: bytes) -> bool:
         """Whether there is a chunk, as far as its sizes tell."""
@@ -280,7 +280,7 @@ class ChunkScanner:
         return os.pread(self._descriptor, length, offset)
 
 
-def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
+def _with_indexes(head: ChunkHead, data: bytes, content: bytes) -> EncodedChunk:
     """A chunk with the times and the indexes that its messages give.
 
     Raises:
@@ -296,4 +296,4 @@ def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
         end_ns = max(end_ns, log_ns)
         indexes.setdefault(channel_id, bytearray()).extend(index_entry(log_ns, begin - RECORD_HEAD.size))
     times = CHUNK_HEAD.pack(start_ns, end_ns, head.content_bytes, head.crc)
-    return built_chunk(times, head.compression, data, indexes)
+    return assemble_chunk(times, head.compression, data, indexes)

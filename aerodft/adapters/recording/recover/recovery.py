@@ -22,13 +22,13 @@ from aerodft.adapters.recording.layout import (
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    BuiltChunk,
     ChunkBuffer,
+    EncodedChunk,
     compressor,
     encoded,
 )
 from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, records_in, scan_segment
-from aerodft.adapters.recording.recover.chunk_scanner import BadBytes, ChunkScanner, GoodChunk
+from aerodft.adapters.recording.recover.chunk_scanner import ChunkScanner, DamagedBytes, WholeChunk
 from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
@@ -343,7 +343,7 @@ def _examine(descriptor: int) -> _SegmentReport:
     used: Counter[int] = Counter()
     defined: set[int] = set()
     for item in scanner.items():
-        if isinstance(item, GoodChunk):
+        if isinstance(item, WholeChunk):
             _add(found, item, used, defined)
             continue
         found.is_sound = False
@@ -362,24 +362,24 @@ def _examine(descriptor: int) -> _SegmentReport:
     return found
 
 
-def _message(bad: BadBytes) -> str:
+def _message(bad: DamagedBytes) -> str:
     if bad.is_torn:
         return f"{_UNFINISHED}; a torn end was cut off"
     return f"a damaged chunk ({bad.why})" if bad.is_chunk else f"damaged bytes ({bad.why})"
 
 
-def _add(found: _SegmentReport, item: GoodChunk, used: Counter[int], defined: set[int]) -> None:
-    built = item.built
+def _add(found: _SegmentReport, item: WholeChunk, used: Counter[int], defined: set[int]) -> None:
+    chunk = item.chunk
     defined |= item.defines
-    found.lacks_definitions |= not built.counts.keys() <= defined
+    found.lacks_definitions |= not chunk.counts.keys() <= defined
     found.is_sound &= item.is_as_built
-    found.messages += built.messages
+    found.messages += chunk.messages
     found.chunks += 1
-    used.update(built.counts)
-    if built.counts:
-        found.losses = [_before(loss, built.start_ns) for loss in found.losses]
-        found.start_ns = built.start_ns if found.start_ns is None else min(found.start_ns, built.start_ns)
-        found.end_ns = built.end_ns if found.end_ns is None else max(found.end_ns, built.end_ns)
+    used.update(chunk.counts)
+    if chunk.counts:
+        found.losses = [_before(loss, chunk.start_ns) for loss in found.losses]
+        found.start_ns = chunk.start_ns if found.start_ns is None else min(found.start_ns, chunk.start_ns)
+        found.end_ns = chunk.end_ns if found.end_ns is None else max(found.end_ns, chunk.end_ns)
 
 
 def _before(loss: Loss, start_ns: int) -> Loss:
@@ -443,17 +443,17 @@ def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
         said = {f"loss {number}": loss.what for number, loss in enumerate(found.losses)}
         metadata.append((_RECOVERED_NAME, {"software": SOFTWARE, **said}))
     summary = Summary(PROFILE, found.library or SOFTWARE, metadata, found.channels.schemas, found.channels.records)
-    file.write(summary.beginning)
+    file.write(summary.header)
     front = (
         encoded(*found.channels.schemas.values(), *found.channels.records.values()) if found.lacks_definitions else b""
     )
     scanner = ChunkScanner(descriptor)
     for item in scanner.items():
-        if isinstance(item, BadBytes):
+        if isinstance(item, DamagedBytes):
             continue
-        chunk = item.built
+        chunk = item.chunk
         if front or not found.undefined.isdisjoint(chunk.counts):
-            chunk, front = _built_again(item, front, found.undefined), b""
+            chunk, front = _rewritten(item, front, found.undefined), b""
         offset = file.size
         for part in (chunk.head, chunk.content, chunk.indexes):
             file.write(part)
@@ -463,10 +463,10 @@ def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
         for piece in pieces(descriptor, start, length):
             file.write(piece)
         summary.attach(offset, length, head.about, head.data_bytes)
-    file.write(summary.ending(file.size))
+    file.write(summary.footer(file.size))
 
 
-def _built_again(item: GoodChunk, front: bytes, undefined: set[int]) -> BuiltChunk:
+def _rewritten(item: WholeChunk, front: bytes, undefined: set[int]) -> EncodedChunk:
     """A chunk with definitions in front, and without the messages of undefined channels."""
     buffer, content = ChunkBuffer(front), item.content
     for opcode, begin, end in records_in(content):
@@ -476,4 +476,4 @@ def _built_again(item: GoodChunk, front: bytes, undefined: set[int]) -> BuiltChu
         channel_id, sequence, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
         if channel_id not in undefined:
             buffer.add(channel_id, log_ns, content[begin + MESSAGE_HEAD.size : end], sequence)
-    return buffer.built(compressor() if item.built.compression else None)
+    return buffer.build(compressor() if item.chunk.compression else None)

@@ -1,4 +1,4 @@
-"""Covariances that people or calibrations state, in full: checked before anything is computed with them."""
+"""Covariances that people or calibrations state in full, checked before anything is computed with them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ _ROWS = "a JSON list of rows, each a list of numbers"
 def checked_covariance(
     rows: Sequence[Sequence[float]] | FloatArray, size: int, *, where: object, key: str = "covariance", of: str = ""
 ) -> FloatArray:
-    """A covariance that is one: finite, symmetric, and no combination of its errors with a variance below 0.
+    """A stated covariance as a matrix that is finite, symmetric and positive semidefinite.
 
     Singular ones are fine: something is known exactly.
 
@@ -32,14 +32,14 @@ def checked_covariance(
         rows: The covariance as it was stated.
         size: How many rows of how many numbers it must have.
         where: File that it was stated in, for messages.
-        key: What it is called there, likewise.
-        of: What its rows are about, likewise.
+        key: What the covariance is called there.
+        of: What its rows are about, for messages.
 
     Returns:
         ``(size, size)``, exactly symmetric; unchanged where it was that already.
 
     Raises:
-        ConfigError: It is none; says where in it.
+        ConfigError: The rows are no covariance; names the entry.
     """
     shape = f"{size} rows of {size} numbers" + (f" ({of})" if of else "")
     lengths = [len(row) for row in rows]

@@ -112,8 +112,8 @@ class Uncertain(Table, Generic[Quantity]):
 
     @model_validator(mode="before")
     @classmethod
-    def _lift(cls, given: object) -> object:
-        return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+    def _lift(cls, document: object) -> object:
+        return {"value": document} if isinstance(document, int | float) and not isinstance(document, bool) else document
 
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

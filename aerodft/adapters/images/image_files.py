@@ -55,7 +55,7 @@ def image_files(paths: Sequence[Path]) -> list[Path]:
     """All stills and videos, each once, with folders' stills in place of folders.
 
     Raises:
-        InputError: As :func:`named_images`.
+        InputError: A path is missing, or a folder holds no stills.
     """
     return list(dict.fromkeys(item for path in paths for item in _files(path)))
 

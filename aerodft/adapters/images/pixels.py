@@ -154,7 +154,7 @@ def encode_jpeg(image: Image, quality: int) -> bytes:
 
     Raises:
         ValueError: The image has no pixels.
-        InputError: They cannot be encoded.
+        InputError: The pixels cannot be encoded.
     """
     import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
 

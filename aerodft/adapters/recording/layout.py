@@ -131,8 +131,8 @@ class ChunkBuffer:
         """Add ``n`` messages that were written into ``more`` of the content.
 
         Args:
-            channel_ids: ``(n,)`` theirs.
-            log_ns: ``(n,)`` likewise.
+            channel_ids: ``(n,)`` their channels.
+            log_ns: ``(n,)`` their log times.
             offset: ``(n,)`` where each begins in the content.
         """
         entries = np.stack([log_ns, offset], axis=-1).astype("<u8", copy=False)

@@ -13,6 +13,6 @@ from aerodft.adapters.config.camera.fixed_pose import (
     FixedPose,
     PoseTable,
     fixed_pose_from,
-    placed,
+    place_in_enu,
     pose_sample,
 )

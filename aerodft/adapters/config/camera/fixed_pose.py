@@ -44,13 +44,13 @@ class FixedPose:
         roll_rad: Right side down.
         heading_rad: Clockwise from true north; 0 where unknown, which makes ENU turn with the camera.
         lat_rad: WGS84; None where unknown.
-        lon_rad: Likewise.
-        alt_msl_m: Of the camera, likewise.
+        lon_rad: WGS84; None where unknown.
+        alt_msl_m: Of the camera; None where unknown.
         std: How well all this is known.
         covariance: 6 rows of 6, as ``Pose.cov`` has them; where it is there, it takes the place of ``std``.
         lens_covariance: 6 rows, as ``Pose.lens_cov`` has them; empty where pose and lens were not found together.
         east_m: Of the camera, in a local frame without latitude and longitude.
-        north_m: Likewise.
+        north_m: Of the camera, in that frame.
         calibration: Id of the calibration that it came from.
     """
 
@@ -68,7 +68,7 @@ class FixedPose:
     north_m: float = 0.0
     calibration: str | None = None
 
-    def standing(self, east_m: float = 0.0, north_m: float = 0.0) -> Pose:
+    def pose_on_level_ground(self, east_m: float = 0.0, north_m: float = 0.0) -> Pose:
         """The pose above level ground, at a place of the ENU."""
         return camera_pose(
             height_agl_m=self.height_agl_m,
@@ -82,7 +82,7 @@ class FixedPose:
 
 
 def std_of(cov: FloatArray) -> PoseStd:
-    """What a full covariance ``(6, 6)`` comes to in people's words; the heading is in the three rotations."""
+    """Standard deviations of a full covariance ``(6, 6)``; that of the heading is in the three rotations."""
     east, north, up, tilt, pan, roll = np.diag(cov).tolist()
     return PoseStd(
         height_agl_m=math.sqrt(up),
@@ -110,8 +110,8 @@ def pose_sample(
     Raises:
         ConfigError: There is no ground below the camera.
     """
-    origin, east_m, north_m = placed(fixed, origin)
-    pose = fixed.standing(east_m, north_m)
+    origin, east_m, north_m = place_in_enu(fixed, origin)
+    pose = fixed.pose_on_level_ground(east_m, north_m)
     if ground is not None:
         pose = _on_ground(pose, ground, where)
     datum_m = float(pose.position_enu_m[2]) - fixed.height_agl_m
@@ -144,7 +144,7 @@ def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
     return raised_by_ground(Pose.joined([pose]), below.height_m, below.slope).rows(0)
 
 
-def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
+def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
     """Where a fixed camera is: an ENU origin with its east and north (m) there.
 
     Args:

@@ -167,7 +167,7 @@ class ObservationTable(Table):
     image: Text | None = None
     std_px: StdPx = 1.0
 
-    def made(self, name: str) -> Evidence:
+    def observation(self, name: str) -> Evidence:
         """The observation, under a name."""
         return si_value(self.makes, self, name=name)
 
@@ -236,7 +236,7 @@ class ParallelTable(ObservationTable):
             raise impossible("lines", got="one line twice", expected="two lines")
         return self
 
-    def made(self, name: str) -> GroundLines:
+    def observation(self, name: str) -> GroundLines:
         """The observation, under a name."""
         first, second = self.lines
         return si_value(GroundLines, self, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
@@ -259,8 +259,8 @@ class HorizonTable(ObservationTable):
 class _Lifted(Table):
     @model_validator(mode="before")
     @classmethod
-    def _lift(cls, given: object) -> object:
-        return given if isinstance(given, dict) else {"value": given}
+    def _lift(cls, document: object) -> object:
+        return document if isinstance(document, dict) else {"value": document}
 
 
 class Known(_Lifted, Generic[Quantity]):

@@ -177,7 +177,7 @@ def needs_place(shape: GroundShape | None) -> bool:
     return isinstance(shape, TerrainGround) or (shape is not None and shape.point_rad is not None)
 
 
-def made_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tuple[float, float]) -> Ground | None:
+def enu_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tuple[float, float]) -> Ground | None:
     """The ground in a station's ENU.
 
     Args:

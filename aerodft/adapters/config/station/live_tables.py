@@ -106,9 +106,9 @@ def live_from(
     """
     if not landmarks and not markers:
         return None
-    names, taken = [each.name for each in landmarks], {each.name for each in markers}
+    names, marker_names = [each.name for each in landmarks], {each.name for each in markers}
     for index, name in enumerate(names):
-        if name in names[:index] or name in taken:
+        if name in names[:index] or name in marker_names:
             raise ConfigError(
                 f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
             )
@@ -149,8 +149,8 @@ def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float,
 
 def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
     """The errors that a validated table describes; ``default`` applies to what it leaves out."""
-    given = asdict(si_value(ErrorStd, table))
-    return replace(default, **{name: value for name, value in given.items() if value is not None})
+    errors = asdict(si_value(ErrorStd, table))
+    return replace(default, **{name: value for name, value in errors.items() if value is not None})
 
 
 class StationMarkersTable(Table):
@@ -192,10 +192,10 @@ def marker_settings(
         file = load_markers(folder / table.file)
     else:
         file = markers_from(table.model_extra or {}, Path(f"{where} [markers]"))
-    return MarkerSettings(survey=_placed(file, origin, where), ignore=file.ignore, every_s=table.every_s)
+    return MarkerSettings(survey=_survey_from_origin(file, origin, where), ignore=file.ignore, every_s=table.every_s)
 
 
-def _placed(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
+def _survey_from_origin(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
     """The survey in metres from the station's origin."""
     markers = []
     for each in file.survey.markers:

@@ -22,16 +22,16 @@ from aerodft.adapters.config.camera import (
     fixed_pose_from,
     load_calibration,
     load_camera,
-    placed,
+    place_in_enu,
     pose_sample,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import (
     GroundShape,
     TerrainGround,
+    enu_ground,
     ground_from,
     ground_table,
-    made_ground,
     needs_place,
 )
 from aerodft.adapters.config.station.live_tables import (
@@ -90,7 +90,7 @@ def load_station(path: Path) -> StationConfig:
 
 
 def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
-    """As :func:`load_station`, from a file's bytes.
+    """The station that the bytes of a configuration file describe.
 
     Args:
         data: The TOML text.
@@ -98,7 +98,8 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         folder: What relative paths in it start from.
 
     Raises:
-        ConfigError: As :func:`load_station`.
+        ConfigError: TOML syntax, unknown key, impossible value, here or in a file that it refers to.
+        InputError: The elevation model cannot be used.
     """
     document = parse_toml(data, where)
     outputs = outputs_from(document, where)
@@ -170,14 +171,14 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
 
 
 def with_calibration(station: StationConfig, path: Path) -> StationConfig:
-    """The same station with another calibration: a fixed camera takes its pose, a moving one its biases.
+    """A station with another calibration: a fixed camera takes its pose, a moving one its biases.
 
     Args:
         station: The station.
         path: A calibration file.
 
     Raises:
-        ConfigError: As :func:`load_calibration`, or the file lacks what it takes.
+        ConfigError: The calibration file cannot be read, or lacks the pose or the biases that the station takes.
     """
     if station.fixed_pose is not None:
         camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
@@ -215,7 +216,7 @@ def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Ca
 
 
 def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
-    """The same for biases, which hold in both models where the lens was not found with them."""
+    """The camera beside a calibration's biases, which hold in both models where the lens was not found with them."""
     return camera if load_calibration(path).camera is None else _calibrated_camera(path, camera, model)
 
 
@@ -265,12 +266,12 @@ def refreshed(station: StationConfig, where: str = "") -> StationConfig:
         InputError: The elevation model cannot be used.
     """
     pose, origin = station.fixed_pose, station.pipeline.origin
-    place, *foot_m = (origin, 0.0, 0.0) if pose is None else placed(pose, origin)
+    place, *foot_m = (origin, 0.0, 0.0) if pose is None else place_in_enu(pose, origin)
     if needs_place(station.ground) and place is None:
         key = "ground.terrain" if isinstance(station.ground, TerrainGround) else "ground.point"
         expected = "station.origin = { lat_deg, lon_deg }" if pose is None else "pose.lat_deg and pose.lon_deg"
         raise ConfigError(key, where=where, got="no place on the map for the station", expected=expected)
-    ground = made_ground(station.ground, place, (foot_m[0], foot_m[1]))
+    ground = enu_ground(station.ground, place, (foot_m[0], foot_m[1]))
     fixed = None if pose is None else pose_sample(pose, origin, ground, where)
     current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground))
     return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))

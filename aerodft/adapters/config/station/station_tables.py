@@ -123,9 +123,9 @@ def objects_from(
     if table is None:
         return None
     refuse_beside_paper("objects", model, where)
-    taken = next((probe.name for probe in probes if probe.name == OBJECTS or probe.name.startswith("object-")), None)
-    if taken is not None:
-        got, expected = f'"{taken}", beside [objects]', "another name: objects that move have such names"
+    reserved = next((probe.name for probe in probes if probe.name == OBJECTS or probe.name.startswith("object-")), None)
+    if reserved is not None:
+        got, expected = f'"{reserved}", beside [objects]', "another name: objects that move have such names"
         raise ConfigError("probe.name", where=where, got=got, expected=expected)
     return si_value(ObjectSettings, table)
 
@@ -249,9 +249,9 @@ class ImagesTable(Table):
 
     @model_validator(mode="after")
     def _one_input(self) -> Self:
-        given = [key for key in _ONE_INPUT if getattr(self, key) is not None]
-        if len(given) > 1:
-            raise impossible(given[1], got=f"it beside {given[0]}", expected=f"one of {', '.join(_ONE_INPUT)}")
+        inputs = [key for key in _ONE_INPUT if getattr(self, key) is not None]
+        if len(inputs) > 1:
+            raise impossible(inputs[1], got=f"it beside {inputs[0]}", expected=f"one of {', '.join(_ONE_INPUT)}")
         for key, owner in (("start", "video"), ("pattern", "stills"), ("utc_offset", "stills")):
             if getattr(self, key) is not None and getattr(self, owner) is None:
                 raise impossible(key, got=f"it without {owner}", expected=f"{owner} beside it")

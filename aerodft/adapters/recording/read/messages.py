@@ -70,7 +70,7 @@ class ChunkTable:
     stop: IntArray
 
     def rows(self, rows: BoolArray | IntArray) -> "ChunkTable":
-        """Some of the messages."""
+        """The messages of the given rows, by index or mask."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def messages(self) -> Iterator[ReadMessage]:
@@ -80,7 +80,7 @@ class ChunkTable:
             yield ReadMessage(log_ns, self.channels[channel], self.content[start:stop], sequence)
 
     def kept(self) -> "ChunkTable":
-        """The same, without the rest of a large content: a few of its messages would keep it in memory."""
+        """The messages without the rest of a large content, which a few of them would keep in memory."""
         length = self.stop - self.start
         if len(self.content) <= _MOST_KEPT_BYTES or length.sum() > _LEAST_KEPT * len(self.content):
             return self

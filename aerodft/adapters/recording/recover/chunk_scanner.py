@@ -97,7 +97,7 @@ class ChunkScanner:
         metadata: Names and values.
         attachments: Those that are whole: where their records are, and what they say.
         channels: By the chunks so far, and from the beginning by the summary, if its checksum is right.
-        stated_messages: How many messages there are by the summary; None likewise.
+        stated_messages: How many messages there are by the summary; None without a sound one.
         has_end: Whether the data is known to end where the file says so.
         is_whole: Whether the file ends as it should, with a sound summary and nothing behind it.
 

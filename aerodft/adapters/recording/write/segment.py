@@ -206,8 +206,8 @@ class Summary:
         profile: Of the header.
         library: Of the header.
         metadata: Keys and values, by name.
-        schemas: By id; what is added later is seen.
-        channels: Likewise.
+        schemas: Records of the schemas by id; what is added later is seen.
+        channels: Records of the channels by id; what is added later is seen.
     """
 
     def __init__(

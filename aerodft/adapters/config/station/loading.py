@@ -43,12 +43,8 @@ from aerodft.adapters.config.station.live_tables import (
 )
 from aerodft.adapters.config.station.station_config import (
     Link,
-    MarkerSettings,
-    ObservationSettings,
-    RecordSettings,
     StationConfig,
     Topics,
-    ZenohSettings,
 )
 from aerodft.adapters.config.station.station_tables import (
     ConfigTable,
@@ -56,19 +52,15 @@ from aerodft.adapters.config.station.station_tables import (
     ObservationsTable,
     StationTable,
     TopicsTable,
-    camera_motion_from,
     images_from,
     images_table,
-    objects_from,
     probes_from,
-    refuse_beside_paper,
-    river_from,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import Table, Text, si_value
 from aerodft.errors import ConfigError
 from aerodft.model import Calibration, Camera, ProjectionModel
-from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
+from aerodft.service import PipelineSettings, TelemetrySettings
 
 
 class _CameraFile(Table):
@@ -107,47 +99,31 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
     telemetry = table.telemetry
     ground = ground_from(table.ground, where, folder)
     pipeline = _pipeline(table, where, folder)
-    _check_ground(ground, pipeline.model, table.pose, where)
-    markers = marker_settings(table.markers, pipeline.origin, where, folder)
-    return refreshed(
-        StationConfig(
-            pipeline=pipeline,
-            link=_link(telemetry, folder),
-            images=images_from(table.images, folder),
-            observations=si_value(ObservationSettings, table.observations, relative_to=folder),
-            zenoh=si_value(ZenohSettings, table.zenoh),
-            record=si_value(RecordSettings, table.record),
-            fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
-            ground=ground,
-            calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
-            live=_live(table, pipeline, markers, where),
-            markers=markers,
-            camera_motion=camera_motion_from(table.camera_motion, pipeline.model, pipeline.probes, where, folder),
-            objects=objects_from(table.objects, pipeline.model, pipeline.probes, where),
-            river=river_from(table.river, pipeline.model, pipeline.probes, where),
-            topics=si_value(Topics, table.topics),
-        ),
-        where,
+    _check_heading(ground, table.pose, where)
+    markers, origin = marker_settings(table.markers, pipeline.origin, where, folder), pipeline.origin
+    station = si_value(
+        StationConfig,
+        table,
+        relative_to=folder,
+        pipeline=pipeline,
+        link=None
+        if telemetry is None or telemetry.connection is None
+        else si_value(Link, telemetry, relative_to=folder),
+        images=images_from(table.images, folder),
+        fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
+        ground=ground,
+        calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
+        live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin, where),
+        markers=markers,
     )
+    return refreshed(station, where)
 
 
-def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: PoseTable | None, where: str) -> None:
-    if ground is not None:
-        refuse_beside_paper("ground", model, where, know="level ground only")
+def _check_heading(ground: GroundShape | None, pose: PoseTable | None, where: str) -> None:
     stated = pose is not None and pose.calibration is None
     if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
         raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
-
-
-def _live(
-    table: ConfigTable, pipeline: PipelineSettings, markers: MarkerSettings | None, where: str
-) -> LiveCalibration | None:
-    if table.landmark:
-        refuse_beside_paper("landmark", pipeline.model, where, shown="[[landmark]]")
-    if markers:
-        refuse_beside_paper("markers", pipeline.model, where)
-    return live_from(table.live_calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
 
 
 def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
@@ -246,12 +222,6 @@ def _biases(path: Path) -> Calibration:
             expected="[bias] alone for a station with telemetry",
         )
     return found.biases
-
-
-def _link(table: TelemetryTable | None, folder: Path) -> Link | None:
-    if table is None or table.connection is None:
-        return None
-    return si_value(Link, table, relative_to=folder)
 
 
 def refreshed(station: StationConfig, where: str = "") -> StationConfig:

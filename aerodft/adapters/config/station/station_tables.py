@@ -54,7 +54,7 @@ from aerodft.model import (
     pixels_wanted,
     takes_pixels,
 )
-from aerodft.service import OBJECTS, CameraMotionSettings, ObjectSettings, RiverLook
+from aerodft.service import OBJECTS
 
 Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
 
@@ -95,81 +95,9 @@ class RiverTable(Table):
     max_range_m: Positive | None = None
 
 
-def camera_motion_from(
-    table: CameraMotionTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str, folder: Path
-) -> CameraMotionSettings | None:
-    """How the camera is watched; None without the table.
-
-    Raises:
-        ConfigError: The equations of the paper are to be used, or a probe takes the name of the steady points.
-    """
-    if table is None:
-        return None
-    refuse_beside_paper("camera_motion", model, where)
-    if any(probe.name == STEADY for probe in probes):
-        got, expected = f'"{STEADY}", beside [camera_motion]', "another name: the points that stand still have this one"
-        raise ConfigError("probe.name", where=where, got=got, expected=expected)
-    return si_value(CameraMotionSettings, table, relative_to=folder)
-
-
-def objects_from(
-    table: ObjectsTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str
-) -> ObjectSettings | None:
-    """How objects are followed; None without the table.
-
-    Raises:
-        ConfigError: The equations of the paper are to be used, or a probe takes an object's name.
-    """
-    if table is None:
-        return None
-    refuse_beside_paper("objects", model, where)
-    reserved = next((probe.name for probe in probes if probe.name == OBJECTS or probe.name.startswith("object-")), None)
-    if reserved is not None:
-        got, expected = f'"{reserved}", beside [objects]', "another name: objects that move have such names"
-        raise ConfigError("probe.name", where=where, got=got, expected=expected)
-    return si_value(ObjectSettings, table)
-
-
-def river_from(
-    table: RiverTable | None, model: ProjectionModel, probes: tuple[Probe, ...], where: str
-) -> RiverLook | None:
-    """How banks are looked for; None without the table.
-
-    Raises:
-        ConfigError: The equations of the paper are to be used, or no probe is measured from banks.
-    """
-    if table is None:
-        return None
-    refuse_beside_paper("river", model, where)
-    if not river_probes(probes):
-        expected = 'a [[probe]] with kind = "river" and observed = true'
-        raise ConfigError("river", where=where, got="no probe that is measured from banks", expected=expected)
-    return si_value(RiverLook, table)
-
-
 def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
     """The probes whose banks may be looked for."""
     return tuple(each for each in probes if each.kind is ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
-
-
-def refuse_beside_paper(
-    key: str, model: ProjectionModel, where: str, *, shown: str = "", know: str = "no roll"
-) -> None:
-    """Refuse a table that the equations of the paper have no place for.
-
-    Args:
-        key: The table's.
-        model: Of the station.
-        where: The station file's name in messages.
-        shown: The table as files have it; empty for ``[key]``.
-        know: What they know.
-
-    Raises:
-        ConfigError: The station measures with these equations.
-    """
-    if model is ProjectionModel.DFT:
-        got, expected = 'it beside camera.model = "dft"', f'"pinhole", or no {shown or f"[{key}]"}'
-        raise ConfigError(key, where=where, got=got, expected=expected, hint=f"the equations of the paper know {know}")
 
 
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
@@ -342,6 +270,12 @@ class ProbeTable(Table):
         return self
 
 
+_NOT_IN_THE_PAPER = {"ground": "level ground only"} | dict.fromkeys(
+    ("landmark", "markers", "camera_motion", "objects", "river"), "no roll"
+)
+"""Tables that the equations of the paper have no place for, and what they know instead."""
+
+
 class ConfigTable(Table):
     """A station's whole file; ``camera`` is validated once it is known whether a file has it."""
 
@@ -379,6 +313,29 @@ class ConfigTable(Table):
             if getattr(self, key) and self.telemetry is None:
                 hint = "find a fixed camera's pose with aerodft calibrate"
                 raise impossible(key, got="it beside [pose]", expected="[telemetry]", hint=hint)
+        return self
+
+    @model_validator(mode="after")
+    def _suits_the_model(self) -> Self:
+        keys = (key for key in _NOT_IN_THE_PAPER if getattr(self, key))
+        if self.camera.get("model") == ProjectionModel.DFT and (key := next(keys, None)):
+            expected = f'"pinhole", or no {"[[landmark]]" if key == "landmark" else f"[{key}]"}'
+            hint = f"the equations of the paper know {_NOT_IN_THE_PAPER[key]}"
+            raise impossible(key, got='it beside camera.model = "dft"', expected=expected, hint=hint)
+        return self
+
+    @model_validator(mode="after")
+    def _suits_the_probes(self) -> Self:
+        for name in (each.name for each in self.probe):
+            if self.camera_motion is not None and name == STEADY:
+                expected = "another name: the points that stand still have this one"
+                raise impossible("probe.name", got=f'"{name}", beside [camera_motion]', expected=expected)
+            if self.objects is not None and (name == OBJECTS or name.startswith("object-")):
+                expected = "another name: objects that move have such names"
+                raise impossible("probe.name", got=f'"{name}", beside [objects]', expected=expected)
+        if self.river is not None and not any(each.kind is ProbeKind.RIVER and each.observed for each in self.probe):
+            expected = 'a [[probe]] with kind = "river" and observed = true'
+            raise impossible("river", got="no probe that is measured from banks", expected=expected)
         return self
 
 

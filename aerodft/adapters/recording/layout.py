@@ -13,10 +13,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel as ChannelRecord
-from mcap.records import (
-    McapRecord,
-    Schema,
-)
+from mcap.records import McapRecord, Schema
 
 from aerodft.adapters.recording.channels import Channel
 from aerodft.model import IntArray

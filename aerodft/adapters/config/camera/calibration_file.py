@@ -11,11 +11,7 @@ from pydantic import Field, model_validator
 
 from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config.camera.camera_file import CameraTable, camera_document, camera_from
-from aerodft.adapters.config.camera.fixed_pose import (
-    CalibratedPoseTable,
-    FixedPose,
-    calibrated_pose_from,
-)
+from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
 from aerodft.adapters.config.covariance import as_rows, check_lens_covariance, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import (
@@ -165,7 +161,7 @@ def load_calibration(path: Path) -> CalibrationFile:
     """Read a calibration file.
 
     Args:
-        path: A TOML file with ``[bias]`` (see ``bias_tables``) and/or ``[pose]`` (``height_agl_m``, ``tilt_deg``,
+        path: A TOML file with ``[bias]`` (see ``BiasTable``) and/or ``[pose]`` (``height_agl_m``, ``tilt_deg``,
             ``roll_deg``, ``heading_deg``, ``lat_deg``, ``lon_deg``, ``alt_msl_m``); biases and angles are numbers
             (taken as exact) or ``{value, std}``.
 

@@ -41,11 +41,7 @@ from aerodft.adapters.config.station.live_tables import (
     marker_settings,
     station_markers_table,
 )
-from aerodft.adapters.config.station.station_config import (
-    Link,
-    StationConfig,
-    Topics,
-)
+from aerodft.adapters.config.station.station_config import Link, StationConfig, Topics
 from aerodft.adapters.config.station.station_tables import (
     ConfigTable,
     LimitsTable,

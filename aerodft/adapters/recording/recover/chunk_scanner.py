@@ -57,7 +57,7 @@ class WholeChunk:
 
     Attributes:
         offset: Of the record.
-        built: It, with the times and the message indexes that its messages give.
+        chunk: It, with the times and the message indexes that its messages give.
         content: Its records.
         defines: Ids of the channels that it defines.
         is_as_built: Whether the file has the same bytes there, indexes included.

@@ -116,7 +116,9 @@ def recover_folder(folder: Path) -> Recovery:
     try:
         paths = {stem: _numbered(folder, stem) for stem in SERIES}
         if not paths["data"] and not paths["images"]:
-            got = "a file" if folder.is_file() else "no data_*.mcap" if folder.is_dir() else "nothing"
+            if not folder.exists():
+                raise InputError("no such file or folder", where=folder, hint="check the path")
+            got = "a file" if folder.is_file() else "no data_*.mcap"
             raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
         segments = [each for stem in SERIES for each in _recover_series(stem, paths[stem])]
     except OSError as error:

@@ -238,7 +238,8 @@ def test_what_is_no_recording_is_refused(aerodft, tmp_path, made):
         path.write_text("x")
     done = aerodft("recover", path)
     assert done.code == 3
-    assert done.last.startswith(f"aerodft: {path}: there is no recording")
+    what = "no such file or folder" if made == "nothing" else "there is no recording"
+    assert done.last.startswith(f"aerodft: {path}: {what}")
 
 
 def test_a_recording_that_is_being_written_is_left_alone(aerodft, flight, tmp_path, monkeypatch):

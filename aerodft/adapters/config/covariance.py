@@ -112,7 +112,7 @@ def load_covariance(path: Path) -> FloatArray:
     try:
         data = path.read_bytes()
     except OSError:
-        raise InputError("no covariance", where=path, got=looks_like(path), expected=_ROWS) from None
+        raise InputError("the covariance cannot be read", where=path, got=looks_like(path), expected=_ROWS) from None
     try:
         rows = orjson.loads(data)
     except orjson.JSONDecodeError:

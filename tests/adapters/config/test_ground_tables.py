@@ -282,17 +282,23 @@ def test_a_probe_on_top_of_an_object():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (LINE, 'probe[0].on_top_of: no object: got "pole", which is not there, expected a height on the ground with'),
-        (POLE.replace("height", "width") + LINE, 'x.toml: probe[1].on_top_of: no object: got "pole", which measures a'),
+        (
+            LINE,
+            'probe[0].on_top_of: lies on no object: got "pole", which is not there, expected a height on the ground with',
+        ),
+        (
+            POLE.replace("height", "width") + LINE,
+            'x.toml: probe[1].on_top_of: lies on no object: got "pole", which measures a',
+        ),
         (
             '[[probe]]\nname = "pole"\nkind = "height"\nobserved = true\n' + LINE,
             'got "pole", of which the pixels are observed, expected a height on the ground with pixels of its own',
         ),
         (
             POLE + LINE.replace('"line"', '"two"').replace("width", "height") + LINE.replace('"pole"', '"two"'),
-            'probe[2].on_top_of: no object: got "two", which lies on top of "pole", expected a height on the ground',
+            'probe[2].on_top_of: lies on no object: got "two", which lies on top of "pole", expected a height on the ground',
         ),
-        (POLE + 'on_top_of = "pole"\n', 'no object: got "pole", which lies on top of "pole"'),
+        (POLE + 'on_top_of = "pole"\n', 'lies on no object: got "pole", which lies on top of "pole"'),
         (POLE + LINE + "elevation_m = 1\n", "x.toml: probe[1].elevation_m: got it beside on_top_of, expected one of t"),
         (POLE + LINE + "elevation_std_m = 1\n", "probe[1].elevation_std_m: got it beside on_top_of, expected one of"),
     ],

@@ -345,7 +345,7 @@ def _landmark_rows(data: bytes, where: str) -> tuple[bool, list[tuple[str, dict[
     for number, cells in lines:
         if len(rows) == _MOST_ROWS:
             expected = f"{_MOST_ROWS} landmarks at most"
-            raise ConfigError("too long", where=where, got="more", expected=expected, hint="take some of its rows")
+            raise ConfigError("too many rows", where=where, got="more", expected=expected, hint="take some of its rows")
         rows.append((f"line {number}", _landmark(header, columns, cells, number, where)))
     if not rows:
         raise ConfigError("holds no points", where=where, got="a header only", expected="a row for each landmark")

@@ -101,7 +101,6 @@ def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
 
 
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
-_ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
 
 
 def _instant(value: object) -> object:
@@ -177,9 +176,9 @@ class ImagesTable(Table):
 
     @model_validator(mode="after")
     def _one_input(self) -> Self:
-        inputs = [key for key in _ONE_INPUT if getattr(self, key) is not None]
+        inputs = [key for key in _INPUTS if getattr(self, key) is not None]
         if len(inputs) > 1:
-            raise impossible(inputs[1], got=f"it beside {inputs[0]}", expected=f"one of {', '.join(_ONE_INPUT)}")
+            raise impossible(inputs[1], got=f"it beside {inputs[0]}", expected=f"one of {', '.join(_INPUTS)}")
         for key, owner in (("start", "video"), ("pattern", "stills"), ("utc_offset", "stills")):
             if getattr(self, key) is not None and getattr(self, owner) is None:
                 raise impossible(key, got=f"it without {owner}", expected=f"{owner} beside it")
@@ -384,7 +383,9 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
         got = f'"{name}", which lies on top of "{found.on_top_of}"'
     else:
         return
-    raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")
+    raise ConfigError(
+        "lies on no object", where=where, got=got, expected="a height on the ground with pixels of its own"
+    )
 
 
 _INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {

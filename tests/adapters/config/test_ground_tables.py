@@ -284,11 +284,11 @@ def test_a_probe_on_top_of_an_object():
     [
         (
             LINE,
-            'probe[0].on_top_of: lies on no object: got "pole", which is not there, expected a height on the ground with',
+            'probe[0].on_top_of: lies on no object: got "pole", which is not there, expected a height on the',
         ),
         (
             POLE.replace("height", "width") + LINE,
-            'x.toml: probe[1].on_top_of: lies on no object: got "pole", which measures a',
+            'x.toml: probe[1].on_top_of: lies on no object: got "pole", which me',
         ),
         (
             '[[probe]]\nname = "pole"\nkind = "height"\nobserved = true\n' + LINE,
@@ -296,7 +296,7 @@ def test_a_probe_on_top_of_an_object():
         ),
         (
             POLE + LINE.replace('"line"', '"two"').replace("width", "height") + LINE.replace('"pole"', '"two"'),
-            'probe[2].on_top_of: lies on no object: got "two", which lies on top of "pole", expected a height on the ground',
+            'probe[2].on_top_of: lies on no object: got "two", which lies on top of "pole", expected a height',
         ),
         (POLE + 'on_top_of = "pole"\n', 'lies on no object: got "pole", which lies on top of "pole"'),
         (POLE + LINE + "elevation_m = 1\n", "x.toml: probe[1].elevation_m: got it beside on_top_of, expected one of t"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.images import named_images
-from aerodft.adapters.images.image_files import MOST_OF_A_VIDEO
+from aerodft.adapters.images.image_sampling import MOST_OF_A_VIDEO
 from aerodft.errors import InputError
 
 NOISE = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)

@@ -158,6 +158,16 @@ class StationTable(Table):
     tick_ms: Annotated[int, Field(ge=1, le=1000)] = 50
 
 
+_INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
+    "video": (VideoFile, "path"),
+    "stills": (Stills, "folder"),
+    "stream": (Stream, "url"),
+    "device": (Device, "path"),
+    "rate_hz": (Rate, "rate_hz"),
+}
+"""What the images' five inputs are: the class, and which of its attributes has the key's value."""
+
+
 class ImagesTable(Table):
     """Where images come from; at most one of the five inputs."""
 
@@ -386,16 +396,6 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
     raise ConfigError(
         "lies on no object", where=where, got=got, expected="a height on the ground with pixels of its own"
     )
-
-
-_INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
-    "video": (VideoFile, "path"),
-    "stills": (Stills, "folder"),
-    "stream": (Stream, "url"),
-    "device": (Device, "path"),
-    "rate_hz": (Rate, "rate_hz"),
-}
-"""What the images' five inputs are: the class, and which of its attributes has the key's value."""
 
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:

@@ -149,6 +149,12 @@ def test_another_calibration_of_a_fixed_camera_is_another_configuration() -> Non
     assert_same(reread(calibrated), calibrated)
 
 
+def test_biases_of_a_calibration_survive_with_their_id() -> None:
+    station = load_station(CONFIGS / "services" / "river-flight.toml")
+    calibrated = with_calibration(station, CONFIGS / "sites" / "river-calibration.toml")
+    assert_same(reread(calibrated).calibration, calibrated.calibration)
+
+
 @given(angle_deg=st.floats(-720, 720))
 def test_degrees_come_back_to_the_same_radians(angle_deg: float) -> None:
     angle_rad = math.radians(angle_deg)

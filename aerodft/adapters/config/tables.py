@@ -76,6 +76,8 @@ class Table(BaseModel):
             stds: What has the standard deviations of ``Uncertain`` keys, under the attributes of their values.
             keys: Keys that are known otherwise, as the table has them; None leaves one out.
         """
+        if unknown := keys.keys() - cls.model_fields.keys():
+            raise ValueError(f"keys {sorted(unknown)}, must be of {cls.__name__}")
         found: dict[str, Any] = {}
         for key, si, nested in _keys(cls):
             owner, attribute = next((at for each in values if (at := _owner_of(each, si.name or key))), (None, ""))

@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 import tomli_w
@@ -69,6 +69,9 @@ class BiasTable(Table):
         return self
 
 
+BiasTableT = TypeVar("BiasTableT", bound=BiasTable)
+
+
 def biases_from(bias: BiasTable, identity: str, where: str) -> Calibration:
     """The calibration that a validated table describes.
 
@@ -100,24 +103,25 @@ def _covariance(bias: BiasTable, where: str) -> FloatArray:
     return np.diag(np.square([getattr(stds, attribute) for attribute in _IN_ORDER]))
 
 
-def bias_table(calibration: Calibration, identity: str | None = None) -> BiasTable:
+def bias_table(calibration: Calibration, kind: type[BiasTableT], **keys: str) -> BiasTableT:
     """The table of a calibration's biases; reading it gives equal biases.
 
     Args:
         calibration: The biases.
-        identity: Id of the calibration, where the table is to say it.
+        kind: The table, which may have further keys.
+        keys: Those further keys.
     """
     cov, lens_cov = calibration.bias_cov, calibration.lens_cov
     full = np.zeros((len(BIASES), len(BIASES))) if cov is None else cov
     stds = dict(zip(_IN_ORDER, np.sqrt(np.diag(full)).tolist(), strict=True))
     is_diagonal = not np.any(full - np.diag(np.diag(full)))
-    return BiasTable.from_si(
+    return kind.from_si(
         calibration.bias,
         stds=BiasValues(**stds),
-        calibration_id=identity,
         noise=NoiseTable.from_si(calibration.noise),
         covariance=None if is_diagonal and lens_cov is None else as_rows(full),
         lens_covariance=None if lens_cov is None else as_rows(lens_cov),
+        **keys,
     )
 
 
@@ -202,7 +206,7 @@ def write_calibration(
     table = CalibrationTable.model_construct(
         model=model,
         provenance={key: value for key, value in provenance.items() if value is not None},
-        bias=bias_table(found) if isinstance(found, Calibration) else None,
+        bias=bias_table(found, BiasTable) if isinstance(found, Calibration) else None,
         pose=CalibratedPoseTable.from_si(found, stds=found.std) if isinstance(found, FixedPose) else None,
         camera=None if camera is None else camera_document(camera),
     )

@@ -52,7 +52,7 @@ from aerodft.adapters.config.station.station_tables import (
     images_table,
     probes_from,
 )
-from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
+from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import Table, Text, si_value
 from aerodft.errors import ConfigError
 from aerodft.model import Calibration, Camera, ProjectionModel
@@ -301,4 +301,8 @@ def _telemetry_table(settings: TelemetrySettings, station: StationConfig) -> Tel
     """The table of how telemetry becomes a pose, with the station's link and the biases that it is corrected by."""
     bias = station.calibration
     table = TelemetryTable.from_si(settings, station.link)
-    return table if bias is None else table.model_copy(update={"bias": bias_table(bias, bias.id)})
+    return (
+        table
+        if bias is None
+        else table.model_copy(update={"bias": bias_table(bias, TelemetryBiasTable, calibration_id=bias.id)})
+    )

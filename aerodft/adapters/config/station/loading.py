@@ -299,10 +299,8 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
 
 def _telemetry_table(settings: TelemetrySettings, station: StationConfig) -> TelemetryTable:
     """The table of how telemetry becomes a pose, with the station's link and the biases that it is corrected by."""
-    bias = station.calibration
-    table = TelemetryTable.from_si(settings, station.link)
-    return (
-        table
-        if bias is None
-        else table.model_copy(update={"bias": bias_table(bias, TelemetryBiasTable, calibration_id=bias.id)})
-    )
+    table, calibration = TelemetryTable.from_si(settings, station.link), station.calibration
+    if calibration is None:
+        return table
+    bias = bias_table(calibration, TelemetryBiasTable, calibration_id=calibration.id)
+    return table.model_copy(update={"bias": bias})

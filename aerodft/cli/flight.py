@@ -8,7 +8,8 @@ from pathlib import Path
 
 from aerodft.adapters.config.station import Rate, StationConfig, Stills, VideoFile
 from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels
-from aerodft.adapters.telemetry import decoder_of
+from aerodft.adapters.outputs import open_outputs
+from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
 from aerodft.app.assembly import (

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ChannelFilter, ReadMessage, SegmentScan, content_bytes
-from aerodft.adapters.wire import events
+from aerodft.adapters.wire.events import IMAGE_SCHEMA
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
 from replay.recordings import Recording, channels_of, in_time, messages_of, nearly_sorted

@@ -10,7 +10,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ChannelFilter, ChunkTable, ReadMessage, SegmentScan, scan_segment
-from aerodft.adapters.wire import measurement
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError, located
 from aerodft.version import SOFTWARE

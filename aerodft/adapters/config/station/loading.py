@@ -54,6 +54,7 @@ from aerodft.adapters.config.station.station_tables import (
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import Table, Text, si_value
+from aerodft.adapters.outputs import outputs_document, outputs_from
 from aerodft.errors import ConfigError
 from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import PipelineSettings, TelemetrySettings
@@ -101,10 +102,9 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         StationConfig,
         table,
         relative_to=folder,
+        outputs=outputs,
         pipeline=pipeline,
-        link=None
-        if telemetry is None or telemetry.connection is None
-        else si_value(Link, telemetry, relative_to=folder),
+        link=si_value(Link, telemetry, relative_to=folder) if telemetry and telemetry.connection else None,
         images=images_from(table.images, folder),
         fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
         ground=ground,
@@ -246,10 +246,11 @@ def refreshed(station: StationConfig, where: str = "") -> StationConfig:
 def config_id(station: StationConfig) -> str:
     """``sha256:...`` of what the numbers depend on: not of ports, folders, or where input comes from.
 
-    Left out is what the tables mark as ``NOT_IN_CONFIG_ID``. A telemetry calibration is left out too: a measurement
-    names it by its own id. An elevation model counts with the hash of its bytes.
+    Left out are outputs, and what the tables mark as ``NOT_IN_CONFIG_ID``. A telemetry calibration is left out too: a
+    measurement names it by its own id. An elevation model counts with the hash of its bytes.
     """
-    document = ConfigTable.without_marked(station_document(station))
+    document = station_document(station)
+    document = ConfigTable.without_marked({key: document[key] for key in document if key not in station.outputs})
     text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
@@ -294,7 +295,9 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         landmark=None if live is None else tuple(map(LandmarkTable.from_si, landmarks)),
         markers=None if station.markers is None else station_markers_table(station.markers),
     )
-    return table.to_toml()
+    inputs = ("station", "camera", "telemetry", "pose", "ground", "images", "observations", "limits")
+    document = table.to_toml()
+    return {key: document[key] for key in inputs if key in document} | outputs_document(station.outputs) | document
 
 
 def _telemetry_table(settings: TelemetrySettings, station: StationConfig) -> TelemetryTable:

@@ -7,6 +7,8 @@ from typing import TypeAlias
 
 from aerodft.adapters.config.camera import FixedPose
 from aerodft.adapters.config.station.ground import GroundShape
+from aerodft.adapters.config.tables import Table
+from aerodft.adapters.outputs import default_outputs
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Calibration, MarkerSurvey
 from aerodft.service import (
@@ -124,15 +126,6 @@ def stated_start_ns(configured: ImageInput | None, video: Path) -> int | None:
     if not isinstance(configured, VideoFile) or configured.path.resolve() != video.resolve():
         return None
     return configured.start_ns
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ZenohSettings:
-    """The bus: loopback only and no multicast, unless somebody writes otherwise."""
-
-    enabled: bool = True
-    listen: str = "tcp/127.0.0.1:7447"
-    connect: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

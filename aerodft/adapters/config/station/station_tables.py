@@ -296,7 +296,6 @@ class ConfigTable(Table):
     images: ImagesTable = ImagesTable()
     observations: ObservationsTable = ObservationsTable()
     limits: LimitsTable = LimitsTable()
-    zenoh: Annotated[ZenohTable, NOT_IN_CONFIG_ID] = ZenohTable()
     record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
     topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
     probe: Annotated[Many[ProbeTable], SiAttribute("probes")] = ()

@@ -169,7 +169,7 @@ class RecordEncoder:
         self._add_outputs(rows, outputs)
         return rows.sorted()
 
-    def from_status(self, value: status.StationStatus) -> Record:
+    def from_status(self, value: StationStatus) -> Record:
         """A station's state."""
         return Record(value.stamp_ns, self._status, encode_status(value))
 

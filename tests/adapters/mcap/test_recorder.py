@@ -426,7 +426,7 @@ FULL_DISK = """
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
     from aerodft.service.feed import block_of
-    from aerodft.service.outputs import StepOutputs
+    from aerodft.service.ports import StepOutputs
     segmented_writer.RETRY_S = segmented_writer.FLUSH_S = 0.01
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)

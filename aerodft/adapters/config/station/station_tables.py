@@ -44,15 +44,12 @@ from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, par
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import ConfigError
 from aerodft.model import (
-    ASKED_KINDS,
     STEADY,
     Camera,
     PixelSource,
     Probe,
     ProbeKind,
     ProjectionModel,
-    pixels_wanted,
-    takes_pixels,
 )
 from aerodft.service import OBJECTS
 
@@ -97,7 +94,7 @@ class RiverTable(Table):
 
 def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
     """The probes whose banks may be looked for."""
-    return tuple(each for each in probes if each.kind is ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
+    return tuple(each for each in probes if each.kind == ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
 
 
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
@@ -252,7 +249,7 @@ class ProbeTable(Table):
     INSTEAD_OF: ClassVar = {"on_top_of": ("elevation_m", "elevation_std_m")}
 
     name: Slug
-    kind: Annotated[ProbeKind, Field(strict=False), AfterValidator(_asked)]
+    kind: Annotated[str, AfterValidator(_kind)]
     pixels: Annotated[Many[Pixel] | None, ROWS] = None
     observed: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
     tracked: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
@@ -272,10 +269,10 @@ class ProbeTable(Table):
             raise impossible("at", got="it without tracked = true", expected="the time of the image of tracked pixels")
         if not self.observed and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
-        if self.pixels is not None and not takes_pixels(self.kind, len(self.pixels)):
-            raise impossible(
-                "pixels", got=f"{len(self.pixels)} of them", expected=f"{pixels_wanted(self.kind)} for {self.kind}"
-            )
+        kind = PROBE_KINDS[ProbeKind(self.kind)]
+        if self.pixels is not None and not kind.takes_pixels(len(self.pixels)):
+            expected = f"{kind.pixels_wanted} for {self.kind}"
+            raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
         return self
 
 
@@ -341,7 +338,7 @@ class ConfigTable(Table):
             if self.objects is not None and (name == OBJECTS or name.startswith("object-")):
                 expected = "another name: objects that move have such names"
                 raise impossible("probe.name", got=f'"{name}", beside [objects]', expected=expected)
-        if self.river is not None and not any(each.kind is ProbeKind.RIVER and each.observed for each in self.probe):
+        if self.river is not None and not any(each.kind == ProbeKind.RIVER and each.observed for each in self.probe):
             expected = 'a [[probe]] with kind = "river" and observed = true'
             raise impossible("river", got="no probe that is measured from banks", expected=expected)
         return self

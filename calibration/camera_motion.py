@@ -343,10 +343,10 @@ class CameraMotionState:
         is_chance = np.linalg.norm(off_rad) <= self._chance_rad(1.0) * _NOTED / _RARE
         self.off_rad = np.zeros(3) if is_chance else off_rad
         self._scatter.learn(off_rad)
-        level.add(turn)
+        rest.add(turn)
         few = self._settings.confirm_looks
-        stepped = np.linalg.norm(level.step(few)) > self._chance_rad(1 / few + 1 / max(level.looks - few, 1))
-        return Level.over(level.newest(few)) if stepped else level
+        stepped = np.linalg.norm(rest.step(few)) > self._chance_rad(1 / few + 1 / max(rest.looks - few, 1))
+        return RestAttitude.over(rest.newest(few)) if stepped else rest
 
     def _after_jump(self, stamp_ns: int, turn: Turn, off_rad: FloatArray) -> Steadiness:
         """A look far from where the camera was: believed once enough in a row agree with each other."""
@@ -359,9 +359,9 @@ class CameraMotionState:
         self.off_rad = off_rad
         if len(self._elsewhere) < self._settings.confirm_looks:
             return Steadiness.MOVING
-        self.level, self.off_rad = Level.over(self._elsewhere), np.zeros(3)
+        self.rest, self.off_rad = RestAttitude.over(self._elsewhere), np.zeros(3)
         self._elsewhere, self._beyond, self.moved_ns = [], self._settings.confirm_looks, None
-        return self._within(stamp_ns, self.level)
+        return self._within(stamp_ns, self.rest)
 
     def _within(self, stamp_ns: int, rest: RestAttitude) -> Steadiness:
         """Whether the camera has moved: by where it looks now, against where it looked at first."""

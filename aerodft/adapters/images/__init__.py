@@ -1,5 +1,6 @@
 """Images: video files, stills, live streams, and stamps alone."""
 
+from aerodft.adapters.images.camera_mode import check_mode, common_mode, refuse_other_size
 from aerodft.adapters.images.image_sampling import NamedImage, image_files, named_images
 from aerodft.adapters.images.pixels import (
     STILLS,
@@ -11,6 +12,6 @@ from aerodft.adapters.images.pixels import (
     read_camera_image,
 )
 from aerodft.adapters.images.rate import LiveRate, RateSource, ThinnedPixels, is_due
-from aerodft.adapters.images.stills import StillsFolderSource, still_mode
+from aerodft.adapters.images.stills import StillsFolderSource
 from aerodft.adapters.images.stream import StreamReader
 from aerodft.adapters.images.video import VideoFileSource, video_info

@@ -155,7 +155,7 @@ def _looked_up(evidence: EvidenceFile, flight: Flight, telemetry: Path | None, r
 
 def _as_reported(
     image: ImageEvidence, samples: tuple[PoseSample, ...], offsets_s: FloatArray, frame: LocalFrame, path: Path
-) -> _Said:
+) -> _Reported:
     middle = samples[len(samples) // 2]
     if middle.pose is None or middle.reasons:
         got = "; ".join((str(middle.status), *middle.reasons))
@@ -248,8 +248,8 @@ def _open_telemetry(
     )
 
 
-def poses_of(
-    telemetry: Telemetry, images: Sequence[ImageEvidence], offsets_s: Sequence[float]
+def _poses_of(
+    telemetry: _Telemetry, images: Sequence[ImageEvidence], offsets_s: Sequence[float]
 ) -> tuple[tuple[PoseSample, ...], ...]:
     """For each image its poses at some times around its stamp.
 
@@ -287,7 +287,7 @@ def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tupl
     return tuple(found)
 
 
-def _stamps(telemetry: Telemetry, images: Sequence[ImageEvidence]) -> list[int]:
+def _stamps(telemetry: _Telemetry, images: Sequence[ImageEvidence]) -> list[int]:
     """UTC of each image, without what an older calibration had added."""
     by_index: dict[int, int] = {}
     if any(image.index is not None for image in images):

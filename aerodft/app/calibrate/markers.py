@@ -11,11 +11,10 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
-from aerodft.adapters.images import STILLS, NamedImage, image_files, named_images
-from aerodft.cli.calibrate_unknowns import check_unknowns
-from aerodft.cli.camera_mode import check_mode, refuse_other_size
-from aerodft.cli.output import progress_bar
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.adapters.images import STILLS, NamedImage, check_mode, image_files, named_images, refuse_other_size
+from aerodft.app.calibrate.checks import check_unknowns
+from aerodft.app.progress import Progress, no_progress
+from aerodft.errors import InputError, NotDetermined, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
 from calibration.markers import MIN_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
 from calibration.pose import calibrate
@@ -85,18 +84,19 @@ def detected_evidence(
     return replace(found, known=judgement.known, stated=tuple(stated), notes=notes, image_paths=paths)
 
 
-def _look(file: MarkersFile, images: Sequence[Path], camera: Camera) -> tuple[list[_Seen], NamedImage]:
-    """What every image shows, and the first image."""
-    seen: list[_Seen] = []
+def _look(
+    file: MarkersFile, images: Sequence[Path], camera: Camera, progress: Progress
+) -> tuple[dict[str, _Sightings], NamedImage]:
+    """What every image shows, by its name, and the first image."""
+    seen: dict[str, _Sightings] = {}
     first: NamedImage | None = None
-    with progress_bar("looking for markers", 0, _PROGRESS) as advance:
-        for image in named_images(images):
-            first = first or image
-            height_px, width_px = image.pixels.shape[:2]
-            refuse_other_size((width_px, height_px), camera, image.name)
-            found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
-            seen.append(_Seen(image.name, _each_once(found, file, image.name)))
-            advance(round(_PROGRESS * image.done))
+    for image in named_images(images):
+        first = first or image
+        height_px, width_px = image.pixels.shape[:2]
+        refuse_other_size((width_px, height_px), camera, image.name)
+        found = find_markers(image.pixels, file.survey, camera, thorough=len(seen) < _THOROUGH)
+        seen[image.name] = _by_id(found, file, image.name)
+        progress(round(_PROGRESS * image.done), _PROGRESS)
     if first is None:
         raise InputError("no image could be read", where=images[0], expected="images, folders of images or videos")
     return seen, first
@@ -178,7 +178,7 @@ def _px(pixel: FloatArray) -> Px:
     return float(pixel[0]), float(pixel[1])
 
 
-def _nothing(file: MarkersFile, first: NamedImage, count: int) -> NoAnswerError:
+def _nothing(file: MarkersFile, first: NamedImage, count: int) -> NotDetermined:
     """Why no marker can be used, and what to try."""
     height_px, width_px = first.pixels.shape[:2]
     more = f" and {count - 1} more" if count > 1 else ""

@@ -318,10 +318,10 @@ class CameraMotionState:
             self.state = self._with_turn(stamp_ns, look.turn)
         elif look.is_unknown_view:
             self._strange, self._nothing = self._strange + 1, 0
-            self.state = Steadiness.UNKNOWN_VIEW if self._strange >= self._settings.confirm else Steadiness.MOVING
+            self.state = Steadiness.UNKNOWN_VIEW if self._strange >= self._settings.confirm_looks else Steadiness.MOVING
         else:
             self._nothing += 1
-            if self._nothing >= self._settings.confirm:
+            if self._nothing >= self._settings.confirm_looks:
                 self.has_looked = True
                 rested = before in {Steadiness.STEADY, Steadiness.MOVED}
                 self.state = Steadiness.UNCHECKED if rested else before
@@ -344,7 +344,7 @@ class CameraMotionState:
         self.off_rad = np.zeros(3) if is_chance else off_rad
         self._scatter.learn(off_rad)
         rest.add(turn)
-        few = self._settings.confirm
+        few = self._settings.confirm_looks
         stepped = np.linalg.norm(rest.step(few)) > self._chance_rad(1 / few + 1 / max(rest.looks - few, 1))
         return RestAttitude.over(rest.newest(few)) if stepped else rest
 
@@ -357,10 +357,10 @@ class CameraMotionState:
             self._left_ns = stamp_ns
         self._elsewhere.append(turn)
         self.off_rad = off_rad
-        if len(self._elsewhere) < self._settings.confirm:
+        if len(self._elsewhere) < self._settings.confirm_looks:
             return Steadiness.MOVING
         self.rest, self.off_rad = RestAttitude.over(self._elsewhere), np.zeros(3)
-        self._elsewhere, self._beyond, self.moved_ns = [], self._settings.confirm, None
+        self._elsewhere, self._beyond, self.moved_ns = [], self._settings.confirm_looks, None
         return self._within(stamp_ns, self.rest)
 
     def _within(self, stamp_ns: int, rest: RestAttitude) -> Steadiness:
@@ -373,7 +373,7 @@ class CameraMotionState:
         if not self._beyond:
             self._left_ns = stamp_ns
         self._beyond += 1
-        if self.moved_ns is None and self._beyond < self._settings.confirm:
+        if self.moved_ns is None and self._beyond < self._settings.confirm_looks:
             is_drift = self.state is Steadiness.STEADY  # then it is known where the camera is
             return Steadiness.STEADY if is_drift else Steadiness.MOVING
         self.moved_ns = self.moved_ns or self._left_ns

@@ -269,7 +269,7 @@ class LiveCalibrator:
         self._landmarks = {each.name: each for each in live.landmarks}
         telemetry = pipeline.telemetry or TelemetrySettings()
         self._model = BiasModel.from_settings(live, telemetry, pipeline.time_std_s, start)
-        self._filter = BiasFilter(self._model, pipeline.camera, live.landmarks, live.outlier_share)
+        self._filter = BiasFilter(self._model, pipeline.camera, live.landmarks, live.outlier_fraction)
         self._gate = -2.0 * math.log1p(-live.gate_probability)  # the quantile of chi-square with two degrees of freedom
         self._id = _identity(pipeline.config_id, start)
         self._has_start = start is not None

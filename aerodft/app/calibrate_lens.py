@@ -13,7 +13,7 @@ from PIL import Image as PillowImage
 
 from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.images import Gathered, common_mode, gather, image_files
+from aerodft.adapters.images import NamedImage, common_mode, image_files, named_images
 from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera
@@ -161,9 +161,9 @@ def calibrate_lens(
 def _look(paths: Sequence[Path], board: Board, progress: Progress) -> tuple[int, tuple[int, int], list[View]]:
     """How many images there are, their size, and what those that show the board show of it."""
     finder, views = BoardFinder(board), []
-    first: Gathered | None = None
+    first: NamedImage | None = None
     count = 0
-    for image in gather(paths):
+    for image in named_images(paths):
         first = first or image
         _check_size(image, first)
         count += 1
@@ -179,7 +179,7 @@ def _look(paths: Sequence[Path], board: Board, progress: Progress) -> tuple[int,
     return count, (width, height), views
 
 
-def _check_size(image: Gathered, first: Gathered) -> None:
+def _check_size(image: NamedImage, first: NamedImage) -> None:
     (height, width), (rows, columns) = image.pixels.shape[:2], first.pixels.shape[:2]
     if (width, height) != (columns, rows):
         raise InputError(
@@ -193,7 +193,7 @@ def _check_size(image: Gathered, first: Gathered) -> None:
 
 def _no_board(paths: Sequence[Path], board: Board, count: int) -> InputError:
     hint = ""
-    for index, image in enumerate(gather(paths)):
+    for index, image in enumerate(named_images(paths)):
         if index == _MAX_SEARCHED or hint:
             break
         hint = suggestion(image.pixels, board)

@@ -21,9 +21,8 @@ from aerodft.adapters.config.station import (
     stated_start_ns,
     with_calibration,
 )
-from aerodft.adapters.images import RateSource, StillsFolderSource, VideoFileSource, video_info
+from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFileSource, video_info
 from aerodft.adapters.outputs import open_outputs
-from aerodft.adapters.recording.write import Thinned
 from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.observations import load_observations
@@ -238,7 +237,7 @@ def open_flight(
     by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
     lateness_ns = span.jitter_ns if by_host else span.lateness_at
     late: Source = DelayedSource(images, lateness_ns=lateness_ns)
-    observed = ObservedImages(late if schedules else Thinned(late, station.record.image_hz), schedules)
+    observed = ObservedImages(late if schedules else ThinnedPixels(late, station.record.image_hz), schedules)
     sources.append(observed)
     sources += [DelayedSource(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]

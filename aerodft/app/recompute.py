@@ -187,7 +187,7 @@ def open_recomputation(
 
 def _redetection(source: Source, recording: Recording, observers: ImageObservers) -> Redetection:
     if not observers.schedules:
-        got = "a configuration without [markers], [watch], [objects], [river] and tracked probes"
+        got = "a configuration without [markers], [camera_motion], [objects], [river] and tracked probes"
         raise UsageError("--redetect", got=got, expected="one of them: else aerodft looks for nothing itself")
     if next(recording.image_messages(), None) is None:
         hint = "record.image_hz says how many are kept"

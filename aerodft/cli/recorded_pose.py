@@ -26,7 +26,7 @@ class _PoseOnly:
     def __init__(self, source: Source, station: StationConfig, stamp_ns: int) -> None:
         self._source = source
         landmarks = [each.name for each in station.live.landmarks] if station.live else []
-        self._taught_by = frozenset(landmarks + ([STEADY] if station.watch else []))
+        self._taught_by = frozenset(landmarks + ([STEADY] if station.camera_motion else []))
         self._stamp_ns = stamp_ns
 
     def events(self) -> Iterator[Event]:

@@ -30,16 +30,18 @@ class CameraMotionSettings:
     Attributes:
         limit_rad: A camera that looks farther than this from where it looked has moved.
         every_s: Least time between two looks.
-        confirm: So many looks in a row must agree.
+        confirm_looks: So many looks in a row must agree.
         lever_arm_m: From the lens to the joint that it turns about, at the most: a bump moves the lens along.
         ignore: Polygons of pixels of the reference image that move by themselves: water, trees, roads.
+        reference: The image that the camera's pose is the pose of; None for the first good one.
     """
 
     limit_rad: float = math.radians(0.2)
     every_s: float = 1.0
-    confirm: int = 3
+    confirm_looks: int = 3
     lever_arm_m: float = 0.2
     ignore: tuple[tuple[tuple[float, float], ...], ...] = ()
+    reference: Path | None = None
 
 
 OBJECTS: Final = "objects"
@@ -54,26 +56,26 @@ class ObjectSettings:
         detect: Whether aerodft looks itself; else all outlines come from outside.
         every_s: Least time between two looks; 0 for every image.
         shadows: Whether cast shadows are told from what casts them.
-        least_px: What covers fewer pixels is noise.
+        min_area_px: What covers fewer pixels is noise.
         ignore: Polygons of pixels that move by themselves: water, trees, a road that is of no interest.
         std_px: Of where an outline has its edge.
         speed_mps: How fast objects are in each direction, a standard deviation, before the second look.
         acceleration_mps2: How much an object's velocity changes in a second, a standard deviation.
-        confirm: Looks that have to see an object before it is one.
-        forget_s: An object that is not seen for so long is given up.
+        confirm_looks: Looks that have to see an object before it is one.
+        track_timeout_s: An object that is not seen for so long is given up.
         distances_within_m: Distances are measured between objects that are this close; 0 for none.
     """
 
     detect: bool = True
     every_s: float = 0.0
     shadows: bool = True
-    least_px: int = 60
+    min_area_px: int = 60
     ignore: tuple[tuple[tuple[float, float], ...], ...] = ()
     std_px: float = 2.0
     speed_mps: float = 3.0
     acceleration_mps2: float = 0.5
-    confirm: int = 3
-    forget_s: float = 5.0
+    confirm_looks: int = 3
+    track_timeout_s: float = 5.0
     distances_within_m: float = 0.0
 
 
@@ -280,7 +282,7 @@ class LiveCalibration:
         initial: Standard deviations of the biases before a landmark was seen; None for what is left of the stated ones.
         drift: Random walk of the biases per square root of a second; what was learned fades until ``initial`` is back.
         gate_probability: A landmark farther off than this share of all good ones would be is refused.
-        outlier_share: Share of observations that are something else than the landmark.
+        outlier_fraction: Share of observations that are something else than the landmark.
     """
 
     landmarks: tuple[SurveyedLandmark, ...]
@@ -289,7 +291,7 @@ class LiveCalibration:
     initial: ErrorStd = field(default_factory=ErrorStd)
     drift: ErrorStd = DRIFT
     gate_probability: float = 0.999
-    outlier_share: float = 0.1
+    outlier_fraction: float = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -232,7 +232,7 @@ class MergedRecordingWriter:
         self._buffer = ChunkBuffer()
         self._ids: dict[int, int] = {}
         self._channels: list[Channel] = []  # an id stays one object's as long as the object is kept
-        file.write(self._summary.beginning)
+        file.write(self._summary.header)
 
     def attach(self, found: "FileAttachment") -> None:
         """Write an attachment, of any size, piece by piece; before the first message.
@@ -274,7 +274,7 @@ class MergedRecordingWriter:
         if kind is None:
             if self._buffer.messages:
                 self._close_chunk()
-            self._file.write(self._summary.ending(self._file.tell()))
+            self._file.write(self._summary.footer(self._file.tell()))
 
     def _registered(self, found: Channel) -> int:
         identity = self._registry.find(found)
@@ -284,7 +284,7 @@ class MergedRecordingWriter:
         return identity
 
     def _close_chunk(self) -> None:
-        chunk = self._buffer.built(self._compressor)
+        chunk = self._buffer.build(self._compressor)
         self._buffer = ChunkBuffer()
         offset = self._file.tell()
         for part in (chunk.head, chunk.content, chunk.indexes):

@@ -280,7 +280,7 @@ def open_recording(path: Path, topics: Topics | None = None) -> Recording | Fore
 
 def _is_own(path: Path) -> bool:
     segment = scan_segment(path)
-    segment.left_out.update(chunk.offset for chunk in segment.chunks)  # whoever reads on says what is damaged
+    segment.damaged_offsets.update(chunk.offset for chunk in segment.chunks)  # whoever reads on says what is damaged
     channels = channels_of(segment).values()
     return any(channel.schema.startswith(_OWN_SCHEMAS) for channel in channels)
 

@@ -7,8 +7,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ReadMessage, SegmentScan, content_bytes
-from aerodft.adapters.recording.read import Wanted as ChannelWanted
+from aerodft.adapters.recording.read import ChannelFilter, ReadMessage, SegmentScan, content_bytes
 from aerodft.adapters.wire.events import IMAGE_SCHEMA
 from aerodft.conventions import SECOND_NS
 from replay.foreign import ForeignRecording
@@ -18,7 +17,7 @@ _APART_NS: Final = SECOND_NS  # what recorders put off writing
 _MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
 _log = logging.getLogger(__name__)
 AnyRecording = Recording | ForeignRecording
-Wanted = Callable[[AnyRecording, Channel], bool]
+RecordingFilter = Callable[[AnyRecording, Channel], bool]
 
 
 class TimelineMessage(NamedTuple):
@@ -50,7 +49,7 @@ def is_image_step(recording: AnyRecording, channel: Channel) -> bool:
 
 
 def timeline(
-    recordings: Sequence[AnyRecording], from_ns: int | None, to_ns: int | None, wanted: Wanted
+    recordings: Sequence[AnyRecording], from_ns: int | None, to_ns: int | None, wanted: RecordingFilter
 ) -> Iterator[TimelineMessage]:
     """All messages with log times in ``[from_ns, to_ns)``; of equal ones the first recording's come first.
 
@@ -69,7 +68,7 @@ def timeline(
 
 
 def _timeline_messages(
-    recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted
+    recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: RecordingFilter
 ) -> Iterator[TimelineMessage]:
     has_images = isinstance(recording, Recording) or recording.images is not None
     for message in _messages(recording, from_ns, to_ns, wanted):
@@ -77,7 +76,9 @@ def _timeline_messages(
         yield TimelineMessage(message.log_ns, recording, message, is_step)
 
 
-def _messages(recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: Wanted) -> Iterator[ReadMessage]:
+def _messages(
+    recording: AnyRecording, from_ns: int | None, to_ns: int | None, wanted: RecordingFilter
+) -> Iterator[ReadMessage]:
     def is_wanted(channel: Channel) -> bool:
         return is_image_step(recording, channel) or wanted(recording, channel)
 
@@ -95,7 +96,7 @@ def _messages(recording: AnyRecording, from_ns: int | None, to_ns: int | None, w
 
 
 def _by_time(
-    segment: SegmentScan, from_ns: int | None, to_ns: int | None, is_wanted: ChannelWanted
+    segment: SegmentScan, from_ns: int | None, to_ns: int | None, is_wanted: ChannelFilter
 ) -> Iterator[ReadMessage]:
     """One file's messages by log time, also where a converter wrote one topic after the other."""
     if all(one.end_ns <= other.start_ns + _APART_NS for one, other in pairwise(segment.chunks)):

@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
 from aerodft.adapters.images import FramePixels, PacketDecoder, decode_jpeg
-from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ReadMessage, SegmentScan, log_times
+from aerodft.adapters.recording.read import ChunkLocation, ChunkReader, ReadMessage, SegmentScan, log_times
 from aerodft.adapters.recording.write import image_sequence
 from aerodft.errors import InputError
 from aerodft.model import Image, ImageArray
@@ -41,7 +41,7 @@ class RecordedPixels:
         most_px: Pixels that it has, by its stamps; None where they do not say.
     """
 
-    place: ChunkPlace
+    place: ChunkLocation
     segment: SegmentScan
     log_ns: int
     sequence: int
@@ -104,7 +104,7 @@ class PixelStore:
     """Which images of a recording have pixels."""
 
     def __init__(self, recording: Recording) -> None:
-        self._stills: dict[int, tuple[ChunkPlace, SegmentScan]] = {}
+        self._stills: dict[int, tuple[ChunkLocation, SegmentScan]] = {}
         self._packets: set[int] = set()
         self._video = _VideoReader(recording)
         for segment in recording.images:
@@ -130,7 +130,7 @@ class PixelStore:
         return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
 
 
-def _images_in(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
+def _images_in(segment: SegmentScan, place: ChunkLocation, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
     """Schema and log time of a chunk's pictures: from its indexes, or where it has none from itself."""
     times = log_times(place)
     if times is None:
@@ -143,10 +143,10 @@ def _images_in(segment: SegmentScan, place: ChunkPlace, schemas: dict[int, str])
             yield from ((schemas[number], log_ns) for log_ns in each)
 
 
-def _messages_at(segment: SegmentScan, place: ChunkPlace) -> Iterator[ReadMessage]:
+def _messages_at(segment: SegmentScan, place: ChunkLocation) -> Iterator[ReadMessage]:
     """The messages of one chunk; where no index names the channels, the first chunk does."""
     first = segment.chunks[0]
-    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
+    reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
     if not segment.is_indexed and place.offset != first.offset:
         for _ in reader.messages((first,)):
             pass

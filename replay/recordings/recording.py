@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ChunkTable, ReadMessage, SegmentScan, Wanted, scan_segment
+from aerodft.adapters.recording.read import ChannelFilter, ChunkTable, ReadMessage, SegmentScan, scan_segment
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError, located
@@ -84,7 +84,7 @@ class Recording:
         """``damaged_chunks`` that were met so far and ``missing_segments``; where asked, of the images too."""
         segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()
         missing = self._missing["data"] + (self._missing["images"] if images else 0)
-        return {"damaged_chunks": sum(len(each.left_out) for each in segments), "missing_segments": missing}
+        return {"damaged_chunks": sum(len(each.damaged_offsets) for each in segments), "missing_segments": missing}
 
     def text(self, name: str) -> str | None:
         """A file beside the segments (``config.toml`` and the like); None where there is none.
@@ -105,7 +105,7 @@ class Recording:
             raise InputError("the file cannot be read", where=path, got=error) from error
 
     def messages(
-        self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted | None = None
+        self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: ChannelFilter | None = None
     ) -> Iterator[ReadMessage]:
         """The messages of the data segments as they were written, log times in ``[from_ns, to_ns)``.
 
@@ -123,7 +123,9 @@ class Recording:
         is_looked_at = self._is_file or not all(segment.is_indexed for segment in self.data)
         return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if is_looked_at else wanted)
 
-    def tables(self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: Wanted) -> Iterator[ChunkTable]:
+    def tables(
+        self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: ChannelFilter
+    ) -> Iterator[ChunkTable]:
         """``messages`` as columns, a chunk's at a time."""
         return message_tables(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
 

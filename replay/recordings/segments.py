@@ -10,7 +10,14 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.recording import MAGIC, Channel
-from aerodft.adapters.recording.read import ChunkPlace, ChunkReader, ChunkTable, ReadMessage, SegmentScan, Wanted
+from aerodft.adapters.recording.read import (
+    ChannelFilter,
+    ChunkLocation,
+    ChunkReader,
+    ChunkTable,
+    ReadMessage,
+    SegmentScan,
+)
 
 
 def segment_order(path: Path) -> tuple[list[int], str]:
@@ -36,7 +43,7 @@ def messages_of(
     *,
     from_ns: int | None = None,
     to_ns: int | None = None,
-    wanted: Wanted | None = None,
+    wanted: ChannelFilter | None = None,
 ) -> Iterator[ReadMessage]:
     """Messages as they were written, file after file.
 
@@ -50,7 +57,7 @@ def messages_of(
         InputError: A file cannot be read.
     """
     for segment in segments:
-        reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
+        reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
         # Not a loop over them, which would hold on to the last one: an image of megabytes.
         messages = reader.messages(_wanted_chunks(segment, from_ns, to_ns, wanted), wanted)
         yield from filter(lambda message: is_within(message, from_ns, to_ns), messages)
@@ -62,7 +69,7 @@ def is_within(message: ReadMessage, from_ns: int | None, to_ns: int | None) -> b
 
 
 def message_tables(
-    segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: Wanted
+    segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter
 ) -> Iterator[ChunkTable]:
     """Messages as columns, chunk after chunk; arguments as in ``messages_of``."""
 
@@ -75,13 +82,13 @@ def message_tables(
         return table.rows(rows).kept()
 
     for segment in segments:
-        reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
+        reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
         yield from map(within, reader.tables(_wanted_chunks(segment, from_ns, to_ns, wanted), wanted))
 
 
 def _wanted_chunks(
-    segment: SegmentScan, from_ns: int | None, to_ns: int | None, wanted: Wanted | None
-) -> Iterator[ChunkPlace]:
+    segment: SegmentScan, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter | None
+) -> Iterator[ChunkLocation]:
     """The chunks that may hold such messages, and those before them that may define their channels."""
     known = segment.channels.by_id
     known_channels = set(known)
@@ -106,7 +113,7 @@ def channels_of(segment: SegmentScan) -> dict[int, Channel]:
     """
     if segment.is_indexed:
         return segment.channels.by_id
-    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
+    reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
     known_channels = set(segment.channels.by_id)
     for place in segment.chunks:
         if place.channels is None or not place.channels <= known_channels:
@@ -121,7 +128,7 @@ _MOST_WAITING_BYTES: Final = 16 << 20  # while something is written
 _MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
 
 
-def messages_by_time(segment: SegmentScan, wanted: Wanted | None = None) -> Iterator[ReadMessage]:
+def messages_by_time(segment: SegmentScan, wanted: ChannelFilter | None = None) -> Iterator[ReadMessage]:
     """One segment's messages by log time, else as they were written; chunks that overlap are held together.
 
     Where these are too much to be held, what is earliest of it goes out: a file need not be in order.
@@ -133,7 +140,7 @@ def messages_by_time(segment: SegmentScan, wanted: Wanted | None = None) -> Iter
     Raises:
         InputError: It cannot be read.
     """
-    reader = ChunkReader(segment.channels.copy(), left_out=segment.left_out)
+    reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
     starts = [chunk.start_ns for chunk in segment.chunks]
     later = [*list(accumulate(reversed(starts), min))[-2::-1], None]
     heap = _MessageHeap()

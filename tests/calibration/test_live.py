@@ -47,7 +47,7 @@ STD = PoseStd(
 )
 PLACES = {"a": (5.0, 35.0, 0.0), "b": (-10.0, 48.0, 0.5), "c": (15.0, 58.0, 0.0)}
 STEADY = ErrorStd(height_m=0.0, horizontal_m=0.0, tilt_rad=0.0, pan_rad=0.0, roll_rad=0.0, heading_rad=0.0)
-CERTAIN = {"noise_share": 0.0, "drift": STEADY, "outlier_share": 0.0}
+CERTAIN = {"noise_share": 0.0, "drift": STEADY, "outlier_fraction": 0.0}
 """What makes the filter a least squares problem."""
 
 
@@ -289,7 +289,7 @@ def test_with_an_uncertain_lens_the_biases_are_off_by_what_they_say():
 
 def test_an_image_in_which_all_landmarks_are_seen_shares_its_noise():
     """Noise of 0.3 deg in the tilt of one image is in all of its landmarks: a second one teaches nothing about it."""
-    one, many = (calibrator(noise=ErrorStd(tilt_rad=0.3 * DEG), drift=STEADY, outlier_share=0.0) for _ in range(2))
+    one, many = (calibrator(noise=ErrorStd(tilt_rad=0.3 * DEG), drift=STEADY, outlier_fraction=0.0) for _ in range(2))
     given = sample()
     one.observe(given, (seen("a", 0.0, truly_at(given, np.zeros(9), "a"), 0.01),))
     told = many.observe(given, tuple(seen(n, 0.0, truly_at(given, np.zeros(9), n), 0.01) for n in PLACES))
@@ -408,7 +408,7 @@ sightings = st.lists(
 @given(sightings, st.sampled_from([0.0, 0.3]), st.sampled_from([0.0, 0.1]))
 def test_whatever_is_seen_the_estimate_stays_one(observed, std_m, outlier_share):
     """Any pixels, any stated precision, in any order of time: finite, and never less certain than telemetry alone."""
-    live = calibrator(std_m=std_m, outlier_share=outlier_share)
+    live = calibrator(std_m=std_m, outlier_fraction=outlier_share)
     for name, at_s, off_px, share, std_px in observed:
         image = sample(at_s, heading_deg=3 * at_s)
         pixel = truly_at(image, WRONG, name) + share * np.array(off_px)

@@ -290,6 +290,8 @@ def test_what_cannot_be_looked_at_again_is_refused(flight, scenario, refined, tm
     assert (bare.code, "no images in the recording; record.image_hz" in bare.last) == (4, True)
     imported(flight, scenario.world, "blind", "--observations", flight / "observations.jsonl")
     blind = run_aerodft("recompute", flight / "blind", "--redetect", "-o", tmp_path / "again")
-    nothing = "--redetect: got a configuration without [markers], [watch], [objects], [river] and tracked probes"
+    nothing = (
+        "--redetect: got a configuration without [markers], [camera_motion], [objects], [river] and tracked probes"
+    )
     assert (blind.code, nothing in blind.last) == (2, True)
     assert not (tmp_path / "again").exists()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.recording.write import segmented_writer as series
+from aerodft.adapters.recording.write import segmented_writer
 from aerodft.service import Pipeline
 from replay.recordings import Recording
 
@@ -87,7 +87,7 @@ def test_a_file_in_place_of_the_folder_is_one_sentence(aerodft, shelf: Path, com
 @pytest.fixture
 def vanishing(desk, aerodft, monkeypatch):
     """A recording of small chunks, longer than what is computed at once, and a way to delete a folder meanwhile."""
-    monkeypatch.setattr(series, "_CHUNK_BYTES", 4096)
+    monkeypatch.setattr(segmented_writer, "_CHUNK_BYTES", 4096)
     folder = desk.folder / "flight"
     assert aerodft("import", desk.tlog(seconds=100.0), "-c", desk.config, "-o", folder).code == 0
     advance = Pipeline.advance

@@ -67,7 +67,7 @@ def station_file(folder, **tables):
             "std": {"height_m": 0.02, "tilt_deg": 0.05, "pan_deg": 0.05, "roll_deg": 0.05, "heading_deg": 0.0},
         },
         "zenoh": {"enabled": False},
-        "watch": {"every_s": 0.5, "reference": "reference.png"},
+        "camera_motion": {"every_s": 0.5, "reference": "reference.png"},
         "probe": [{"name": "crossing", "kind": "distance", "pixels": PIXELS}],
     } | tables
     path = folder / "station.toml"
@@ -139,15 +139,15 @@ def test_computed_anew_without_images_it_is_the_same_to_the_byte(imported, aerod
 
 PAPER = {**camera_document(CAMERA), "model": "dft"}
 REFUSALS = {
-    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "watch: got it beside"),
-    "in the paper's model": ({"camera": PAPER}, "watch: got it beside camera.model"),
+    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "camera_motion: got it beside"),
+    "in the paper's model": ({"camera": PAPER}, "camera_motion: got it beside camera.model"),
     "under its own name": ({"probe": [{"name": "steady", "kind": "range", "observed": True}]}, "another name"),
-    "without a limit": ({"watch": {"limit_deg": 0.0}}, "watch.limit_deg"),
-    "with a line for a polygon": ({"watch": {"ignore": [[[0, 0], [1, 1]]]}}, "watch.ignore[0]"),
-    "without its reference": ({"watch": {"reference": "nowhere.png"}}, "nowhere.png: the image cannot be read"),
-    "with what is no image": ({"watch": {"reference": "station.toml"}}, "image cannot be decoded"),
-    "with another camera's reference": ({"watch": {"reference": "small.png"}}, "small.png: the image is not"),
-    "with nothing to see": ({"watch": {"reference": "flat.png"}}, "shows too little"),
+    "without a limit": ({"camera_motion": {"limit_deg": 0.0}}, "camera_motion.limit_deg"),
+    "with a line for a polygon": ({"camera_motion": {"ignore": [[[0, 0], [1, 1]]]}}, "camera_motion.ignore[0]"),
+    "without its reference": ({"camera_motion": {"reference": "nowhere.png"}}, "nowhere.png: the image cannot be read"),
+    "with what is no image": ({"camera_motion": {"reference": "station.toml"}}, "image cannot be decoded"),
+    "with another camera's reference": ({"camera_motion": {"reference": "small.png"}}, "small.png: the image is not"),
+    "with nothing to see": ({"camera_motion": {"reference": "flat.png"}}, "shows too little"),
 }  # fmt: skip
 
 

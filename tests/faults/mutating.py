@@ -14,8 +14,7 @@ import zstandard
 from mcap.reader import make_reader
 
 from aerodft.adapters.recording.recover import recover_folder
-from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
-from aerodft.adapters.recording.write import segmented_writer as series
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings, segmented_writer
 from aerodft.errors import AerodftError
 from aerodft.model import Camera, Image, Observation, WireProtocol
 from aerodft.service import block_of
@@ -28,7 +27,7 @@ Message = tuple[int, str, bytes]
 
 def record(folder: Path) -> None:
     noise = np.random.default_rng(3)
-    series.FLUSH_S = 0.0
+    segmented_writer.FLUSH_S = 0.0
     settings = RecorderSettings(station="s", camera=CAMERA, lossless=True, max_image_hz=1e9, segment_s=2e-6)
     recorder = McapRecorder(folder, settings, started_ns=1)
     for step in range(1, 41):

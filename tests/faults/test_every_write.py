@@ -14,8 +14,14 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodft.adapters.recording.recover import recover_folder
-from aerodft.adapters.recording.write import McapRecorder, RecorderSettings, RecordingTotals, recorder, segment
-from aerodft.adapters.recording.write import segmented_writer as series
+from aerodft.adapters.recording.write import (
+    McapRecorder,
+    RecorderSettings,
+    RecordingTotals,
+    recorder,
+    segment,
+    segmented_writer,
+)
 from aerodft.errors import InputError
 from aerodft.model import Camera, Image, WireProtocol
 from aerodft.service import block_of
@@ -125,9 +131,9 @@ def test_a_call_that_fails_once_costs_nothing(
     caplog.set_level("CRITICAL")
     monkeypatch.setattr(recorder, "_SPARE_DATA_BYTES", 1 << 16)
     monkeypatch.setattr(recorder, "_SPARE_IMAGE_BYTES", 1 << 16)
-    monkeypatch.setattr(series, "FLUSH_S", 0.0)
-    monkeypatch.setattr(series, "SYNC_S", 0.0)
-    monkeypatch.setattr(series, "RETRY_S", 0.0)
+    monkeypatch.setattr(segmented_writer, "FLUSH_S", 0.0)
+    monkeypatch.setattr(segmented_writer, "SYNC_S", 0.0)
+    monkeypatch.setattr(segmented_writer, "RETRY_S", 0.0)
     allocate = segment.allocate
     failed: dict[str, int] = {}
     refused = lost = 0
@@ -167,8 +173,8 @@ def test_a_call_that_fails_once_costs_nothing(
 def test_a_folder_that_vanishes_is_a_loss_that_is_counted(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(series, "FLUSH_S", 0.0)
-    monkeypatch.setattr(series, "SYNC_S", 0.0)
+    monkeypatch.setattr(segmented_writer, "FLUSH_S", 0.0)
+    monkeypatch.setattr(segmented_writer, "SYNC_S", 0.0)
     settings = RecorderSettings(station="s", camera=CAMERA, lossless=True)
     made = McapRecorder(folder / "r", settings, started_ns=1)
 

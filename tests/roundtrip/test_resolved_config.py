@@ -19,8 +19,8 @@ from aerodft.adapters.config.station import (
     resolved_toml,
     with_calibration,
 )
-from aerodft.adapters.config.station.inputs import ObservationSettings
-from aerodft.adapters.config.units import to_deg, to_ns, to_s
+from aerodft.adapters.config.station.station_config import ObservationSettings
+from aerodft.adapters.config.tables import to_deg, to_ns, to_s
 from aerodft.adapters.timestamps import iso_to_unix_ns, unix_ns_to_iso
 from aerodft.model import GeoOrigin, PoseStd, Probe, ProbeKind
 
@@ -51,11 +51,11 @@ def test_an_example_survives_its_resolved_text(path: Path) -> None:
     assert resolved_toml(reread(station)) == resolved_toml(station)
 
 
-WATCH = """
-[watch]
+CAMERA_MOTION = """
+[camera_motion]
 limit_deg = 0.35
 every_s = 2.5
-confirm = 4
+confirm_looks = 4
 lever_arm_m = 0.15
 reference = "bridge.jpg"
 ignore = [[[0.0, 400.5], [1919.0, 380.0], [1919.0, 700.0]], [[1, 2], [3, 4], [5, 7]]]
@@ -64,12 +64,14 @@ ignore = [[[0.0, 400.5], [1919.0, 380.0], [1919.0, 700.0]], [[1, 2], [3, 4], [5,
 
 def test_a_watched_camera_survives_its_resolved_text() -> None:
     text = (CONFIGS / "services" / "fixed-camera.toml").read_text()
-    station = parse_station((text + WATCH).encode(), where="watched", folder=Path("/stations"))
-    assert station.watch is not None
-    assert station.watch.reference == Path("/stations/bridge.jpg")
+    station = parse_station((text + CAMERA_MOTION).encode(), where="watched", folder=Path("/stations"))
+    assert station.camera_motion is not None
+    assert station.camera_motion.reference == Path("/stations/bridge.jpg")
     assert_same(reread(station), station)
-    elsewhere = parse_station((text + WATCH).encode(), where="watched", folder=Path("/elsewhere"))
-    looser = parse_station((text + WATCH.replace("0.35", "0.4")).encode(), where="watched", folder=Path("/stations"))
+    elsewhere = parse_station((text + CAMERA_MOTION).encode(), where="watched", folder=Path("/elsewhere"))
+    looser = parse_station(
+        (text + CAMERA_MOTION.replace("0.35", "0.4")).encode(), where="watched", folder=Path("/stations")
+    )
     assert elsewhere.pipeline.config_id == station.pipeline.config_id != looser.pipeline.config_id
 
 
@@ -145,6 +147,12 @@ def test_another_calibration_of_a_fixed_camera_is_another_configuration() -> Non
     calibrated = with_calibration(station, CONFIGS / "sites" / "bridge-calibration.toml")
     assert calibrated.pipeline.config_id != station.pipeline.config_id
     assert_same(reread(calibrated), calibrated)
+
+
+def test_biases_of_a_calibration_survive_with_their_id() -> None:
+    station = load_station(CONFIGS / "services" / "river-flight.toml")
+    calibrated = with_calibration(station, CONFIGS / "sites" / "river-calibration.toml")
+    assert_same(reread(calibrated).calibration, calibrated.calibration)
 
 
 @given(angle_deg=st.floats(-720, 720))

@@ -161,7 +161,7 @@ def test_who_is_seen_from_the_hips_up_is_not_forgotten() -> None:
         sample = PoseSample(stamp_ns=stamp_ns, status=Status.OK, pose=yard.POSE, std=yard.STD)
         seen = (outline(foot, 1.1 if hidden else 0.0, stamp_ns),)
         made = [each for answer in tracks.follow(setup, sample, seen, k) or () for each in answer]
-        if k < settings.confirm:
+        if k < settings.confirm_looks:
             continue
         (track,) = made
         assert track.name == "object-1"

@@ -1,15 +1,19 @@
-"""Covariances that people or calibrations state, in full: checked before anything is computed with them."""
+"""Covariances that people or calibrations state in full, checked before anything is computed with them."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import orjson
 
+from aerodft.adapters.config.tables import impossible
 from aerodft.adapters.file_kind import content_looks_like, looks_like
 from aerodft.conventions import LARGEST
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import FloatArray
+
+Rows: TypeAlias = tuple[tuple[float, ...], ...]
 
 _ROUNDING = 1e-6
 """Of the correlations: rows that were printed with seven digits still pass."""
@@ -20,7 +24,7 @@ _ROWS = "a JSON list of rows, each a list of numbers"
 def checked_covariance(
     rows: Sequence[Sequence[float]] | FloatArray, size: int, *, where: object, key: str = "covariance", of: str = ""
 ) -> FloatArray:
-    """A covariance that is one: finite, symmetric, and no combination of its errors with a variance below 0.
+    """A stated covariance as a matrix that is finite, symmetric and positive semidefinite.
 
     Singular ones are fine: something is known exactly.
 
@@ -28,14 +32,14 @@ def checked_covariance(
         rows: The covariance as it was stated.
         size: How many rows of how many numbers it must have.
         where: File that it was stated in, for messages.
-        key: What it is called there, likewise.
-        of: What its rows are about, likewise.
+        key: What the covariance is called there.
+        of: What its rows are about, for messages.
 
     Returns:
         ``(size, size)``, exactly symmetric; unchanged where it was that already.
 
     Raises:
-        ConfigError: It is none; says where in it.
+        ConfigError: The rows are no covariance; names the entry.
     """
     shape = f"{size} rows of {size} numbers" + (f" ({of})" if of else "")
     lengths = [len(row) for row in rows]
@@ -59,7 +63,18 @@ def checked_covariance(
     return np.asarray((cov + cov.T) / 2)
 
 
-def as_rows(cov: FloatArray) -> tuple[tuple[float, ...], ...]:
+def check_lens_covariance(covariance: Rows | None, lens: Rows | None, count: int = 6) -> None:
+    """Refuse a covariance with the lens without that of the pose, or of another size (for validators)."""
+    if lens is None:
+        return
+    if covariance is None:
+        raise impossible("lens_covariance", got="it without covariance", expected="both")
+    if len(lens) != count or len({len(row) for row in lens}) != 1:
+        expected = f"{count} rows of as many as the lens has"
+        raise impossible("lens_covariance", got=f"{len(lens)} rows", expected=expected)
+
+
+def as_rows(cov: FloatArray) -> Rows:
     """A covariance ``(n, n)`` as rows of plain numbers."""
     return tuple(tuple(row) for row in cov.tolist())
 
@@ -97,7 +112,7 @@ def load_covariance(path: Path) -> FloatArray:
     try:
         data = path.read_bytes()
     except OSError:
-        raise InputError("no covariance", where=path, got=looks_like(path), expected=_ROWS) from None
+        raise InputError("the covariance cannot be read", where=path, got=looks_like(path), expected=_ROWS) from None
     try:
         rows = orjson.loads(data)
     except orjson.JSONDecodeError:

@@ -1,25 +1,25 @@
 """The pieces that configuration tables are made of: strict, finite, with the unit in the key; and their SI values.
 
-A table is the one list of its keys: ``value_of`` makes the value that it describes, ``keys_of`` writes such a value
-down again. Key and attribute find each other by name: ``wait_s`` is ``wait_s`` or ``wait_ns``, ``limit_deg`` is
-``limit_rad``. Where an attribute has another name, or its value is made otherwise, the key's type says so with
-``Means``.
+A table is the one list of its keys. ``si_value`` makes the dataclass of SI values that tables describe,
+``Table.from_si`` the table of such dataclasses, and ``Table.to_toml`` what is written: reading that gives an equal
+dataclass, to the last bit. Key and attribute find each other by name and unit: ``wait_s`` is ``wait_s`` or ``wait_ns``,
+``limit_deg`` is ``limit_rad``. Where an attribute has another name, or its value is made otherwise, the key's type says
+so with ``SiAttribute``. So a new key is a field of its table and an attribute of the dataclass.
 """
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Final, Generic, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar, get_args, get_type_hints
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from aerodft.adapters.config.units import to_deg, to_ns, to_percent, to_s
-from aerodft.conventions import LARGEST
+from aerodft.conventions import LARGEST, SECOND_NS
 
 LOCAL: Final = "local"
 """What a file may call its coordinates, beside the codes of maps: metres east, north and up of somewhere."""
@@ -56,6 +56,55 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, protected_namespaces=())
 
+    INSTEAD_OF: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that take the place of others: what is stated beside them is refused, and not written."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        for key, others in self.INSTEAD_OF.items():
+            stated = [each for each in others if each in self.model_fields_set and getattr(self, each) is not None]
+            if getattr(self, key) is not None and stated:
+                raise impossible(stated[0], got=f"it beside {key}", expected="one of the two")
+        return self
+
+    @classmethod
+    def from_si(cls, *values: object, stds: object = None, **keys: Any) -> Self:  # noqa: ANN401 - whatever keys hold
+        """The table of dataclasses of SI values.
+
+        Args:
+            values: The dataclasses; a key is that of the first one that has its attribute, else it is left out.
+            stds: What has the standard deviations of ``Uncertain`` keys, under the attributes of their values.
+            keys: Keys that are known otherwise, as the table has them; None leaves one out.
+        """
+        if unknown := keys.keys() - cls.model_fields.keys():
+            raise ValueError(f"keys {sorted(unknown)}, must be of {cls.__name__}")
+        found: dict[str, Any] = {}
+        for key, si, nested in _keys(cls):
+            owner, attribute = next((at for each in values if (at := _owner_of(each, si.name or key))), (None, ""))
+            if owner is None or key in keys:
+                continue
+            found[key] = _to_key(getattr(owner, attribute), key, attribute, si, nested)
+            if nested is not None and issubclass(nested, Uncertain):
+                std = _to_key(getattr(stds, attribute), key, attribute, si, nested)
+                found[key] = nested.model_construct(value=found[key], std=std)
+        found |= keys
+        replaced = {other for key, others in cls.INSTEAD_OF.items() if found.get(key) is not None for other in others}
+        return cls.model_construct(**{key: value for key, value in found.items() if key not in replaced})
+
+    def to_toml(self) -> dict[str, Any]:
+        """What TOML has for the keys that are set, in the order of the table; what is None is left out."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_unset=True, warnings="error")
+
+    @classmethod
+    def without_marked(cls, document: dict[str, Any]) -> dict[str, Any]:
+        """What ``to_toml`` returned, without the keys that are ``NOT_IN_CONFIG_ID``."""
+        found = {}
+        for key, _, nested in _keys(cls):
+            if key in document and NOT_IN_CONFIG_ID not in cls.model_fields[key].metadata:
+                value = document[key]
+                found[key] = nested.without_marked(value) if nested and isinstance(value, dict) else value
+        return found | {key: value for key, value in document.items() if key not in cls.model_fields}
+
 
 class Uncertain(Table, Generic[Quantity]):
     """A quantity with its standard deviation in the same unit; a bare number is one without."""
@@ -65,8 +114,8 @@ class Uncertain(Table, Generic[Quantity]):
 
     @model_validator(mode="before")
     @classmethod
-    def _lift(cls, given: object) -> object:
-        return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+    def _lift(cls, document: object) -> object:
+        return {"value": document} if isinstance(document, int | float) and not isinstance(document, bool) else document
 
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -126,82 +175,128 @@ Slug = Annotated[str, matching(r"[A-Za-z0-9][A-Za-z0-9._-]*", "letters, digits, 
 Order = Annotated[tuple[Quantity, ...], Field(strict=False, min_length=1), AfterValidator(_unique)]
 
 
+_NEIGHBOURS = 6
+
+
+def to_deg(angle_rad: float) -> float:
+    """The shortest number of degrees whose ``math.radians`` is exactly ``angle_rad``.
+
+    Where no double has that image (it cannot have come from degrees), the nearest one.
+    """
+    angle_deg = math.degrees(angle_rad)
+    for digits in range(1, 16):
+        candidate = round(angle_deg, digits)
+        if math.radians(candidate) == angle_rad:
+            return candidate
+    below = above = angle_deg
+    for _ in range(_NEIGHBOURS):
+        for candidate in (below, above):
+            if math.radians(candidate) == angle_rad:
+                return candidate
+        below, above = math.nextafter(below, -math.inf), math.nextafter(above, math.inf)
+    return angle_deg
+
+
+def to_ns(duration_s: float) -> int:
+    """Seconds to the nearest nanosecond."""
+    return round(duration_s * SECOND_NS)
+
+
+def to_s(duration_ns: int) -> float:
+    """Nanoseconds to seconds; exact both ways below eleven days."""
+    return duration_ns / SECOND_NS
+
+
+def to_percent(share: float) -> float:
+    """The shortest number of percent that is a hundred times ``share`` and, divided, gives it back exactly."""
+    percent = 100 * share
+    return next((each for digits in range(16) if (each := round(percent, digits)) / 100 == share), percent)
+
+
 @dataclass(frozen=True, slots=True)
-class Means:
-    """What a key stands for, beside the rule for names.
+class SiAttribute:
+    """Which attribute of a dataclass of SI values a key is, beside the rule for names.
 
     Attributes:
-        attribute: Of the value; with dots for one of a value within it. Empty for the name that the key has.
-        into: From what the key says to the attribute.
-        out: Back; None leaves the key out.
+        name: With dots for an attribute of a dataclass within; empty for that of the key.
+        into: From the key's value to the attribute's, in place of the change of units.
+        out: From the attribute's value to the key's; None leaves the key out.
     """
 
-    attribute: str = ""
+    name: str = ""
     into: Callable[[Any], Any] | None = None
     out: Callable[[Any], Any] | None = None
 
 
+NOT_IN_CONFIG_ID: Final = "not in config_id"
+"""Marks a key that no number depends on, in its ``Annotated`` type: it is left out of the configuration's id."""
+
 _PERCENT = 100.0
-_INTO_SI: dict[tuple[str, str], tuple[Callable[[float], float], Callable[[Any], float]]] = {
+_MS_NS = 1_000_000
+_INTO_SI: dict[tuple[str, str], tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     ("deg", "rad"): (math.radians, to_deg),
     ("dps", "radps"): (math.radians, to_deg),
     ("s", "ns"): (to_ns, to_s),
+    ("ms", "ns"): (lambda duration_ms: duration_ms * _MS_NS, lambda duration_ns: duration_ns // _MS_NS),
     ("percent", "share"): (lambda percent: percent / _PERCENT, to_percent),
 }
 AS_SHARE = _INTO_SI["percent", "share"]
 """Percent to a share and back, where no name tells."""
 
+UNLESS_ZERO = SiAttribute(out=lambda value: value or None)
+"""Left out where it is 0: the ids of configurations that were written before the key was known stay as they are."""
 
-ROWS = Means(into=lambda rows: tuple(rows or ()), out=lambda rows: [list(row) for row in rows] or None)
-"""A covariance in rows, empty where none is stated."""
+ROWS = SiAttribute(into=lambda rows: tuple(rows or ()), out=lambda rows: rows or None)
+"""Rows of a matrix, or several values, of which the dataclass has none where the key is left out."""
 
 
-def value_of(table: Table, kind: type[Value], folder: Path = Path(), **stated: object) -> Value:
-    """The value that a table describes.
+def si_value(
+    kind: type[Value],
+    *tables: Table,
+    relative_to: Path = Path(),
+    part: Literal["value", "std"] = "value",
+    **stated: object,
+) -> Value:
+    """The dataclass of SI values that tables describe.
 
     Args:
-        table: The table; keys that no attribute has are left alone.
         kind: The dataclass.
-        folder: What relative paths start from.
-        stated: Attributes that are known otherwise, whatever the table says.
+        tables: The tables; keys that no attribute has are left alone.
+        relative_to: What relative paths start from.
+        part: Of ``Uncertain`` keys: their values, or their standard deviations.
+        stated: Attributes that are known otherwise, whatever the tables say.
     """
     found: dict[str, Any] = {}
-    _collect(found, table, kind, folder)
-    return _made(kind, found | stated)
+    for table in tables:
+        _collect(found, table, kind, relative_to, part)
+    return _built(kind, found | stated)
 
 
-def keys_of(table: type[Table], value: object) -> dict[str, Any]:
-    """What a table says of a value, in the order of its keys and as TOML has it; what is None is left out.
-
-    Args:
-        table: The kind of table; keys that no attribute has are left out.
-        value: The dataclass; ``value_of`` makes an equal one, as far as the table has its attributes.
-    """
-    document = {}
-    for key, means, nested in _keys(table):
-        *path, last = (means.attribute or key).split(".")
-        owner: Any = value
-        for step in path:
-            owner = getattr(owner, step, None)
-        attribute = _attribute_of(type(owner), last)
-        if attribute is None:
-            continue
-        found = getattr(owner, attribute)
-        if means.out is not None:
-            found = means.out(found)
-        elif found is not None:
-            found = _plain(found) if nested is None else keys_of(nested, found)
-            if (units := _units(last, attribute)) is not None:
-                found = units[1](found)
-        if found is not None:
-            document[key] = found
-    return document
+def _to_key(value: Any, key: str, attribute: str, si: SiAttribute, nested: type[Table] | None) -> Any:  # noqa: ANN401 - whatever TOML and dataclasses hold
+    """A key's value, of an attribute's."""
+    if si.out is not None:
+        return si.out(value)
+    if is_dataclass(value) and nested is not None:
+        return nested.from_si(value)
+    if nested is not None and isinstance(value, tuple):
+        return tuple(map(nested.from_si, value))
+    units = _units((si.name or key).rpartition(".")[2], attribute)
+    return _plain(value) if units is None or value is None else units[1](value)
 
 
-def _collect(found: dict[str, Any], table: Table, kind: type, folder: Path) -> None:
-    """The attributes of ``kind`` that a table states; those of a value within it as a dictionary of its own."""
-    for key, means, nested in _keys(type(table)):
-        *path, last = (means.attribute or key).split(".")
+def _owner_of(value: object, name: str) -> tuple[object, str] | None:
+    """What has the attribute that a key is, and its name; None where nothing has."""
+    *path, last = name.split(".")
+    for step in path:
+        value = getattr(value, step, None)
+    attribute = _attribute_of(type(value), last)
+    return None if attribute is None else (value, attribute)
+
+
+def _collect(found: dict[str, Any], table: Table, kind: type, folder: Path, part: str) -> None:
+    """The attributes of ``kind`` that a table states; those of a dataclass within it as a dictionary of its own."""
+    for key, si, _ in _keys(type(table)):
+        *path, last = (si.name or key).split(".")
         owner, node = kind, found
         if path and path[0] not in _hints(kind):
             continue
@@ -211,32 +306,34 @@ def _collect(found: dict[str, Any], table: Table, kind: type, folder: Path) -> N
         if attribute is None:
             continue
         said = getattr(table, key)
-        if means.into is not None:
-            node[attribute] = means.into(said)
+        if isinstance(said, Uncertain):
+            said = getattr(said, part)
+        if si.into is not None:
+            node[attribute] = si.into(said)
         elif said is None:
             node[attribute] = None
-        elif nested is not None:
-            _collect(node.setdefault(attribute, {}), said, _within(owner, attribute), folder)
+        elif isinstance(said, Table):
+            _collect(node.setdefault(attribute, {}), said, _within(owner, attribute), folder, part)
         elif (units := _units(last, attribute)) is not None:
             node[attribute] = units[0](said)
         else:
             node[attribute] = _typed(said, _hints(owner)[attribute], folder)
 
 
-def _made(kind: type[Value], found: dict[str, Any]) -> Value:
-    """A value of its attributes; one within it may be a dictionary of its own."""
+def _built(kind: type[Value], found: dict[str, Any]) -> Value:
+    """A dataclass of its attributes; those of one within it may be a dictionary."""
     is_whole = {name: _within(kind, name) is None or not isinstance(each, dict) for name, each in found.items()}
-    return kind(**{name: each if is_whole[name] else _made(_within(kind, name), each) for name, each in found.items()})
+    return kind(**{name: each if is_whole[name] else _built(_within(kind, name), each) for name, each in found.items()})
 
 
 @cache
-def _keys(table: type[Table]) -> tuple[tuple[str, Means, type[Table] | None], ...]:
-    """The keys of a table, with what each stands for and, of a table within it, its kind."""
+def _keys(table: type[Table]) -> tuple[tuple[str, SiAttribute, type[Table] | None], ...]:
+    """The keys of a table, with the attribute that each is and, of a table within it, its class."""
     found = []
     for key, field in table.model_fields.items():
-        means = next((each for each in field.metadata if isinstance(each, Means)), Means())
+        si = next((each for each in field.metadata if isinstance(each, SiAttribute)), SiAttribute())
         nested = [each for each in _types(field.annotation) if issubclass(each, Table)]
-        found.append((key, means, nested[0] if nested else None))
+        found.append((key, si, nested[0] if nested else None))
     return tuple(found)
 
 
@@ -280,9 +377,7 @@ def _typed(said: Any, hint: Any, folder: Path) -> Any:  # noqa: ANN401 - whateve
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever TOML and dataclasses hold
-    """A value as TOML has it."""
+    """A value with text for paths."""
     if isinstance(value, tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, Path):
-        return str(value.absolute())
-    return str(value) if isinstance(value, Enum) else value
+        return tuple(map(_plain, value))
+    return str(value.absolute()) if isinstance(value, Path) else value

@@ -1,25 +1,20 @@
-"""Pixels that are converted when somebody asks, and stay valid afterwards; and images out of single video packets."""
+"""Pixels out of compressed images: converted when somebody asks, and valid afterwards; and JPEGs of pixels."""
 
 import threading
+import warnings
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
 from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import InputError
-from aerodft.model import Camera, ImageArray
-
-if TYPE_CHECKING:
-    import av
-
-
-from typing import TYPE_CHECKING, cast
+from aerodft.model import Camera, Image, ImageArray
 
 if TYPE_CHECKING:
     import av
     from av.video.codeccontext import VideoCodecContext
-
 
 STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """What files of stills are called."""
@@ -58,13 +53,9 @@ class StillPixels:
         Raises:
             InputError: The file's content is damaged.
         """
-        import cv2  # noqa: PLC0415 - 20 MB, and recordings without stills do without
-
-        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-        decoded = cv2.imdecode(np.frombuffer(self._data, dtype=np.uint8), flags)
-        if decoded is None:
+        pixels = _decoded(self._data)
+        if pixels is None:
             raise InputError("image cannot be decoded", where=self._where, hint="the file is damaged; leave it out")
-        pixels = np.asarray(decoded, dtype=np.uint8)
         pixels.setflags(write=False)
         return pixels
 
@@ -152,3 +143,70 @@ class PacketDecoder:
             return None
         own = [frame for frame in frames if frame.pts == packet.pts and not frame.is_corrupt]
         return own[-1] if own else None
+
+
+def encode_jpeg(image: Image, quality: int) -> bytes:
+    """An image's pixels as JPEG.
+
+    Args:
+        image: With pixels.
+        quality: 0 to 100.
+
+    Raises:
+        ValueError: The image has no pixels.
+        InputError: The pixels cannot be encoded.
+    """
+    import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
+
+    if image.pixels is None:
+        raise ValueError(f"image {image.index} has no pixels")
+    try:
+        done, data = cv2.imencode(".jpg", image.pixels(), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    except cv2.error as error:
+        raise InputError("the image cannot be encoded", where=f"image {image.index}", got=error.err) from error
+    if not done:
+        raise InputError("the image cannot be encoded", where=f"image {image.index}")
+    return data.tobytes()
+
+
+def decode_jpeg(data: bytes, where: str, most_px: int | None = None) -> ImageArray:
+    """A JPEG as ``(height, width, 3)`` uint8 BGR.
+
+    Args:
+        data: The file's bytes.
+        where: Its name in messages.
+        most_px: A larger image is damage: some kilobytes can claim gigabytes. None where nobody knows its size.
+
+    Raises:
+        InputError: It is damaged; names ``where``.
+    """
+    if most_px is not None and _pixels_of(data) > most_px:
+        raise InputError("the JPEG is larger than the image that it is of", where=where, expected=f"{most_px} pixels")
+    pixels = _decoded(data)
+    if pixels is None:
+        raise InputError("the JPEG is damaged", where=where, got=f"{len(data)} bytes")
+    return pixels
+
+
+def _decoded(data: bytes) -> ImageArray | None:
+    """An image file's pixels ``(height, width, 3)`` uint8 BGR, as stored; None where it is damaged."""
+    import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
+
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
+    return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
+
+
+def _pixels_of(data: bytes) -> int:
+    """How many an image has by its header; 0 where it has none that could be read."""
+    from PIL import Image as PillowImage  # noqa: PLC0415 - for what was recorded only
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", PillowImage.DecompressionBombWarning)
+            with PillowImage.open(BytesIO(data)) as image:
+                return image.width * image.height
+    except (PillowImage.DecompressionBombWarning, PillowImage.DecompressionBombError):
+        return PillowImage.MAX_IMAGE_PIXELS or 0
+    except (OSError, SyntaxError):
+        return 0

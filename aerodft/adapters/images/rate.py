@@ -1,14 +1,15 @@
-"""No images: stamps alone at a rate, so that fixed probes are evaluated from telemetry."""
+"""Rates: stamps alone, so that fixed probes are evaluated from telemetry; and which images keep their pixels."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from types import TracebackType
 from typing import Self
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import Image, StampClock
-from aerodft.service import Clock
+from aerodft.model import Event, Image, StampClock
+from aerodft.service import Clock, Source
 
 
 def _period_ns(rate_hz: float) -> Fraction:
@@ -81,3 +82,45 @@ class LiveRate:
                 return
             self._on_image(_bare_image(index, stamp_ns, self._clock.now_ns()))
             index += 1
+
+
+_SLACK = 0.9  # of the period: a camera at exactly the rate jitters around it
+
+
+def is_due(last_ns: int | None, arrival_ns: int, rate_hz: float) -> bool:
+    """Whether an image is to be kept.
+
+    Args:
+        last_ns: Arrival of the last one that was; None before the first.
+        arrival_ns: Its own.
+        rate_hz: How many are kept; 0 for none.
+    """
+    if rate_hz <= 0 or last_ns is None:
+        return rate_hz > 0
+    return arrival_ns - last_ns >= _SLACK * SECOND_NS / rate_hz
+
+
+class ThinnedPixels:
+    """A source of which the images between those that are due come without their pixels, which would only wait.
+
+    Args:
+        source: Images, by themselves or among other events.
+        rate_hz: As in :func:`is_due`; the recorder then finds the same ones due.
+    """
+
+    def __init__(self, source: Source, rate_hz: float) -> None:
+        self._source = source
+        self._rate_hz = rate_hz
+
+    def events(self) -> Iterator[Event]:
+        """The source's events."""
+        last_ns: int | None = None
+        for event in self._source.events():
+            if isinstance(event, Image) and event.pixels is not None:
+                if is_due(last_ns, event.arrival_ns, self._rate_hz):
+                    last_ns = event.arrival_ns
+                    yield event
+                else:
+                    yield replace(event, pixels=None)
+            else:
+                yield event

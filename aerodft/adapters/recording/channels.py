@@ -86,100 +86,38 @@ class TooMuchDefinedError(ValueError):
 
 
 @dataclass(slots=True)
-class DefinitionBudget:
-    """What a file's definitions take, and which are of the chunk in progress: to undo it costs no more than it."""
+class Channels:
+    """The channels of one file, as its schema and channel records make them known.
 
+    Attributes:
+        by_id: So far.
+        records: Their records.
+        schemas: Records of the schemas, by id.
+    """
+
+    by_id: dict[int, Channel] = field(default_factory=dict)
+    records: dict[int, ChannelRecord] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
     _bytes: int = 0
     _bytes_before: int = 0
     _changes: list[tuple[dict[int, Any], int, Any]] = field(default_factory=list)
 
-    def begin(self) -> None:
-        """Another chunk begins."""
+    def begin_chunk(self) -> None:
+        """Another chunk begins, whose definitions ``undo_chunk`` takes back."""
         self._bytes_before = self._bytes
         self._changes.clear()
 
-    def put(self, known: dict[int, _Value], value: _Value, record: Schema | ChannelRecord) -> None:
-        """Have a definition known by its id; of one that is replaced the bytes are not given back.
-
-        Raises:
-            TooMuchDefinedError: It is one too many.
-        """
-        self._bytes += _size_of(record)
-        if self._bytes > MOST_DEFINED_BYTES:
-            raise TooMuchDefinedError(f"schemas and channels of more than {MOST_DEFINED_BYTES >> 20} MB in the file")
-        self._changes.append((known, record.id, known.get(record.id)))
-        known[record.id] = value
-
-    def copy(self) -> "DefinitionBudget":
-        """The same, with nothing to be undone."""
-        return DefinitionBudget(self._bytes)
-
-    def undo(self) -> None:
-        """Take back what the chunk defined."""
-        for known, identity, before in reversed(self._changes):
-            if before is None:
-                del known[identity]
-            else:
-                known[identity] = before
-        self._bytes = self._bytes_before
-        self._changes.clear()
-
-
-@dataclass(slots=True)
-class Definitions:
-    """Schemas and channels by id.
-
-    Attributes:
-        ledger: Of what they take.
-    """
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, ChannelRecord] = field(default_factory=dict)
-    ledger: DefinitionBudget = field(default_factory=DefinitionBudget)
-
     def add(self, record: Schema | ChannelRecord) -> None:
-        """Take a schema or a channel.
+        """Take a schema or a channel, whose schema came before it; of one that is replaced no bytes are given back.
 
         Raises:
             TooMuchDefinedError: It is one too many.
         """
         if isinstance(record, Schema):
             if record != self.schemas.get(record.id):
-                self.ledger.put(self.schemas, record, record)
-        elif record != self.channels.get(record.id):
-            self.ledger.put(self.channels, record, record)
-
-
-def _size_of(record: Schema | ChannelRecord) -> int:
-    if isinstance(record, Schema):
-        return len(record.name) + len(record.encoding) + len(record.data)
-    return sum(map(len, (record.topic, record.message_encoding, *record.metadata, *record.metadata.values())))
-
-
-@dataclass(slots=True)
-class Channels:
-    """The channels of one file, as its schema and channel records make them known.
-
-    Attributes:
-        by_id: So far.
-        ledger: Of what they take.
-    """
-
-    by_id: dict[int, Channel] = field(default_factory=dict)
-    ledger: DefinitionBudget = field(default_factory=DefinitionBudget)
-    _schemas: dict[int, Schema] = field(default_factory=dict)
-
-    def add(self, record: Schema | ChannelRecord) -> None:
-        """Take a schema or a channel, whose schema came before it.
-
-        Raises:
-            TooMuchDefinedError: It is one too many.
-        """
-        if isinstance(record, Schema):
-            if record != self._schemas.get(record.id):
-                self.ledger.put(self._schemas, record, record)
+                self._put(record, self.schemas, record)
             return
-        schema = self._schemas.get(record.schema_id)
+        schema = self.schemas.get(record.schema_id)
         found = Channel(
             topic=record.topic,
             encoding=record.message_encoding,
@@ -188,12 +126,39 @@ class Channels:
             schema_data=b"" if schema is None else schema.data,
             metadata=tuple(sorted(record.metadata.items())),
         )
-        if found != self.by_id.get(record.id):
-            self.ledger.put(self.by_id, found, record)
+        if found != self.by_id.get(record.id) or record != self.records.get(record.id):
+            self._put(record, self.by_id, found)
+            self._replace(self.records, record.id, record)
 
     def copy(self) -> "Channels":
-        """The same, to be added to."""
-        return Channels(dict(self.by_id), self.ledger.copy(), dict(self._schemas))
+        """Equal channels, to be added to."""
+        return Channels(dict(self.by_id), dict(self.records), dict(self.schemas), self._bytes)
+
+    def undo_chunk(self) -> None:
+        """Take back what was added since the last chunk began."""
+        for known, identity, before in reversed(self._changes):
+            if before is None:
+                del known[identity]
+            else:
+                known[identity] = before
+        self._bytes = self._bytes_before
+        self._changes.clear()
+
+    def _put(self, record: Schema | ChannelRecord, known: dict[int, _Value], value: _Value) -> None:
+        self._bytes += _size_of(record)
+        if self._bytes > MOST_DEFINED_BYTES:
+            raise TooMuchDefinedError(f"schemas and channels of more than {MOST_DEFINED_BYTES >> 20} MB in the file")
+        self._replace(known, record.id, value)
+
+    def _replace(self, known: dict[int, _Value], identity: int, value: _Value) -> None:
+        self._changes.append((known, identity, known.get(identity)))
+        known[identity] = value
+
+
+def _size_of(record: Schema | ChannelRecord) -> int:
+    if isinstance(record, Schema):
+        return len(record.name) + len(record.encoding) + len(record.data)
+    return sum(map(len, (record.topic, record.message_encoding, *record.metadata, *record.metadata.values())))
 
 
 def definition(opcode: int, content: bytes) -> Schema | ChannelRecord:

@@ -13,10 +13,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel as ChannelRecord
-from mcap.records import (
-    McapRecord,
-    Schema,
-)
+from mcap.records import McapRecord, Schema
 
 from aerodft.adapters.recording.channels import Channel
 from aerodft.model import IntArray
@@ -44,7 +41,7 @@ def compressor() -> Compressor:
     return zstandard.ZstdCompressor(compression_params=_ZSTD)
 
 
-class BuiltChunk(NamedTuple):
+class EncodedChunk(NamedTuple):
     """A chunk as it goes into a file, the message indexes behind it included; says nothing about where.
 
     Attributes:
@@ -131,8 +128,8 @@ class ChunkBuffer:
         """Add ``n`` messages that were written into ``more`` of the content.
 
         Args:
-            channel_ids: ``(n,)`` theirs.
-            log_ns: ``(n,)`` likewise.
+            channel_ids: ``(n,)`` their channels.
+            log_ns: ``(n,)`` their log times.
             offset: ``(n,)`` where each begins in the content.
         """
         entries = np.stack([log_ns, offset], axis=-1).astype("<u8", copy=False)
@@ -143,17 +140,17 @@ class ChunkBuffer:
         self._end_ns = max(self._end_ns, last_ns)
         self.messages += len(log_ns)
 
-    def built(self, compressor: Compressor | None) -> BuiltChunk:
+    def build(self, compressor: Compressor | None) -> EncodedChunk:
         """The chunk with what was added so far; not compressed without a compressor."""
         content = self._memory[: self.content_bytes]
         data = content if compressor is None else compressor.compress(content)
         if not isinstance(data, bytes) or len(data) < len(content) // 2:
             data = bytes(memoryview(data))  # copied: the library's own bytes keep what the content takes
         head = CHUNK_HEAD.pack(self._start_ns, self._end_ns, len(content), zlib.crc32(content))
-        return built_chunk(head, b"" if compressor is None else b"zstd", data, self._indexes)
+        return assemble_chunk(head, b"" if compressor is None else b"zstd", data, self._indexes)
 
 
-def built_chunk(head: bytes, compression: bytes, data: bytes, indexes: dict[int, bytearray]) -> BuiltChunk:
+def assemble_chunk(head: bytes, compression: bytes, data: bytes, indexes: dict[int, bytearray]) -> EncodedChunk:
     """A chunk of parts.
 
     Args:
@@ -169,7 +166,7 @@ def built_chunk(head: bytes, compression: bytes, data: bytes, indexes: dict[int,
     for channel_id, entries in indexes.items():
         size = len(entries)
         behind += (_INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, _INDEX_REST_BYTES + size, channel_id, size), bytes(entries))
-    return BuiltChunk(
+    return EncodedChunk(
         head=b"".join((*begin, _SIZE.pack(len(data)))),
         content=data,
         indexes=b"".join(behind),

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, Watch, river_probes
+from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, river_probes
 from aerodft.adapters.images import read_camera_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import moved_on
 from aerodft.model import Camera, Image, PixelSource, PoseSample, Status
-from aerodft.service import ObserverCounts, ObserverSchedule, Pipeline
+from aerodft.service import CameraMotionSettings, ObserverCounts, ObserverSchedule, Pipeline
 from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
 from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
@@ -20,6 +20,9 @@ from aerodft.vision.river import RiverObserver
 from calibration.markers import CameraPlace, MarkerObserver
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
+
+
+_CONFIGURED_BY = {"watch": "[camera_motion]", "tracked": "tracked probes"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +74,8 @@ def build_observers(
     notes: dict[str, Callable[[], dict[str, object]]] = {}
     camera, ground, probes = station.pipeline.camera, station.pipeline.ground, station.pipeline.probes
     pose_of = partial(_pose_now, pipeline)
-    if station.watch is not None:
-        schedules["watch"] = _camera_motion_schedule(station.watch, camera)
+    if station.camera_motion is not None:
+        schedules["watch"] = _camera_motion_schedule(station.camera_motion, camera)
     if (markers := station.markers) is not None:
         observer = MarkerObserver(markers.survey, camera, markers.ignore, partial(_place_near, pipeline))
         schedules["markers"] = ObserverSchedule(observer, markers.every_s)
@@ -90,8 +93,8 @@ def build_observers(
     if tracked := tuple(probe for probe in probes if probe.source is PixelSource.TRACKED):
         schedules["tracked"] = ObserverSchedule(TrackedProbes(camera, tracked, pose_of, ground))
     if schedules and not _has_images(station.images.source, may_record=may_record):
-        table = next(iter(schedules))
-        got = f"none to look into for {'tracked probes' if table == 'tracked' else f'[{table}]'}"
+        first = next(iter(schedules))
+        got = f"none to look into for {_CONFIGURED_BY.get(first, f'[{first}]')}"
         raise ConfigError("images", where=where, got=got, expected="a stream or a device; for import a video or stills")
     return ImageObservers(schedules, notes)
 
@@ -100,22 +103,22 @@ def _has_images(source: ImageInput | None, *, may_record: bool) -> bool:
     return not isinstance(source, Rate) and (may_record or source is not None)
 
 
-def _camera_motion_schedule(watch: Watch, camera: Camera) -> ObserverSchedule:
+def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> ObserverSchedule:
     """What finds the steady points that a camera's motion is told by.
 
     Raises:
         InputError: The reference image cannot be read, is of another size, or shows too little.
     """
-    settings, pixels = watch.settings, None
-    if watch.reference is not None:
-        hint = "watch.reference is an image that the camera took in the mode that it is in now"
-        pixels = read_camera_image(watch.reference, camera, hint)
+    pixels = None
+    if settings.reference is not None:
+        hint = "camera_motion.reference is an image that the camera took in the mode that it is in now"
+        pixels = read_camera_image(settings.reference, camera, hint)
     points = SteadyPoints(camera, settings.ignore, pixels)
     if points.corners is not None and points.corners < LEAST_CORNERS:
         raise InputError(
             "the reference image shows too little that can be found again",
-            where=watch.reference,
-            got=f"{points.corners} corners outside watch.ignore",
+            where=settings.reference,
+            got=f"{points.corners} corners outside camera_motion.ignore",
             expected=f"at least {LEAST_CORNERS}",
         )
     return ObserverSchedule(points, settings.every_s)

@@ -45,8 +45,8 @@ def build_pipeline(station: StationConfig) -> Pipeline:
     if station.live is not None:
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live, tracker)
-    if station.watch is not None:
-        steady = CameraMotionCalibrator(station.watch.settings, station.pipeline)
+    if station.camera_motion is not None:
+        steady = CameraMotionCalibrator(station.camera_motion, station.pipeline)
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
     calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
     return Pipeline(station.pipeline, decoder, calibrator, tracker=tracker)

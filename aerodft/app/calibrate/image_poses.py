@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.config import LOCAL
-from aerodft.adapters.config.evidence import EvidenceFile, Flight, GivenImage, LocalFrame, StatedPose
+from aerodft.adapters.config.evidence import EvidenceFile, Flight, ImageEvidence, LocalFrame, StatedPose
 from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
 from aerodft.adapters.telemetry import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso
@@ -82,7 +82,7 @@ def views_of(
     return views, priors | evidence.known.priors
 
 
-def _needs_place(image: GivenImage) -> bool:
+def _needs_place(image: ImageEvidence) -> bool:
     return any(isinstance(each, Landmark) for each in image.evidence)
 
 
@@ -154,7 +154,7 @@ def _looked_up(evidence: EvidenceFile, flight: Flight, telemetry: Path | None, r
 
 
 def _as_reported(
-    image: GivenImage, samples: tuple[PoseSample, ...], offsets_s: FloatArray, frame: LocalFrame, path: Path
+    image: ImageEvidence, samples: tuple[PoseSample, ...], offsets_s: FloatArray, frame: LocalFrame, path: Path
 ) -> _Reported:
     middle = samples[len(samples) // 2]
     if middle.pose is None or middle.reasons:
@@ -249,7 +249,7 @@ def _open_telemetry(
 
 
 def _poses_of(
-    telemetry: _Telemetry, images: Sequence[GivenImage], offsets_s: Sequence[float]
+    telemetry: _Telemetry, images: Sequence[ImageEvidence], offsets_s: Sequence[float]
 ) -> tuple[tuple[PoseSample, ...], ...]:
     """For each image its poses at some times around its stamp.
 
@@ -287,7 +287,7 @@ def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tupl
     return tuple(found)
 
 
-def _stamps(telemetry: _Telemetry, images: Sequence[GivenImage]) -> list[int]:
+def _stamps(telemetry: _Telemetry, images: Sequence[ImageEvidence]) -> list[int]:
     """UTC of each image, without what an older calibration had added."""
     by_index: dict[int, int] = {}
     if any(image.index is not None for image in images):
@@ -319,7 +319,7 @@ def _recorded_stamps(telemetry: _Telemetry) -> dict[int, int]:
     return stamps
 
 
-def _check_inside(image: GivenImage, stamp_ns: int, span: LogSpan, path: Path) -> None:
+def _check_inside(image: ImageEvidence, stamp_ns: int, span: LogSpan, path: Path) -> None:
     if span.first_ns is None or span.last_ns is None:
         raise InputError("no telemetry in it", where=path, expected="a flight's log")
     if not span.first_ns <= stamp_ns <= span.last_ns:

@@ -11,7 +11,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
-from aerodft.adapters.images import STILLS, Gathered, check_mode, gather, image_files, refuse_other_size
+from aerodft.adapters.images import STILLS, NamedImage, check_mode, image_files, named_images, refuse_other_size
 from aerodft.app.calibrate.checks import check_unknowns
 from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import InputError, NotDetermined, UsageError
@@ -86,11 +86,11 @@ def detected_evidence(
 
 def _look(
     file: MarkersFile, images: Sequence[Path], camera: Camera, progress: Progress
-) -> tuple[dict[str, _Sightings], Gathered]:
+) -> tuple[dict[str, _Sightings], NamedImage]:
     """What every image shows, by its name, and the first image."""
     seen: dict[str, _Sightings] = {}
-    first: Gathered | None = None
-    for image in gather(images):
+    first: NamedImage | None = None
+    for image in named_images(images):
         first = first or image
         height_px, width_px = image.pixels.shape[:2]
         refuse_other_size((width_px, height_px), camera, image.name)
@@ -178,7 +178,7 @@ def _px(pixel: FloatArray) -> Px:
     return float(pixel[0]), float(pixel[1])
 
 
-def _nothing(file: MarkersFile, first: Gathered, count: int) -> NotDetermined:
+def _nothing(file: MarkersFile, first: NamedImage, count: int) -> NotDetermined:
     """Why no marker can be used, and what to try."""
     height_px, width_px = first.pixels.shape[:2]
     more = f" and {count - 1} more" if count > 1 else ""

@@ -436,7 +436,7 @@ class GroundTracks:
             track.hidden = "its foot is hidden"
             return
         track.see(sight, stamp_ns)
-        is_known = bool(track.number) or track.looks < self._settings.confirm
+        is_known = bool(track.number) or track.looks < self._settings.confirm_looks
         if not is_known and track.has_moved(self._camera_enu_m):
             self._count += 1
             track.number = self._count
@@ -451,7 +451,7 @@ class GroundTracks:
 
     def _end(self, stamp_ns: int) -> None:
         """Give up what was not seen for too long, or for much longer than it was; what is not confirmed, at once."""
-        most_ns = round(self._settings.forget_s * SECOND_NS)
+        most_ns = round(self._settings.track_timeout_s * SECOND_NS)
         least_ns = min(_AT_LEAST_NS, most_ns)
         self._tracks = [
             track

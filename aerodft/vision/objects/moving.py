@@ -479,8 +479,8 @@ class MovingObjects:
         background = self._background
         if self._settings.shadows:
             labelled = np.asarray(labels == _SHADOW)
-            mask = without_shadows(pixels, background, new, labelled, self._settings.least_px)
-        found = objects_in(mask, self._settings.least_px)
+            mask = without_shadows(pixels, background, new, labelled, self._settings.min_area_px)
+        found = objects_in(mask, self._settings.min_area_px)
         return [outline for outline in found if not is_ghost(pixels, background, new, outline)]
 
     def _calm(self, new: BoolArray, elapsed_s: float) -> BoolArray:
@@ -603,7 +603,7 @@ class MovingOverGround:
         if int(np.count_nonzero(is_new)) > _GROUND_NOT_HELD * int(np.count_nonzero(is_seen)):
             self._lock, self._canvas = None, None
             return []
-        least_px = max(round(self._settings.least_px / self._view.shrink**2), 8)
+        least_px = max(round(self._settings.min_area_px / self._view.shrink**2), 8)
         mask = is_new
         if self._settings.shadows:
             background = np.clip(self._background.mean[window], 0, 255).astype(np.uint8)

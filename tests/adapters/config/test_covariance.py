@@ -113,7 +113,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content, sentence):
 
 
 def test_a_missing_file_is_said(tmp_path):
-    with pytest.raises(InputError, match=r"none\.json: no covariance: got unreadable"):
+    with pytest.raises(InputError, match=r"none\.json: the covariance cannot be read: got unreadable"):
         load_covariance(tmp_path / "none.json")
-    with pytest.raises(InputError, match="no covariance: got a folder, expected a JSON list of rows"):
+    with pytest.raises(InputError, match="the covariance cannot be read: got a folder, expected a JSON list of rows"):
         load_covariance(tmp_path)

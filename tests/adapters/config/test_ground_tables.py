@@ -193,7 +193,10 @@ def test_a_terrain_is_laid_out_once(dem, tmp_path):
         ),
         (PLACED.replace("[camera]", '[camera]\nmodel = "dft"') + SLOPE, 'ground: got it beside camera.model = "dft"'),
         (PLACED + "[ground]\n", "x.toml: ground: got neither of them, expected either slope_deg with uphill_azimuth"),
-        (PLACED + SLOPE + 'terrain = "dem.tif"\n', "x.toml: ground: got both of them, expected either slope_deg"),
+        (
+            PLACED + SLOPE + 'terrain = "dem.tif"\n',
+            "ground.uphill_azimuth_deg: got it beside terrain, expected",
+        ),
         (PLACED + "[ground]\nslope_deg = 5\n", "ground.uphill_azimuth_deg: got nothing, expected where the ground r"),
         (PLACED + SLOPE + "cell_m = 5\n", "x.toml: ground.cell_m: got it beside slope_deg, expected one of the two"),
         (PLACED + TERRAIN + "uphill_azimuth_deg = 5\n", "ground.uphill_azimuth_deg: got it beside terrain, expected"),
@@ -249,7 +252,7 @@ def test_a_full_covariance_is_taken_as_it_is():
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        (rows(COV) + "std = { tilt_deg = 1 }\n", "x.toml: pose.covariance: got it beside std, expected one of the two"),
+        (rows(COV) + "std = { tilt_deg = 1 }\n", "x.toml: pose.std: got it beside covariance, expected one of the two"),
         (rows(COV[:5]), "x.toml: pose.covariance: got 5 rows, expected 6 rows of 6 numbers (east, north, up, then rot"),
         (rows(COV - 0.02 * np.eye(6)), "x.toml: pose.covariance: got [2][2] = -0.0075"),
         (rows(COV + np.outer(*2 * [[0, 1, 0, 0, 0, 0]]) @ np.ones((6, 6))), "got [0][1] = "),
@@ -279,17 +282,23 @@ def test_a_probe_on_top_of_an_object():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (LINE, 'probe[0].on_top_of: no object: got "pole", which is not there, expected a height on the ground with'),
-        (POLE.replace("height", "width") + LINE, 'x.toml: probe[1].on_top_of: no object: got "pole", which measures a'),
+        (
+            LINE,
+            'probe[0].on_top_of: lies on no object: got "pole", which is not there, expected a height on the',
+        ),
+        (
+            POLE.replace("height", "width") + LINE,
+            'x.toml: probe[1].on_top_of: lies on no object: got "pole", which me',
+        ),
         (
             '[[probe]]\nname = "pole"\nkind = "height"\nobserved = true\n' + LINE,
             'got "pole", of which the pixels are observed, expected a height on the ground with pixels of its own',
         ),
         (
             POLE + LINE.replace('"line"', '"two"').replace("width", "height") + LINE.replace('"pole"', '"two"'),
-            'probe[2].on_top_of: no object: got "two", which lies on top of "pole", expected a height on the ground',
+            'probe[2].on_top_of: lies on no object: got "two", which lies on top of "pole", expected a height',
         ),
-        (POLE + 'on_top_of = "pole"\n', 'no object: got "pole", which lies on top of "pole"'),
+        (POLE + 'on_top_of = "pole"\n', 'lies on no object: got "pole", which lies on top of "pole"'),
         (POLE + LINE + "elevation_m = 1\n", "x.toml: probe[1].elevation_m: got it beside on_top_of, expected one of t"),
         (POLE + LINE + "elevation_std_m = 1\n", "probe[1].elevation_std_m: got it beside on_top_of, expected one of"),
     ],

@@ -20,7 +20,7 @@ ANYWHERE = FLIGHT.replace(ORIGIN, "")
 LOCAL = '[[landmark]]\nname = "post"\nposition_m = [3.5, -20.25, 0.125]\nstd_m = 0.02\nstd_px = 0.7\n'
 ON_MAP = '[[landmark]]\nname = "gate"\nlat_deg = 47.001\nlon_deg = 15.002\nalt_msl_m = 351.5\nstd_m = [1, 2, 3]\n'
 TUNED = (
-    "[calibration]\nnoise_share = 0.2\ngate_probability = 0.99\noutlier_share = 0\n"
+    "[live_calibration]\nnoise_share = 0.2\ngate_probability = 0.99\noutlier_fraction = 0\n"
     "noise = { tilt_deg = 0.07 }\ninitial = { height_m = 3.0, heading_deg = 11.0 }\ndrift = { horizontal_m = 0.3 }\n"
 )
 
@@ -53,7 +53,7 @@ def test_what_is_left_out_has_its_default_and_what_is_said_counts():
     assert tuned.drift == replace(DRIFT, horizontal_m=0.3)
     assert (tuned.noise.tilt_rad, tuned.noise.height_m) == (math.radians(0.07), None)
     assert (tuned.initial.height_m, tuned.initial.heading_rad) == (3.0, math.radians(11.0))
-    assert (tuned.noise_share, tuned.gate_probability, tuned.outlier_share) == (0.2, 0.99, 0.0)
+    assert (tuned.noise_share, tuned.gate_probability, tuned.outlier_fraction) == (0.2, 0.99, 0.0)
 
 
 def test_landmarks_survive_the_resolved_text_to_the_bit():
@@ -99,8 +99,14 @@ def test_landmarks_count_for_the_configurations_id_and_their_settings_only_with_
             FLIGHT.replace("[camera]", '[camera]\nmodel = "dft"') + LOCAL,
             'x.toml: landmark: got it beside camera.model = "dft", expected "pinhole", or no [[landmark]]',
         ),
-        (FLIGHT + "[calibration]\nnoise_share = 1\n", "x.toml: calibration.noise_share: got 1, expected less than 1"),
-        (FLIGHT + "[calibration]\ndrift = { tilt_rad = 1 }\n", "x.toml: calibration.drift.tilt_rad: unknown key"),
+        (
+            FLIGHT + "[live_calibration]\nnoise_share = 1\n",
+            "x.toml: live_calibration.noise_share: got 1, expected less than 1",
+        ),
+        (
+            FLIGHT + "[live_calibration]\ndrift = { tilt_rad = 1 }\n",
+            "x.toml: live_calibration.drift.tilt_rad: unknown key",
+        ),
     ],
 )
 def test_what_cannot_be_meant_is_refused_in_one_sentence(text, sentence):

@@ -103,7 +103,7 @@ def test_intrinsics_are_taken_as_they_stand(tmp_path: Path) -> None:
         (INTRINSICS.replace("cy_px = 26", "cy_px = -1e300"), "cy_px: got -1e+300, expected at least -1e+12"),
         (INTRINSICS + "distortion_std = [1]\n", "distortion_std: got 1 of them, expected 0, as many as in distortion"),
         (FOV + "distortion_std = [0, 0, 0, 0]\n", "distortion_std: got it beside a field of view, expected intrinsics"),
-        (INTRINSICS + f"focal_std_px = 0\n{COVARIANCE}", "covariance: got it beside focal_std_px, expected one of the"),
+        (INTRINSICS + f"focal_std_px = 0\n{COVARIANCE}", "focal_std_px: got it beside covariance, expected one of the"),
         (
             INTRINSICS + f"distortion = [0, 0, 0, 0]\n{COVARIANCE}",
             "got 4 rows, expected 8 rows of 8 numbers (fx, fy, c",

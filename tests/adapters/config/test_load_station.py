@@ -18,7 +18,7 @@ from aerodft.adapters.config.station import (
     parse_station,
     with_calibration,
 )
-from aerodft.adapters.config.station.inputs import Link
+from aerodft.adapters.config.station.station_config import Link
 from aerodft.errors import ConfigError
 from aerodft.model import Camera, GimbalSource, HeightSource, PixelSource, ProbeKind, ProjectionModel
 from aerodft.service import HeightSettings, TelemetrySettings
@@ -299,7 +299,7 @@ def test_a_calibration_may_hold_plain_numbers(tmp_path: Path) -> None:
     assert calibration.bias_cov is not None
     assert not calibration.bias_cov.any()
     assert found.pose is not None
-    np.testing.assert_array_equal(found.pose.standing().position_enu_m, [0, 0, 5])
+    np.testing.assert_array_equal(found.pose.pose_on_level_ground().position_enu_m, [0, 0, 5])
     assert calibration.id.startswith("sha256:")
     assert len(calibration.id) == 71
 

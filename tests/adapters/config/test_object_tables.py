@@ -12,7 +12,7 @@ from aerodft.service import ObjectSettings
 CAMERA = '[camera]\nname = "c"\nwidth_px = 640\nheight_px = 480\nhfov_deg = 60\n'
 FIXED = "[pose]\nheight_agl_m = 5\ntilt_deg = 60\n"
 FLYING = "[telemetry]\n"
-OBJECTS = "[objects]\nevery_s = 0.2\nleast_px = 90\nignore = [[[0, 0], [9, 0], [9, 9]]]\ndistances_within_m = 4\n"
+OBJECTS = "[objects]\nevery_s = 0.2\nmin_area_px = 90\nignore = [[[0, 0], [9, 0], [9, 9]]]\ndistances_within_m = 4\n"
 BANKS = '[[probe]]\nname = "banks"\nkind = "distance"\npixels = [[10, 20], [300, 30]]\ntracked = true\n'
 AT = 'at = "2026-11-21T10:00:00.5Z"\n'
 
@@ -25,7 +25,7 @@ def station(*parts: str, camera: str = CAMERA) -> StationConfig:
 def test_objects_are_what_the_table_says_and_by_default_what_the_settings_say() -> None:
     found = station(FIXED, OBJECTS).objects
     assert found == ObjectSettings(
-        every_s=0.2, least_px=90, ignore=(((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)),), distances_within_m=4.0
+        every_s=0.2, min_area_px=90, ignore=(((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)),), distances_within_m=4.0
     )
     assert station(FIXED, "[objects]\n").objects == ObjectSettings()
     assert station(FIXED).objects is None
@@ -44,7 +44,7 @@ def test_the_resolved_text_says_the_same(parts: tuple[str, ...]) -> None:
 
 def test_what_decides_only_what_is_seen_is_not_in_the_configuration_s_id() -> None:
     first = station(FIXED, OBJECTS).pipeline.config_id
-    assert station(FIXED, OBJECTS.replace("least_px = 90", "least_px = 40")).pipeline.config_id == first
+    assert station(FIXED, OBJECTS.replace("min_area_px = 90", "min_area_px = 40")).pipeline.config_id == first
     assert station(FIXED, OBJECTS + "acceleration_mps2 = 2\n").pipeline.config_id != first
 
 
@@ -58,7 +58,7 @@ def test_a_tracked_probe_has_pixels_of_the_first_image_or_of_its_time() -> None:
 @pytest.mark.parametrize(
     ("parts", "sentence"),
     [
-        ((FIXED, "[objects]\nleast_px = 0\n"), "objects.least_px"),
+        ((FIXED, "[objects]\nmin_area_px = 0\n"), "objects.min_area_px"),
         ((FIXED, "[objects]\ncolour = 1\n"), "objects.colour"),
         ((FIXED, "[objects]\n", BANKS.replace("tracked = true\n", "").replace("banks", "object-1")), "another name"),
         ((FIXED, BANKS), "a fixed camera's pixels stay where they are"),

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from aerodft.adapters.recording.write import Thinned
-from aerodft.adapters.recording.write.thinning import is_due
+from aerodft.adapters.images import ThinnedPixels
+from aerodft.adapters.images.rate import is_due
 from aerodft.model import Event, Image, ImageArray, StampClock
 
 SECOND_NS = 10**9
@@ -44,7 +44,7 @@ def test_what_is_thinned_is_what_the_recorder_would_leave_out(rate_hz: float) ->
         if is_due(last_ns, image.arrival_ns, rate_hz):
             kept.append(image.index)
             last_ns = image.arrival_ns
-    thinned = list(Thinned(source, rate_hz).events())
+    thinned = list(ThinnedPixels(source, rate_hz).events())
     assert [image.index for image in thinned] == list(range(400))
     assert [image.index for image in thinned if image.pixels is not None] == kept
     again = [image.arrival_ns for image in thinned if image.pixels is not None]
@@ -53,4 +53,4 @@ def test_what_is_thinned_is_what_the_recorder_would_leave_out(rate_hz: float) ->
 
 def test_a_camera_slower_than_the_rate_keeps_all_though_it_jitters() -> None:
     arrivals_ns = [k * SECOND_NS + (-1) ** k * SECOND_NS // 25 for k in range(1, 101)]
-    assert all(image.pixels is not None for image in Thinned(Flight(arrivals_ns), 1.0).events())
+    assert all(image.pixels is not None for image in ThinnedPixels(Flight(arrivals_ns), 1.0).events())

@@ -6,10 +6,9 @@ import pytest
 from mcap.records import Channel, Schema
 
 from aerodft.adapters.recording import ChunkBuffer, encoded
-from aerodft.adapters.recording.channels import MOST_DEFINED_BYTES, Channels, Definitions, TooMuchDefinedError
+from aerodft.adapters.recording.channels import MOST_DEFINED_BYTES, Channels, TooMuchDefinedError
 from aerodft.adapters.recording.read import ChunkReader, scan_segment
-from aerodft.adapters.recording.recover import chunk_scanner as salvage
-from aerodft.adapters.recording.recover import recover_folder
+from aerodft.adapters.recording.recover import chunk_scanner, recover_folder
 from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, Summary
 
 BIG = MOST_DEFINED_BYTES // 3
@@ -27,12 +26,12 @@ def unfinished(folder: Path, *chunks: tuple[bytes, int]) -> Path:
     """A segment of ours whose recorder was killed; of each chunk what it defines, and its message's channel."""
     path = folder / "data_000.mcap"
     with path.open("wb") as file:
-        file.write(Summary(PROFILE, "ours", [(METADATA_NAME, {"station": "a"})], {}, {}).beginning)
+        file.write(Summary(PROFILE, "ours", [(METADATA_NAME, {"station": "a"})], {}, {}).header)
         for second, (definitions, identity) in enumerate(chunks, start=1):
             buffer = ChunkBuffer(definitions)
             buffer.add(identity, second * 10**9, b"payload")
-            built = buffer.built(None)
-            file.writelines((built.head, built.content, built.indexes))
+            chunk = buffer.build(None)
+            file.writelines((chunk.head, chunk.content, chunk.indexes))
     return path
 
 
@@ -71,7 +70,7 @@ def test_recovery_drops_it_and_says_so(greedy: Path) -> None:
 def test_recovery_leaves_chunks_beyond_what_an_index_holds_beside_the_segment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(salvage, "MOST_INDEX_BYTES", 200)  # of which recovery takes half as much again
+    monkeypatch.setattr(chunk_scanner, "MOST_INDEX_BYTES", 200)  # of which recovery takes half as much again
     path = unfinished(tmp_path, *[(encoded(channel(1)), 1)] * 10)
     data = path.read_bytes()
     (segment,) = recover_folder(tmp_path).segments
@@ -85,14 +84,11 @@ def test_recovery_leaves_chunks_beyond_what_an_index_holds_beside_the_segment(
 
 
 def test_what_is_defined_again_takes_nothing_and_what_is_replaced_is_not_given_back() -> None:
-    channels, definitions = Channels(), Definitions()
+    channels = Channels()
     for _ in range(100):  # as the recorder repeats them
-        for taker in (channels.add, definitions.add):
-            taker(schema(1, BIG))
-        for taken in (channels.add, definitions.add):
-            taken(channel(1, 1))
+        channels.add(schema(1, BIG))
+        channels.add(channel(1, 1))
     assert channels.by_id[1].schema_data == bytes(BIG)
-    for taker in (channels.add, definitions.add):
-        taker(Schema(id=1, name="another", encoding="x", data=bytes(BIG)))  # a channel may have kept the one before
-        with pytest.raises(TooMuchDefinedError):
-            taker(schema(1, BIG))
+    channels.add(Schema(id=1, name="another", encoding="x", data=bytes(BIG)))  # a channel may have kept the one before
+    with pytest.raises(TooMuchDefinedError):
+        channels.add(schema(1, BIG))

@@ -379,7 +379,7 @@ WRITE_FOREVER = """
     from pathlib import Path
     import numpy as np
     from aerodft.adapters.recording.write.recorder import McapRecorder
-    from aerodft.adapters.recording.write.recorder import RecorderSettings
+    from aerodft.adapters.recording.write import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
@@ -419,15 +419,15 @@ FULL_DISK = """
     import os, resource, signal, sys, time
     from pathlib import Path
     import numpy as np
-    import aerodft.adapters.recording.write.segmented_writer as series
+    from aerodft.adapters.recording.write import segmented_writer
     from aerodft.adapters.recording.write.recorder import McapRecorder
-    from aerodft.adapters.recording.write.recorder import RecorderSettings
+    from aerodft.adapters.recording.write import RecorderSettings
     from aerodft.model.camera import Camera
     from aerodft.model.telemetry import WireProtocol
     from aerodft.service.batches import Batches
     from aerodft.service.feed import block_of
     from aerodft.service.ports import StepOutputs
-    series.RETRY_S = series.FLUSH_S = 0.01
+    segmented_writer.RETRY_S = segmented_writer.FLUSH_S = 0.01
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
     recorder = McapRecorder(

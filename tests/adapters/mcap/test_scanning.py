@@ -7,9 +7,8 @@ import pytest
 from mcap.opcode import Opcode
 
 from aerodft.adapters.recording import MAGIC, RECORD_HEAD
-from aerodft.adapters.recording.read import chunk_index as places
-from aerodft.adapters.recording.read import scan_segment, scanning
-from aerodft.adapters.recording.read.chunk_index import ChannelSets
+from aerodft.adapters.recording.read import scan_segment, segment_scan
+from aerodft.adapters.recording.read.segment_scan import ChannelSets
 
 EMPTY_CHUNK = struct.pack("<QQQI", 1, 2, 0, 0) + bytes(4) + bytes(8)
 
@@ -25,18 +24,18 @@ def message(channel: int, at_ns: int) -> bytes:
 def test_chunks_beyond_what_can_be_held_are_left_out_and_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(scanning, "_MOST_CHUNKS", 3)
+    monkeypatch.setattr(segment_scan, "_MOST_CHUNKS", 3)
     path, one = tmp_path / "many.mcap", record(Opcode.CHUNK, EMPTY_CHUNK)
     path.write_bytes(MAGIC + one * 3)
-    assert not scan_segment(path).left_out
+    assert not scan_segment(path).damaged_offsets
     path.write_bytes(MAGIC + one * 5)
     found = scan_segment(path)
-    assert (len(found.chunks), len(found.left_out), found.is_whole) == (3, 1, False)
+    assert (len(found.chunks), len(found.damaged_offsets), found.is_whole) == (3, 1, False)
     assert "more than 3 chunks and no index" in caplog.text
 
 
 def test_sets_of_channels_are_held_once_and_not_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "_MOST_IDS", 5)
+    monkeypatch.setattr(segment_scan, "_MOST_IDS", 5)
     sets = ChannelSets()
     assert sets.of([]) is None
     first = sets.of([1, 2, 3])

@@ -12,8 +12,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from aerodft.adapters.images.stream import PacketTap
-from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
-from aerodft.adapters.recording.write import segmented_writer as series
+from aerodft.adapters.recording.write import McapRecorder, RecorderSettings, segmented_writer
 from aerodft.model import Camera, Image, VideoPacket
 from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
@@ -96,7 +95,7 @@ def recorded(path: Path) -> list[object]:
 def test_packets_pass_as_they_are_and_every_segment_can_be_decoded(
     tmp_path: Path, container: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(series, "FLUSH_S", 0.0)
+    monkeypatch.setattr(segmented_writer, "FLUSH_S", 0.0)
     video = write_video(tmp_path / f"v.{container}", tune="zerolatency")
     recorder, images, _ = record(tmp_path / "r", video, segment_s=0.5, jpeg_quality=50)
     totals = recorder.totals

@@ -1,7 +1,12 @@
 """Camera and calibration files: lens, telemetry biases, and the pose of a fixed camera."""
 
-from aerodft.adapters.config.camera.bias_tables import BiasTable, bias_document, biases_from
-from aerodft.adapters.config.camera.calibration import CalibrationFile, load_calibration, write_calibration
-from aerodft.adapters.config.camera.camera import CameraTable, camera_document, camera_from, load_camera
-from aerodft.adapters.config.camera.fixed_pose import FixedPose, placed, pose_sample
-from aerodft.adapters.config.camera.pose_tables import PoseTable, fixed_pose_from
+from aerodft.adapters.config.camera.calibration_file import (
+    BiasTable,
+    CalibrationFile,
+    bias_table,
+    biases_from,
+    load_calibration,
+    write_calibration,
+)
+from aerodft.adapters.config.camera.camera_file import CameraTable, camera_document, camera_from, load_camera
+from aerodft.adapters.config.camera.fixed_pose import FixedPose, PoseTable, fixed_pose_from, place_in_enu, pose_sample

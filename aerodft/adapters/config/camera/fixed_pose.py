@@ -2,9 +2,32 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
+from aerodft.adapters.config.covariance import as_rows, check_lens_covariance, checked_covariance
+from aerodft.adapters.config.tables import (
+    ROWS,
+    UNLESS_ZERO,
+    HeadingDeg,
+    Latitude,
+    Longitude,
+    Many,
+    NonNegative,
+    Positive,
+    Real,
+    RollDeg,
+    SiAttribute,
+    Table,
+    Text,
+    TiltDeg,
+    Uncertain,
+    impossible,
+    si_value,
+    to_deg,
+)
 from aerodft.errors import ConfigError
 from aerodft.geometry import Ground, camera_pose, east_north
 from aerodft.model import CODE_OF, FloatArray, GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd, Status
@@ -21,13 +44,13 @@ class FixedPose:
         roll_rad: Right side down.
         heading_rad: Clockwise from true north; 0 where unknown, which makes ENU turn with the camera.
         lat_rad: WGS84; None where unknown.
-        lon_rad: Likewise.
-        alt_msl_m: Of the camera, likewise.
+        lon_rad: WGS84; None where unknown.
+        alt_msl_m: Of the camera; None where unknown.
         std: How well all this is known.
         covariance: 6 rows of 6, as ``Pose.cov`` has them; where it is there, it takes the place of ``std``.
         lens_covariance: 6 rows, as ``Pose.lens_cov`` has them; empty where pose and lens were not found together.
         east_m: Of the camera, in a local frame without latitude and longitude.
-        north_m: Likewise.
+        north_m: Of the camera, in that frame.
         calibration: Id of the calibration that it came from.
     """
 
@@ -45,7 +68,7 @@ class FixedPose:
     north_m: float = 0.0
     calibration: str | None = None
 
-    def standing(self, east_m: float = 0.0, north_m: float = 0.0) -> Pose:
+    def pose_on_level_ground(self, east_m: float = 0.0, north_m: float = 0.0) -> Pose:
         """The pose above level ground, at a place of the ENU."""
         return camera_pose(
             height_agl_m=self.height_agl_m,
@@ -59,7 +82,7 @@ class FixedPose:
 
 
 def std_of(cov: FloatArray) -> PoseStd:
-    """What a full covariance ``(6, 6)`` comes to in people's words; the heading is in the three rotations."""
+    """Standard deviations of a full covariance ``(6, 6)``; that of the heading is in the three rotations."""
     east, north, up, tilt, pan, roll = np.diag(cov).tolist()
     return PoseStd(
         height_agl_m=math.sqrt(up),
@@ -87,8 +110,8 @@ def pose_sample(
     Raises:
         ConfigError: There is no ground below the camera.
     """
-    origin, east_m, north_m = placed(fixed, origin)
-    pose = fixed.standing(east_m, north_m)
+    origin, east_m, north_m = place_in_enu(fixed, origin)
+    pose = fixed.pose_on_level_ground(east_m, north_m)
     if ground is not None:
         pose = _on_ground(pose, ground, where)
     datum_m = float(pose.position_enu_m[2]) - fixed.height_agl_m
@@ -121,7 +144,7 @@ def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
     return raised_by_ground(Pose.joined([pose]), below.height_m, below.slope).rows(0)
 
 
-def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
+def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
     """Where a fixed camera is: an ENU origin with its east and north (m) there.
 
     Args:
@@ -138,3 +161,121 @@ def placed(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None
         return GeoOrigin(lat_rad=fixed.lat_rad, lon_rad=fixed.lon_rad, alt_msl_m=foot_msl_m), 0.0, 0.0
     east_m, north_m = map(float, east_north(origin, fixed.lat_rad, fixed.lon_rad))
     return origin, east_m, north_m
+
+
+_ANGLES = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg")
+_PLACE = ("lat_deg", "lon_deg", "alt_msl_m", "east_m", "north_m")
+_POSITION_STD_M = 2.0
+_HEADING_STD_DEG = 2.0
+
+
+class PoseStdTable(Table):
+    """How well a fixed camera's stated pose is known; unknown heading and position are exact by definition."""
+
+    height_m: Annotated[NonNegative, SiAttribute("height_agl_m")] = 0.1
+    tilt_deg: NonNegative = 1.0
+    pan_deg: NonNegative = 1.0
+    roll_deg: NonNegative = 1.0
+    heading_deg: NonNegative | None = None
+    horizontal_m: NonNegative | None = None
+
+
+class PoseTable(Table):
+    """A fixed camera's pose, or the calibration file that has it."""
+
+    INSTEAD_OF: ClassVar = {
+        "calibration": (*_ANGLES, *_PLACE, "std", "covariance", "lens_covariance", "calibration_id"),
+        "covariance": ("std",),
+        "lat_deg": ("east_m", "north_m"),
+    }
+
+    calibration: Annotated[Text | None, SiAttribute("file")] = None
+    calibration_id: Annotated[Text | None, SiAttribute("calibration")] = None
+    height_agl_m: Positive | None = None
+    tilt_deg: TiltDeg | None = None
+    roll_deg: RollDeg = 0.0
+    heading_deg: Annotated[
+        HeadingDeg | None, SiAttribute("heading_rad", into=lambda angle_deg: math.radians(angle_deg or 0.0), out=to_deg)
+    ] = None
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    alt_msl_m: Real | None = None
+    east_m: Annotated[Real, UNLESS_ZERO] = 0.0
+    north_m: Annotated[Real, UNLESS_ZERO] = 0.0
+    std: PoseStdTable = PoseStdTable()
+    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+
+    @model_validator(mode="after")
+    def _stated_or_calibrated(self) -> Self:
+        if not self.calibration:
+            missing = [key for key in ("height_agl_m", "tilt_deg") if getattr(self, key) is None]
+            if missing:
+                raise impossible(missing[0], got="nothing", expected="height_agl_m and tilt_deg, or calibration")
+        _check_place(self)
+        return self
+
+
+class CalibratedPoseTable(Table):
+    """A fixed camera's pose, each number with or without its standard deviation."""
+
+    INSTEAD_OF: ClassVar = {"lat_deg": ("east_m", "north_m")}
+
+    height_agl_m: Uncertain[Positive]
+    tilt_deg: Uncertain[TiltDeg]
+    roll_deg: Uncertain[RollDeg] = Uncertain(value=0.0)
+    heading_deg: Uncertain[HeadingDeg] = Uncertain(value=0.0)
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    alt_msl_m: Real | None = None
+    east_m: Real = 0.0
+    north_m: Real = 0.0
+    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+
+    @model_validator(mode="after")
+    def _position_is_whole(self) -> Self:
+        _check_place(self)
+        return self
+
+
+def _check_place(table: PoseTable | CalibratedPoseTable) -> None:
+    """Refuse half of a position, and covariances that do not fit (for validators)."""
+    if (table.lat_deg is None) != (table.lon_deg is None):
+        missing = "lat_deg" if table.lat_deg is None else "lon_deg"
+        raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
+    check_lens_covariance(table.covariance, table.lens_covariance)
+
+
+def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
+    """A fixed camera's stated pose.
+
+    Raises:
+        ConfigError: Height or tilt is not stated, or the covariance is none.
+    """
+    if table.height_agl_m is None or table.tilt_deg is None:
+        raise ConfigError("pose", where=where, got="a calibration", expected="height_agl_m and tilt_deg")
+    if table.covariance is not None:
+        of = "east, north, up, then rotation about the camera's x, y, z"
+        cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
+        return si_value(FixedPose, table, covariance=as_rows(cov), std=std_of(cov))
+    horizontal_m, heading_deg = table.std.horizontal_m, table.std.heading_deg
+    if horizontal_m is None:
+        horizontal_m = 0.0 if table.lat_deg is None else _POSITION_STD_M
+    if heading_deg is None:
+        heading_deg = 0.0 if table.heading_deg is None else _HEADING_STD_DEG
+    std = si_value(PoseStd, table.std, horizontal_m=horizontal_m, heading_rad=math.radians(heading_deg))
+    return si_value(FixedPose, table, std=std)
+
+
+def calibrated_pose_from(table: CalibratedPoseTable, identity: str, where: str) -> FixedPose:
+    """The pose that a calibration found.
+
+    Raises:
+        ConfigError: Its covariance is none.
+    """
+    covariance: tuple[tuple[float, ...], ...] = ()
+    if table.covariance is not None:
+        covariance = as_rows(checked_covariance(table.covariance, 6, where=where, key="pose.covariance"))
+    std = si_value(PoseStd, table, part="std")
+    return si_value(FixedPose, table, std=std, covariance=covariance, calibration=identity)

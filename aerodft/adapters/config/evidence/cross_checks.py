@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from aerodft.adapters.config.evidence.evidence_tables import SPACE, CameraPriorTable, EvidenceTable
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, check_on_map, takes_degrees
-from aerodft.adapters.config.evidence.tables import SPACE, CameraPriorTable, EvidenceTable
 from aerodft.adapters.config.tables import LOCAL
 from aerodft.errors import ConfigError
 from aerodft.geometry import rays_from_pixels
@@ -96,7 +96,7 @@ def _are_places_wider(placed: Sequence[Stated]) -> bool:
 
 
 def _larger_image(outside: Sequence[tuple[Stated, Px]], size_px: tuple[int, int]) -> str:
-    """Of which larger image all these pixels may be; empty where no usual one has them."""
+    """A hint at the larger image that all these pixels may be of; empty where no usual size has them."""
     for share in _LARGER:
         width_px, height_px = (round(share * each) for each in size_px)
         if all(0 <= u < width_px and 0 <= v < height_px for _, (u, v) in outside):
@@ -176,7 +176,7 @@ def check_degrees(stated: Sequence[Stated], where: str) -> None:
     """Refuse latitudes and longitudes that are radians: read as degrees, all of them lie in the Gulf of Guinea.
 
     Raises:
-        ConfigError: They are.
+        ConfigError: All latitudes and longitudes look like radians.
     """
     lat_lon = [(lat, lon) for each in stated if each.place for lat, lon in [each.place[:2]] if lat and lon]
     is_rad = all(abs(lat) <= math.pi / 2 and abs(lon) <= math.pi for lat, lon in lat_lon)

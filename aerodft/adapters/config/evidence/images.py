@@ -7,11 +7,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.evidence.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.adapters.config.evidence.tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
-from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, value_of
+from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, si_value
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
 from aerodft.model import Evidence, GeoOrigin, Prior
@@ -80,8 +80,8 @@ class FlightTable(TelemetryTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _lift(cls, given: object) -> object:
-        return {"log": given} if isinstance(given, str) else given
+    def _lift(cls, document: object) -> object:
+        return {"log": document} if isinstance(document, str) else document
 
     @model_validator(mode="after")
     def _is_recorded(self) -> Self:
@@ -107,7 +107,7 @@ class StatedPose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GivenImage:
+class ImageEvidence:
     """One image of a file of evidence.
 
     Attributes:
@@ -137,12 +137,12 @@ class Flight:
         settings: How telemetry becomes a pose, and its standard deviations.
         says_settings: The file states some of them, else they are defaults.
         noise_share: Share of each standard deviation that is new in every image.
-        noise: The same for single errors, in their own units.
+        noise: Of single errors in place of that share, in their own units.
         time: What is known of the time offset beforehand.
         origin: Where the zero of local coordinates is.
     """
 
-    images: tuple[GivenImage, ...]
+    images: tuple[ImageEvidence, ...]
     log: Path | None
     settings: TelemetrySettings
     says_settings: bool
@@ -153,7 +153,7 @@ class Flight:
 
 
 @dataclass(frozen=True, slots=True)
-class FlightTables:
+class FlightDocument:
     """What a file says of its images."""
 
     entries: tuple[ImageEntry, ...]
@@ -161,17 +161,17 @@ class FlightTables:
 
     @property
     def sizes_px(self) -> tuple[tuple[int, int], ...]:
-        """Width and height of those that state them."""
+        """Width and height of the images that state them."""
         sizes = ((entry.width_px, entry.height_px) for entry in self.entries)
         return tuple((width, height) for width, height in sizes if width is not None and height is not None)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the images."""
+        """Names of the images."""
         return tuple(entry.name for entry in self.entries)
 
 
-def flight_tables(document: dict[str, Any], where: str) -> tuple[FlightTables | None, dict[str, Any]]:
+def read_flight(document: dict[str, Any], where: str) -> tuple[FlightDocument | None, dict[str, Any]]:
     """The tables of many images, and the rest of the document; None for a file of one image.
 
     Raises:
@@ -189,7 +189,7 @@ def flight_tables(document: dict[str, Any], where: str) -> tuple[FlightTables | 
         if first.setdefault(entry.name, index) != index:
             got = f'"{entry.name}", which image[{first[entry.name]}] has'
             raise ConfigError(f"image[{index}].name", where=where, got=got, expected="a name of its own")
-    tables = FlightTables(entries, validated(FlightTable, document.get("telemetry", {}), where, "telemetry."))
+    tables = FlightDocument(entries, validated(FlightTable, document.get("telemetry", {}), where, "telemetry."))
     if len(sizes := dict.fromkeys(tables.sizes_px)) > 1:
         (width, height), (other_width, other_height), *_ = sizes
         got = f"{width} x {height} and {other_width} x {other_height} pixels"
@@ -202,7 +202,7 @@ def flight_tables(document: dict[str, Any], where: str) -> tuple[FlightTables | 
     return tables, rest
 
 
-def flight_from(tables: FlightTables, evidence: dict[str, list[Evidence]], frame: LocalFrame, path: Path) -> Flight:
+def flight_from(tables: FlightDocument, evidence: dict[str, list[Evidence]], frame: LocalFrame, path: Path) -> Flight:
     """The images with their evidence.
 
     Args:
@@ -228,17 +228,17 @@ def flight_from(tables: FlightTables, evidence: dict[str, list[Evidence]], frame
         noise_share=telemetry.noise_share,
         noise=errors_from(telemetry.noise, ErrorStd()),
         time=None if offset is None else Prior(value=offset.value, std=offset.std or 0.0),
-        origin=None if telemetry.origin is None else value_of(telemetry.origin, GeoOrigin),
+        origin=None if telemetry.origin is None else si_value(GeoOrigin, telemetry.origin),
     )
 
 
-def _image(entry: ImageEntry, evidence: tuple[Evidence, ...], frame: LocalFrame) -> GivenImage:
+def _image(entry: ImageEntry, evidence: tuple[Evidence, ...], frame: LocalFrame) -> ImageEvidence:
     pose = None
     if not entry.is_stamped:
         x, y, z = entry.rates_dps or (0.0, 0.0, 0.0)
         rates = (math.radians(x), math.radians(y), math.radians(z))
         velocity = entry.velocity_mps or (0.0, 0.0, 0.0)
         pose = StatedPose(known=camera_priors(entry, frame), velocity_mps=velocity, rate_cam_radps=rates)
-    return GivenImage(
+    return ImageEvidence(
         name=entry.name, file=entry.file, evidence=evidence, pose=pose, stamp_ns=entry.stamp_ns, index=entry.index
     )

@@ -42,10 +42,10 @@ class LocalFrame:
 
     def local_m(self, coordinates: npt.ArrayLike) -> FloatArray:
         """East, north, up ``(..., 3)`` of points in the file's coordinates ``(..., 3)``; not finite off the map."""
-        given = np.asarray(coordinates, dtype=np.float64)
+        stated = np.asarray(coordinates, dtype=np.float64)
         if self.crs == LOCAL:
-            return np.asarray(given - self.origin)
-        return _map_of(self.crs, self.origin).to_local(given)
+            return np.asarray(stated - self.origin)
+        return _map_of(self.crs, self.origin).to_local(stated)
 
     def file_coordinates(self, points_m: npt.ArrayLike) -> FloatArray:
         """The file's coordinates ``(..., 3)`` of east, north, up ``(..., 3)``, in the order of ``origin``."""
@@ -102,8 +102,8 @@ class _Map:
     upright: Transformer
     convergence_rad: float
 
-    def to_local(self, given: FloatArray) -> FloatArray:
-        x, y, height = np.moveaxis(given, -1, 0)
+    def to_local(self, stated: FloatArray) -> FloatArray:
+        x, y, height = np.moveaxis(stated, -1, 0)
         lon, lat = (y, x) if self.flat is None else self.flat.transform(x, y)
         found = self.upright.transform(lon * self.unit_rad, lat * self.unit_rad, height, radians=True)
         return np.stack(found, axis=-1) @ _turn(self.convergence_rad).T
@@ -178,24 +178,24 @@ def checked_crs(crs: str, where: str) -> str:
     Raises:
         ConfigError: No such code, or one of another kind than metres east and north, or degrees.
     """
-    given, found = f'"{crs}"', crs.strip()
+    stated, found = f'"{crs}"', crs.strip()
     if found.lower() in (LOCAL, GEO):
         return found.lower()
     authority, _, code = found.partition(":")
     if authority.upper() != "EPSG" or not (code.isascii() and code.isdigit()):
-        raise ConfigError("crs", where=where, got=given, expected='"local", "geo" or an EPSG code', hint=_HINT)
+        raise ConfigError("crs", where=where, got=stated, expected='"local", "geo" or an EPSG code', hint=_HINT)
     name = f"EPSG:{code}"
     try:
         horizontal = _horizontal(name)
     except CRSError:
-        raise ConfigError("crs", where=where, got=f"{given}, which is not in the EPSG register", hint=_HINT) from None
+        raise ConfigError("crs", where=where, got=f"{stated}, which is not in the EPSG register", hint=_HINT) from None
     if not horizontal.is_geographic:
-        _check_metric(horizontal, given, where)
+        _check_metric(horizontal, stated, where)
     return name
 
 
-def _check_metric(horizontal: CRS, given: str, where: str) -> None:
-    got = f"{given} ({horizontal.name})"
+def _check_metric(horizontal: CRS, stated: str, where: str) -> None:
+    got = f"{stated} ({horizontal.name})"
     if not horizontal.is_projected:
         expected = "a projected or geographic coordinate reference system"
         raise ConfigError("crs", where=where, got=f"{got}, {horizontal.type_name}", expected=expected, hint=_HINT)
@@ -218,7 +218,7 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
         where: The file's name in messages.
 
     Raises:
-        ConfigError: They are elsewhere on the earth, or nowhere.
+        ConfigError: The coordinates are elsewhere on the earth, or nowhere.
     """
     if crs == LOCAL or takes_degrees(crs) or _is_used_at(crs, coordinates, 0.0):
         return

@@ -23,9 +23,9 @@ from aerodft.adapters.config.evidence.cross_checks import (
     check_together,
     frame_around,
 )
-from aerodft.adapters.config.evidence.files import EvidenceFile, evidence_from
+from aerodft.adapters.config.evidence.evidence_file import EvidenceFile, evidence_from
+from aerodft.adapters.config.evidence.evidence_tables import GEO_KEYS, EvidenceTable, InDegrees, Rows, StdM, check_geo
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
-from aerodft.adapters.config.evidence.tables import GEO_KEYS, EvidenceTable, InDegrees, Rows, StdM, check_geo
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
 from aerodft.adapters.config.tables import Order, Positive, Real, Text, impossible
 from aerodft.errors import ConfigError
@@ -165,7 +165,7 @@ def load_markers(path: Path) -> MarkersFile:
 
 
 def markers_from(document: dict[str, Any], path: Path, sha256: str = "") -> MarkersFile:
-    """As :func:`load_markers`, from what such a file holds.
+    """The surveyed markers of what a file of them holds.
 
     Args:
         document: Plain values from TOML.
@@ -173,7 +173,8 @@ def markers_from(document: dict[str, Any], path: Path, sha256: str = "") -> Mark
         sha256: Of its bytes, where evidence is to name it.
 
     Raises:
-        ConfigError: As :func:`load_markers`.
+        ConfigError: An unknown key or dictionary, an id twice or beyond the dictionary, or places that
+            cannot all be true.
     """
     where = str(path)
     table = validated(MarkersTable, document, where)

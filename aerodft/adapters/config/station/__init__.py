@@ -1,16 +1,6 @@
 """Station files: the telemetry, images, probes and outputs of one station."""
 
 from aerodft.adapters.config.station.ground import COPY_NAME, TerrainGround, copy_terrain, travels
-from aerodft.adapters.config.station.inputs import (
-    Device,
-    ImageInput,
-    Rate,
-    Stills,
-    Stream,
-    Topics,
-    VideoFile,
-    stated_start_ns,
-)
 from aerodft.adapters.config.station.live_tables import ErrorStdTable, errors_from
 from aerodft.adapters.config.station.loading import (
     load_station,
@@ -19,7 +9,16 @@ from aerodft.adapters.config.station.loading import (
     resolved_toml,
     with_calibration,
 )
-from aerodft.adapters.config.station.observer_tables import river_probes
-from aerodft.adapters.config.station.station import StationConfig, Watch
-from aerodft.adapters.config.station.tables import OriginTable
+from aerodft.adapters.config.station.station_config import (
+    Device,
+    ImageInput,
+    Rate,
+    StationConfig,
+    Stills,
+    Stream,
+    Topics,
+    VideoFile,
+    stated_start_ns,
+)
+from aerodft.adapters.config.station.station_tables import OriginTable, river_probes
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from

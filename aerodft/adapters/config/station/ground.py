@@ -6,25 +6,25 @@ import shutil
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeAlias
+from typing import Annotated, ClassVar, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.tables import (
+    NOT_IN_CONFIG_ID,
     HeadingDeg,
     Latitude,
     Longitude,
-    Means,
     Positive,
     Real,
+    SiAttribute,
     Table,
     Text,
     impossible,
-    keys_of,
     matching,
-    value_of,
+    si_value,
+    to_deg,
 )
-from aerodft.adapters.config.units import to_deg
 from aerodft.adapters.file_kind import looks_like
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import Ground, Plane, east_north
@@ -90,21 +90,22 @@ def _point_rad(point: PointTable | None) -> tuple[float, float] | None:
     return None if point is None else (math.radians(point.lat_deg), math.radians(point.lon_deg))
 
 
-def _point_keys(point_rad: tuple[float, float] | None) -> dict[str, float] | None:
-    return None if point_rad is None else {"lat_deg": to_deg(point_rad[0]), "lon_deg": to_deg(point_rad[1])}
-
-
-_SLOPE_KEYS = ("uphill_azimuth_deg", "point")
-_TERRAIN_KEYS = ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction")
+def _point_table(point_rad: tuple[float, float] | None) -> PointTable | None:
+    return None if point_rad is None else PointTable(lat_deg=to_deg(point_rad[0]), lon_deg=to_deg(point_rad[1]))
 
 
 class GroundTable(Table):
     """Ground that is not level: a slope, or an elevation model."""
 
+    INSTEAD_OF: ClassVar = {
+        "slope_deg": ("sha256", "radius_m", "cell_m", "band", "fill_msl_m", "refraction"),
+        "terrain": ("uphill_azimuth_deg", "point"),
+    }
+
     slope_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
     uphill_azimuth_deg: HeadingDeg | None = None
-    point: Annotated[PointTable | None, Means("point_rad", into=_point_rad, out=_point_keys)] = None
-    terrain: Text | None = None
+    point: Annotated[PointTable | None, SiAttribute("point_rad", into=_point_rad, out=_point_table)] = None
+    terrain: Annotated[Text | None, SiAttribute("path"), NOT_IN_CONFIG_ID] = None
     sha256: Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits")] | None = None
     radius_m: Positive | None = None
     cell_m: Positive | None = None
@@ -117,9 +118,6 @@ class GroundTable(Table):
         if (self.slope_deg is None) == (self.terrain is None):
             got = "neither of them" if self.terrain is None else "both of them"
             raise impossible("", got=got, expected="either slope_deg with uphill_azimuth_deg, or terrain")
-        owner, others = ("slope_deg", _TERRAIN_KEYS) if self.terrain is None else ("terrain", _SLOPE_KEYS)
-        if beside := [key for key in others if key in self.model_fields_set]:
-            raise impossible(beside[0], got=f"it beside {owner}", expected="one of the two")
         if self.terrain is None and self.uphill_azimuth_deg is None:
             raise impossible("uphill_azimuth_deg", got="nothing", expected="where the ground rises to, from north")
         return self
@@ -139,7 +137,7 @@ def ground_from(table: GroundTable | None, where: str, folder: Path) -> GroundSh
     if table is None:
         return None
     if table.terrain is None:
-        return value_of(table, SlopedGround)
+        return si_value(SlopedGround, table)
     return _terrain_from(table, where, folder / table.terrain)
 
 
@@ -154,7 +152,7 @@ def _terrain_from(table: GroundTable, where: str, path: Path) -> TerrainGround:
         raise ConfigError("ground.cell_m", where=where, got=f"{table.cell_m:g}", expected=expected)
     refraction = STANDARD_REFRACTION if table.refraction is None else table.refraction
     sha256 = _fingerprint(path, table.sha256, where)
-    return value_of(table, TerrainGround, path=path, sha256=sha256, radius_m=radius_m, refraction=refraction)
+    return si_value(TerrainGround, table, path=path, sha256=sha256, radius_m=radius_m, refraction=refraction)
 
 
 def _fingerprint(path: Path, expected: str | None, where: str) -> str:
@@ -179,7 +177,7 @@ def needs_place(shape: GroundShape | None) -> bool:
     return isinstance(shape, TerrainGround) or (shape is not None and shape.point_rad is not None)
 
 
-def made_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tuple[float, float]) -> Ground | None:
+def enu_ground(shape: GroundShape | None, origin: GeoOrigin | None, foot_m: tuple[float, float]) -> Ground | None:
     """The ground in a station's ENU.
 
     Args:
@@ -220,24 +218,14 @@ def _terrain(shape: TerrainGround, origin: GeoOrigin) -> Ground:
     return Terrain(grid, shape.refraction)
 
 
-def ground_document(shape: GroundShape, terrain_file: str | None = None) -> dict[str, Any]:
-    """The ground as TOML keys; reading them gives an equal one.
+def ground_table(shape: GroundShape, terrain_file: str | None = None) -> GroundTable:
+    """The table of a ground; reading it gives an equal one.
 
     Args:
         shape: The ground.
         terrain_file: Name of an elevation model's file in the text; None for its absolute path.
     """
-    if isinstance(shape, SlopedGround):
-        return keys_of(GroundTable, shape)
-    stated = {"cell_m": shape.cell_m, "fill_msl_m": shape.fill_msl_m}
-    return {
-        "terrain": terrain_file or str(shape.path.absolute()),
-        "sha256": shape.sha256,
-        "radius_m": shape.radius_m,
-        "band": shape.band,
-        "refraction": shape.refraction,
-        **{key: value for key, value in stated.items() if value is not None},
-    }
+    return GroundTable.from_si(shape, **({} if terrain_file is None else {"terrain": terrain_file}))
 
 
 def travels(shape: TerrainGround) -> bool:

@@ -3,29 +3,28 @@
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.station.station import MarkerSettings
+from aerodft.adapters.config.station.station_config import MarkerSettings
 from aerodft.adapters.config.tables import (
     LOCAL,
+    NOT_IN_CONFIG_ID,
     Duration,
     Latitude,
     Longitude,
-    Means,
     NonNegative,
     Positive,
     Real,
+    SiAttribute,
     Slug,
     Table,
     Text,
     impossible,
-    keys_of,
     repeated,
-    value_of,
+    si_value,
 )
 from aerodft.errors import ConfigError
 from aerodft.geometry import east_north
@@ -44,11 +43,13 @@ PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], repeated(3), 
 class LandmarkTable(Table):
     """A surveyed point: on the map, or in metres east, north and up of the station's origin."""
 
+    INSTEAD_OF: ClassVar = {"position_m": ("lat_deg", "lon_deg", "alt_msl_m")}
+
     name: Slug
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
     alt_msl_m: Real | None = None
-    position_m: Annotated[Place | None, Means("position_enu_m")] = None
+    position_m: Annotated[Place | None, SiAttribute("position_enu_m")] = None
     std_m: PlaceStd = (0.0, 0.0, 0.0)
     std_px: Positive = 1.0
 
@@ -56,8 +57,6 @@ class LandmarkTable(Table):
     def _one_place(self) -> Self:
         on_map = {key: getattr(self, key) for key in ("lat_deg", "lon_deg", "alt_msl_m")}
         stated = [key for key, value in on_map.items() if value is not None]
-        if self.position_m is not None and stated:
-            raise impossible(stated[0], got="it beside position_m", expected="one of the two")
         if self.position_m is None and len(stated) < len(on_map):
             missing = next(key for key, value in on_map.items() if value is None)
             raise impossible(missing, got="nothing", expected="lat_deg, lon_deg and alt_msl_m, or position_m")
@@ -75,7 +74,7 @@ class ErrorStdTable(Table):
     heading_deg: AngleStd | None = None
 
 
-class LiveTable(Table):
+class LiveCalibrationTable(Table):
     """How biases are estimated from landmarks."""
 
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
@@ -83,11 +82,11 @@ class LiveTable(Table):
     initial: ErrorStdTable = ErrorStdTable()
     drift: ErrorStdTable = ErrorStdTable()
     gate_probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.999
-    outlier_share: Annotated[float, Field(ge=0, le=0.5)] = 0.1
+    outlier_fraction: Annotated[float, Field(ge=0, le=0.5)] = 0.1
 
 
 def live_from(
-    table: LiveTable,
+    table: LiveCalibrationTable,
     landmarks: tuple[LandmarkTable, ...],
     markers: tuple[SurveyedLandmark, ...],
     origin: GeoOrigin | None,
@@ -107,16 +106,16 @@ def live_from(
     """
     if not landmarks and not markers:
         return None
-    names, taken = [each.name for each in landmarks], {each.name for each in markers}
+    names, marker_names = [each.name for each in landmarks], {each.name for each in markers}
     for index, name in enumerate(names):
-        if name in names[:index] or name in taken:
+        if name in names[:index] or name in marker_names:
             raise ConfigError(
                 f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
             )
     origin = needed_origin(origin, "[[landmark]]", where)
-    return value_of(
-        table,
+    return si_value(
         LiveCalibration,
+        table,
         landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
         drift=errors_from(table.drift, DRIFT),
     )
@@ -134,20 +133,9 @@ def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigi
     return origin
 
 
-def live_document(live: LiveCalibration, markers: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """The tables ``landmark`` and ``calibration`` as TOML keys; reading them gives the same settings.
-
-    Args:
-        live: The settings.
-        markers: Names of the landmarks that are markers', which have a table of their own.
-    """
-    landmarks = [keys_of(LandmarkTable, each) for each in live.landmarks if each.name not in markers]
-    return {"landmark": landmarks, "calibration": keys_of(LiveTable, live)}
-
-
 def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:
     place = _on_map(table, origin, where) if table.position_m is None else table.position_m
-    return value_of(table, SurveyedLandmark, position_enu_m=place)
+    return si_value(SurveyedLandmark, table, position_enu_m=place)
 
 
 def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float, float, float]:
@@ -161,25 +149,33 @@ def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float,
 
 def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
     """The errors that a validated table describes; ``default`` applies to what it leaves out."""
-    given = asdict(value_of(table, ErrorStd))
-    return replace(default, **{name: value for name, value in given.items() if value is not None})
+    errors = asdict(si_value(ErrorStd, table))
+    return replace(default, **{name: value for name, value in errors.items() if value is not None})
 
 
-class _RateTable(Table):
-    every_s: Duration = 0.1
+class StationMarkersTable(Table):
+    """Markers that are looked for in a station's images: their file, or all that such a file would hold."""
 
+    model_config = ConfigDict(extra="allow")
 
-class _FileTable(_RateTable):
-    file: Text
+    file: Text | None = None
+    every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.1
+
+    @model_validator(mode="after")
+    def _file_alone(self) -> Self:
+        if self.file is not None and self.model_extra:
+            key = next(iter(self.model_extra))
+            raise impossible(key, got="it beside file", expected="file and every_s alone, or what such a file holds")
+        return self
 
 
 def marker_settings(
-    document: dict[str, Any] | None, origin: GeoOrigin | None, where: str, folder: Path
+    table: StationMarkersTable | None, origin: GeoOrigin | None, where: str, folder: Path
 ) -> MarkerSettings | None:
     """The markers of a station; None without the table.
 
     Args:
-        document: The table: ``file``, or what such a file would hold; and ``every_s``.
+        table: The table.
         origin: The station's.
         where: The station file's name in messages.
         folder: What a relative ``file`` starts from.
@@ -187,23 +183,19 @@ def marker_settings(
     Raises:
         ConfigError: As ``markers.load_markers``; or nobody knows where the markers are against the station.
     """
-    if document is None:
+    if table is None:
         return None
     from aerodft.adapters.config.evidence import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
 
     origin = needed_origin(origin, "[markers]", where)
-    if "file" in document:
-        table = validated(_FileTable, document, where, "markers.")
-        file, every_s = load_markers(folder / table.file), table.every_s
+    if table.file is not None:
+        file = load_markers(folder / table.file)
     else:
-        rest = {key: value for key, value in document.items() if key != "every_s"}
-        rate = {key: value for key, value in document.items() if key == "every_s"}
-        every_s = validated(_RateTable, rate, where, "markers.").every_s
-        file = markers_from(rest, Path(f"{where} [markers]"))
-    return MarkerSettings(survey=_placed(file, origin, where), ignore=file.ignore, every_s=every_s)
+        file = markers_from(table.model_extra or {}, Path(f"{where} [markers]"))
+    return MarkerSettings(survey=_survey_from_origin(file, origin, where), ignore=file.ignore, every_s=table.every_s)
 
 
-def _placed(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
+def _survey_from_origin(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
     """The survey in metres from the station's origin."""
     markers = []
     for each in file.survey.markers:
@@ -241,18 +233,18 @@ def marker_landmarks(settings: MarkerSettings | None) -> tuple[SurveyedLandmark,
     )
 
 
-def markers_document(settings: MarkerSettings) -> dict[str, Any]:
-    """The table as TOML keys, complete in itself; reading it gives the same settings."""
-    document: dict[str, Any] = {
+def station_markers_table(settings: MarkerSettings) -> StationMarkersTable:
+    """The table of a station's markers, complete in itself; reading it gives equal settings."""
+    ignore = {"ignore": sorted(settings.ignore)} if settings.ignore else {}
+    survey: dict[str, Any] = {
         "dictionary": settings.survey.dictionary,
         "crs": LOCAL,
-        "every_s": settings.every_s,
-        "marker": [_marker_document(each) for each in settings.survey.markers],
+        "marker": [_marker_keys(each) for each in settings.survey.markers],
     }
-    return {**document, "ignore": sorted(settings.ignore)} if settings.ignore else document
+    return StationMarkersTable.model_validate({"every_s": settings.every_s} | survey | ignore)
 
 
-def _marker_document(marker: SurveyedMarker) -> dict[str, Any]:
+def _marker_keys(marker: SurveyedMarker) -> dict[str, Any]:
     points_m = [list(point) for point in marker.points_m]
     place = {"position_m": points_m[0]} if len(points_m) == 1 else {"corners_m": points_m}
     side = {} if marker.side_m is None else {"side_m": marker.side_m}

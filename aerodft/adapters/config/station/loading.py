@@ -15,72 +15,49 @@ from aerodft.adapters.config.camera import (
     CameraTable,
     FixedPose,
     PoseTable,
-    bias_document,
+    bias_table,
     biases_from,
     camera_document,
     camera_from,
     fixed_pose_from,
     load_calibration,
     load_camera,
-    placed,
+    place_in_enu,
     pose_sample,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import (
     GroundShape,
     TerrainGround,
-    ground_document,
+    enu_ground,
     ground_from,
-    made_ground,
+    ground_table,
     needs_place,
 )
-from aerodft.adapters.config.station.inputs import (
-    Device,
-    ImageSettings,
-    Link,
-    ObservationSettings,
-    Stills,
-    Stream,
-    Topics,
-    VideoFile,
-)
 from aerodft.adapters.config.station.live_tables import (
-    live_document,
+    LandmarkTable,
     live_from,
     marker_landmarks,
     marker_settings,
-    markers_document,
+    station_markers_table,
 )
-from aerodft.adapters.config.station.observer_tables import (
-    NOT_OF_THE_NUMBERS,
-    ObjectsTable,
-    RiverTable,
-    objects_from,
-    refuse_beside_paper,
-    river_from,
-    watch_document,
-    watch_from,
-)
-from aerodft.adapters.config.station.station import MarkerSettings, RecordSettings, StationConfig
-from aerodft.adapters.config.station.tables import (
+from aerodft.adapters.config.station.station_config import Link, StationConfig, Topics
+from aerodft.adapters.config.station.station_tables import (
     ConfigTable,
-    ImagesTable,
     LimitsTable,
     ObservationsTable,
-    OriginTable,
-    ProbeTable,
-    RecordTable,
+    StationTable,
+    TopicsTable,
     images_from,
+    images_table,
     probes_from,
-    topics_from,
 )
-from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
-from aerodft.adapters.config.tables import Table, Text, keys_of, value_of
-from aerodft.adapters.config.units import to_ns, to_s
+from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
+from aerodft.adapters.config.tables import Table, Text, si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
 from aerodft.errors import ConfigError
-from aerodft.model import Calibration, Camera, GeoOrigin, Probe, ProjectionModel
-from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
+from aerodft.model import Calibration, Camera, ProjectionModel
+from aerodft.service import PipelineSettings, TelemetrySettings
 
 
 class _CameraFile(Table):
@@ -102,7 +79,7 @@ def load_station(path: Path) -> StationConfig:
 
 
 def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
-    """As :func:`load_station`, from a file's bytes.
+    """The station that the bytes of a configuration file describe.
 
     Args:
         data: The TOML text.
@@ -110,7 +87,8 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         folder: What relative paths in it start from.
 
     Raises:
-        ConfigError: As :func:`load_station`.
+        ConfigError: TOML syntax, unknown key, impossible value, here or in a file that it refers to.
+        InputError: The elevation model cannot be used.
     """
     document = parse_toml(data, where)
     outputs = outputs_from(document, where)
@@ -118,47 +96,30 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
     telemetry = table.telemetry
     ground = ground_from(table.ground, where, folder)
     pipeline = _pipeline(table, where, folder)
-    _check_ground(ground, pipeline.model, table.pose, where)
-    markers = marker_settings(table.markers, pipeline.origin, where, folder)
-    return refreshed(
-        StationConfig(
-            pipeline=pipeline,
-            link=_link(telemetry, folder),
-            images=images_from(table.images, folder),
-            observations=value_of(table.observations, ObservationSettings, folder),
-            outputs=outputs,
-            record=value_of(table.record, RecordSettings),
-            fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
-            ground=ground,
-            calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
-            live=_live(table, pipeline, markers, where),
-            markers=markers,
-            watch=watch_from(table.watch, pipeline.model, pipeline.probes, where, folder),
-            objects=objects_from(table.objects, pipeline.model, pipeline.probes, where),
-            river=river_from(table.river, pipeline.model, pipeline.probes, where),
-            topics=topics_from(table.topics),
-        ),
-        where,
+    _check_heading(ground, table.pose, where)
+    markers, origin = marker_settings(table.markers, pipeline.origin, where, folder), pipeline.origin
+    station = si_value(
+        StationConfig,
+        table,
+        relative_to=folder,
+        outputs=outputs,
+        pipeline=pipeline,
+        link=si_value(Link, telemetry, relative_to=folder) if telemetry and telemetry.connection else None,
+        images=images_from(table.images, folder),
+        fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
+        ground=ground,
+        calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
+        live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin, where),
+        markers=markers,
     )
+    return refreshed(station, where)
 
 
-def _check_ground(ground: GroundShape | None, model: ProjectionModel, pose: PoseTable | None, where: str) -> None:
-    if ground is not None:
-        refuse_beside_paper("ground", model, where, know="level ground only")
+def _check_heading(ground: GroundShape | None, pose: PoseTable | None, where: str) -> None:
     stated = pose is not None and pose.calibration is None
     if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
         raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
-
-
-def _live(
-    table: ConfigTable, pipeline: PipelineSettings, markers: MarkerSettings | None, where: str
-) -> LiveCalibration | None:
-    if table.landmark:
-        refuse_beside_paper("landmark", pipeline.model, where, shown="[[landmark]]")
-    if markers:
-        refuse_beside_paper("markers", pipeline.model, where)
-    return live_from(table.calibration, table.landmark, marker_landmarks(markers), pipeline.origin, where)
 
 
 def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
@@ -168,29 +129,28 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
         camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
     if table.telemetry is not None and table.telemetry.calibration:
         camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
-    return PipelineSettings(
-        station=table.station.name,
+    return si_value(
+        PipelineSettings,
+        table.station,
+        table.limits,
+        table.images,
+        table.observations,
         camera=camera,
         probes=probes_from(table.probe, camera, where),
         model=model,
         telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
-        origin=None if table.station.origin is None else value_of(table.station.origin, GeoOrigin),
-        max_range_m=table.limits.max_range_m,
-        time_std_s=table.images.time_std_s,
-        match_tolerance_ns=to_ns(table.observations.match_tolerance_s),
-        tick_ns=table.station.tick_ms * 1_000_000,
     )
 
 
 def with_calibration(station: StationConfig, path: Path) -> StationConfig:
-    """The same station with another calibration: a fixed camera takes its pose, a moving one its biases.
+    """A station with another calibration: a fixed camera takes its pose, a moving one its biases.
 
     Args:
         station: The station.
         path: A calibration file.
 
     Raises:
-        ConfigError: As :func:`load_calibration`, or the file lacks what it takes.
+        ConfigError: The calibration file cannot be read, or lacks the pose or the biases that the station takes.
     """
     if station.fixed_pose is not None:
         camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
@@ -228,7 +188,7 @@ def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Ca
 
 
 def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
-    """The same for biases, which hold in both models where the lens was not found with them."""
+    """The camera beside a calibration's biases, which hold in both models where the lens was not found with them."""
     return camera if load_calibration(path).camera is None else _calibrated_camera(path, camera, model)
 
 
@@ -260,12 +220,6 @@ def _biases(path: Path) -> Calibration:
     return found.biases
 
 
-def _link(table: TelemetryTable | None, folder: Path) -> Link | None:
-    if table is None or table.connection is None:
-        return None
-    return value_of(table, Link, folder)
-
-
 def refreshed(station: StationConfig, where: str = "") -> StationConfig:
     """The station with ``pipeline.ground``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
 
@@ -278,12 +232,12 @@ def refreshed(station: StationConfig, where: str = "") -> StationConfig:
         InputError: The elevation model cannot be used.
     """
     pose, origin = station.fixed_pose, station.pipeline.origin
-    place, *foot_m = (origin, 0.0, 0.0) if pose is None else placed(pose, origin)
+    place, *foot_m = (origin, 0.0, 0.0) if pose is None else place_in_enu(pose, origin)
     if needs_place(station.ground) and place is None:
         key = "ground.terrain" if isinstance(station.ground, TerrainGround) else "ground.point"
         expected = "station.origin = { lat_deg, lon_deg }" if pose is None else "pose.lat_deg and pose.lon_deg"
         raise ConfigError(key, where=where, got="no place on the map for the station", expected=expected)
-    ground = made_ground(station.ground, place, (foot_m[0], foot_m[1]))
+    ground = enu_ground(station.ground, place, (foot_m[0], foot_m[1]))
     fixed = None if pose is None else pose_sample(pose, origin, ground, where)
     current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground))
     return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))
@@ -292,24 +246,11 @@ def refreshed(station: StationConfig, where: str = "") -> StationConfig:
 def config_id(station: StationConfig) -> str:
     """``sha256:...`` of what the numbers depend on: not of ports, folders, or where input comes from.
 
-    A telemetry calibration is left out too: a measurement names it by its own id. An elevation model counts with the
-    hash of its bytes.
+    Left out are outputs, and what the tables mark as ``NOT_IN_CONFIG_ID``. A telemetry calibration is left out too: a
+    measurement names it by its own id. An elevation model counts with the hash of its bytes.
     """
     document = station_document(station)
-    for key in (*station.outputs, "record", "topics", "river"):
-        document.pop(key, None)
-    document["station"].pop("name")
-    timing = ("time_offset_s", "time_drift", "time_reference", "time_std_s")
-    document["images"] = {key: value for key, value in document["images"].items() if key in timing}
-    for key in ("files", "topic"):
-        document["observations"].pop(key, None)
-    for key in ("connection", "baud", "signing", "bias"):
-        document.get("telemetry", {}).pop(key, None)
-    document.get("ground", {}).pop("terrain", None)
-    document.get("markers", {}).pop("every_s", None)
-    for table, keys in NOT_OF_THE_NUMBERS.items():
-        for key in keys:
-            document.get(table, {}).pop(key, None)
+    document = ConfigTable.without_marked({key: document[key] for key in document if key not in station.outputs})
     text = json.dumps(_as_numbers(document), sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
@@ -337,85 +278,32 @@ def resolved_toml(station: StationConfig, *, terrain_file: str | None = None) ->
 
 def station_document(station: StationConfig, terrain_file: str | None = None) -> dict[str, Any]:
     """The station as TOML keys; what is None is left out. ``terrain_file`` as in :func:`resolved_toml`."""
-    pipeline = station.pipeline
-    document: dict[str, Any] = {
-        "station": {"name": pipeline.station, "tick_ms": pipeline.tick_ns // 1_000_000},
-        "camera": {**camera_document(pipeline.camera), "model": str(pipeline.model)},
-    }
-    if pipeline.origin is not None:
-        document["station"]["origin"] = keys_of(OriginTable, pipeline.origin)
-    if pipeline.telemetry is not None:
-        document["telemetry"] = _telemetry(pipeline.telemetry, station)
-    if station.fixed_pose is not None:
-        document["pose"] = _pose(station.fixed_pose)
-    if station.ground is not None:
-        document["ground"] = ground_document(station.ground, terrain_file)
-    document["images"] = {**_images(station.images), "time_std_s": pipeline.time_std_s}
-    tolerance = {"match_tolerance_s": to_s(pipeline.match_tolerance_ns)}
-    document["observations"] = keys_of(ObservationsTable, station.observations) | tolerance
-    document["limits"] = keys_of(LimitsTable, pipeline)
-    document |= outputs_document(station.outputs)
-    document["record"] = keys_of(RecordTable, station.record)
-    if topics := _topics(station.topics):
-        document["topics"] = topics
-    document["probe"] = [_probe(probe) for probe in pipeline.probes]
-    if station.live is not None:
-        document |= live_document(station.live, frozenset(each.name for each in marker_landmarks(station.markers)))
-    return document | _looked_for(station)
+    pipeline, live = station.pipeline, station.live
+    from_markers = {each.name for each in marker_landmarks(station.markers)}
+    landmarks = () if live is None else tuple(each for each in live.landmarks if each.name not in from_markers)
+    table = ConfigTable.from_si(
+        station,
+        pipeline,
+        station=StationTable.from_si(pipeline),
+        camera={**camera_document(pipeline.camera), "model": str(pipeline.model)},
+        telemetry=None if pipeline.telemetry is None else _telemetry_table(pipeline.telemetry, station),
+        ground=None if station.ground is None else ground_table(station.ground, terrain_file),
+        images=images_table(station.images, pipeline.time_std_s),
+        observations=ObservationsTable.from_si(station.observations, pipeline),
+        limits=LimitsTable.from_si(pipeline),
+        topics=None if station.topics == Topics() else TopicsTable.from_si(station.topics),
+        landmark=None if live is None else tuple(map(LandmarkTable.from_si, landmarks)),
+        markers=None if station.markers is None else station_markers_table(station.markers),
+    )
+    inputs = ("station", "camera", "telemetry", "pose", "ground", "images", "observations", "limits")
+    document = table.to_toml()
+    return {key: document[key] for key in inputs if key in document} | outputs_document(station.outputs) | document
 
 
-def _looked_for(station: StationConfig) -> dict[str, Any]:
-    """The tables of what is looked for in the images."""
-    document: dict[str, Any] = {}
-    if station.markers is not None:
-        document["markers"] = markers_document(station.markers)
-    if station.watch is not None:
-        document["watch"] = watch_document(station.watch)
-    if station.objects is not None:
-        document["objects"] = keys_of(ObjectsTable, station.objects)
-    if station.river is not None:
-        document["river"] = keys_of(RiverTable, station.river)
-    return document
-
-
-def _telemetry(settings: TelemetrySettings, station: StationConfig) -> dict[str, Any]:
-    link = {} if station.link is None else keys_of(TelemetryTable, station.link)
-    document = link | keys_of(TelemetryTable, settings)
-    if station.calibration is None:
-        return document
-    return document | {"bias": {"calibration_id": station.calibration.id, **bias_document(station.calibration)}}
-
-
-def _pose(fixed: FixedPose) -> dict[str, Any]:
-    document = keys_of(PoseTable, fixed)
-    if fixed.covariance:
-        del document["std"]
-    return document
-
-
-def _images(settings: ImageSettings) -> dict[str, Any]:
-    match settings.source:
-        case VideoFile(path=path):
-            document = {"video": str(path.absolute())}
-        case Stills(folder=folder):
-            document = {"stills": str(folder.absolute())}
-        case Stream(url=url):
-            document = {"stream": url}
-        case Device(path=device):
-            document = {"device": device}
-        case _:
-            document = {}
-    document |= keys_of(ImagesTable, settings.source) | keys_of(ImagesTable, settings)
-    return document | {"time_offset_s": "auto"} if settings.is_auto else document
-
-
-def _topics(topics: Topics) -> dict[str, Any]:
-    stated = {"images": topics.images, "camera": topics.camera}
-    named = {key: found[0] for key, found in stated.items() if found}
-    return {"mavlink": list(topics.mavlink), **named} if topics.mavlink else named
-
-
-def _probe(probe: Probe) -> dict[str, Any]:
-    document = keys_of(ProbeTable, probe)
-    elevation = () if probe.on_top_of is None else ("elevation_m", "elevation_std_m")
-    return {key: value for key, value in document.items() if key not in elevation}
+def _telemetry_table(settings: TelemetrySettings, station: StationConfig) -> TelemetryTable:
+    """The table of how telemetry becomes a pose, with the station's link and the biases that it is corrected by."""
+    table, calibration = TelemetryTable.from_si(settings, station.link), station.calibration
+    if calibration is None:
+        return table
+    bias = bias_table(calibration, TelemetryBiasTable, calibration_id=calibration.id)
+    return table.model_copy(update={"bias": bias})

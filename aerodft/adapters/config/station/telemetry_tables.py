@@ -2,32 +2,34 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, create_model, model_validator
 
 from aerodft.adapters.config.camera import BiasTable
 from aerodft.adapters.config.tables import (
     AS_SHARE,
+    NOT_IN_CONFIG_ID,
     Count,
     Duration,
     FieldOfViewDeg,
     Gap,
     HeadingDeg,
     Many,
-    Means,
     NonNegative,
     Order,
     Positive,
     Real,
     RollDeg,
+    SiAttribute,
     Table,
     Text,
     impossible,
     matching,
-    value_of,
+    si_value,
+    to_percent,
+    to_s,
 )
-from aerodft.adapters.config.units import to_percent, to_s
 from aerodft.model import HeightSource, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, HeightSettings, TelemetrySettings
 
@@ -67,9 +69,9 @@ class HeightTable(Table):
     lean_std_deg: Annotated[float, Field(ge=0, le=45)] = 0.2
     std_m: Annotated[
         HeightStdTable,
-        Means(
-            into=lambda table: {HeightSource(name): std_m for name, std_m in table.model_dump().items()},
-            out=lambda stds_m: {str(source): std_m for source, std_m in stds_m.items()},
+        SiAttribute(
+            into=lambda table: {HeightSource(name): std_m for name, std_m in table},
+            out=lambda stds_m: HeightStdTable(**{str(source): std_m for source, std_m in stds_m.items()}),
         ),
     ] = HeightStdTable()
 
@@ -102,20 +104,20 @@ class AttitudeTable(Table):
     camera_on_gimbal: CameraOnGimbalTable | None = None
     frame: Annotated[
         Literal["auto", "earth", "body"],
-        Means(into=_FRAMES.get, out=lambda frame: None if frame is None else str(frame)),
+        SiAttribute(into=_FRAMES.get, out=lambda frame: None if frame is None else str(frame)),
     ] = "auto"
     feedback: Annotated[
         Literal["auto", "measured", "demand"],
-        Means("is_demand", into=_IS_DEMAND.get, out={True: "demand", False: "measured"}.get),
+        SiAttribute("is_demand", into=_IS_DEMAND.get, out={True: "demand", False: "measured"}.get),
     ] = "auto"
-    delay_s: Annotated[Duration, Means(out=lambda delay_ns: to_s(delay_ns) or None)] = 0.0
+    delay_s: Annotated[Duration, SiAttribute(out=lambda delay_ns: to_s(delay_ns) or None)] = 0.0
     lag_s: Duration = 0.3
     slew_dps: Positive = 60.0
     max_gap_s: Gap = 1.0
-    tilt_std_deg: Annotated[NonNegative, Means("std.tilt_deg")] = 1.0
-    pan_std_deg: Annotated[NonNegative, Means("std.pan_deg")] = 1.0
-    roll_std_deg: Annotated[NonNegative, Means("std.roll_deg")] = 1.0
-    heading_std_deg: Annotated[NonNegative, Means("std.heading_deg")] = 2.0
+    tilt_std_deg: Annotated[NonNegative, SiAttribute("std.tilt_deg")] = 1.0
+    pan_std_deg: Annotated[NonNegative, SiAttribute("std.pan_deg")] = 1.0
+    roll_std_deg: Annotated[NonNegative, SiAttribute("std.roll_deg")] = 1.0
+    heading_std_deg: Annotated[NonNegative, SiAttribute("std.heading_deg")] = 2.0
 
     @model_validator(mode="after")
     def _fixed_mount_is_there(self) -> Self:
@@ -128,30 +130,30 @@ class HealthTable(Table):
     """What a vehicle may say of itself before its telemetry is not believed."""
 
     heartbeat_s: Gap = 5.0
-    max_test_ratio: Annotated[Positive, Means("max_ratio")] = 1.0
+    max_test_ratio: Annotated[Positive, SiAttribute("max_ratio")] = 1.0
     gps_s: Gap = 4.0
-    gps_horizontal_std_m: Annotated[Positive, Means("horizontal_std_m")] = 3.0
-    gps_vertical_std_m: Annotated[Positive, Means("vertical_std_m")] = 5.0
-    max_loss_percent: Annotated[Percent, Means("loss_share", *AS_SHARE)] = 10.0
+    gps_horizontal_std_m: Annotated[Positive, SiAttribute("horizontal_std_m")] = 3.0
+    gps_vertical_std_m: Annotated[Positive, SiAttribute("vertical_std_m")] = 5.0
+    max_loss_percent: Annotated[Percent, SiAttribute("loss_share", *AS_SHARE)] = 10.0
 
 
 def _curve_from(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     return tuple((AS_SHARE[0](percent), times) for percent, times in points)
 
 
-def _curve_keys(curve: tuple[tuple[float, float], ...]) -> list[list[float]] | None:
-    return [[to_percent(level), times] for level, times in curve] or None
+def _curve_points(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...] | None:
+    return tuple((to_percent(level), times) for level, times in curve) or None
 
 
 class ZoomTable(Table):
     """How reports of the camera's view are read; the camera file is the reference."""
 
     order: Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
-    at_percent: Annotated[Percent, Means("level", *AS_SHARE)] = 0.0
-    curve: Annotated[Many[ZoomPoint], Means(into=_curve_from, out=_curve_keys)] = ()
+    at_percent: Annotated[Percent, SiAttribute("level", *AS_SHARE)] = 0.0
+    curve: Annotated[Many[ZoomPoint], SiAttribute(into=_curve_from, out=_curve_points)] = ()
     reported_hfov_deg: FieldOfViewDeg | None = None
     hfov_std_deg: NonNegative = 0.5
-    std_percent_per_doubling: Annotated[NonNegative, Means("std_per_doubling", *AS_SHARE)] = 2.0
+    std_percent_per_doubling: Annotated[NonNegative, SiAttribute("std_per_doubling", *AS_SHARE)] = 2.0
     camera: Annotated[int, Field(ge=1, le=255)] | None = None
     stream: Annotated[int, Field(ge=0, le=255)] | None = None
     max_gap_s: Gap = 2.0
@@ -184,26 +186,22 @@ class SigningTable(Table):
 class TelemetryTable(Table):
     """The vehicle, and how its telemetry becomes a pose."""
 
-    connection: Text | None = None
-    baud: Count = 57600
-    signing: SigningTable | None = None
+    INSTEAD_OF: ClassVar = {"calibration": ("bias",)}
+
+    connection: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    baud: Annotated[Count, NOT_IN_CONFIG_ID] = 57600
+    signing: Annotated[SigningTable | None, NOT_IN_CONFIG_ID] = None
     system: Annotated[int, Field(ge=1, le=255)] | None = None
     component: Annotated[int, Field(ge=1, le=255)] | None = None
     gimbal: Annotated[int, Field(ge=1, le=255)] | None = None
     wait_s: Duration = 2.0
-    horizontal_std_m: Annotated[NonNegative, Means("attitude.std.horizontal_m")] = 2.0
+    horizontal_std_m: Annotated[NonNegative, SiAttribute("attitude.std.horizontal_m")] = 2.0
     height: HeightTable = HeightTable()
     attitude: AttitudeTable = AttitudeTable()
     health: HealthTable = HealthTable()
     zoom: ZoomTable = ZoomTable()
     calibration: Text | None = None
-    bias: TelemetryBiasTable | None = None
-
-    @model_validator(mode="after")
-    def _one_calibration(self) -> Self:
-        if self.calibration and self.bias:
-            raise impossible("bias", got="it beside calibration", expected="one of the two")
-        return self
+    bias: Annotated[TelemetryBiasTable | None, NOT_IN_CONFIG_ID] = None
 
     @model_validator(mode="after")
     def _a_link_to_sign(self) -> Self:
@@ -214,8 +212,8 @@ class TelemetryTable(Table):
 
 def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
     """How telemetry becomes a pose."""
-    order, height = HeightSettings().order, value_of(table.height, HeightSettings)
+    order, height = HeightSettings().order, si_value(HeightSettings, table.height)
     if table.height.order is None:
         by_default = order if table.height.manual_m is None else (*order, HeightSource.MANUAL)
         height = replace(height, order=by_default)
-    return value_of(table, TelemetrySettings, height=height)
+    return si_value(TelemetrySettings, table, height=height)

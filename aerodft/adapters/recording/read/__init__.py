@@ -1,6 +1,5 @@
 """Messages out of MCAP segments, as far as these are whole."""
 
-from aerodft.adapters.recording.read.chunk_index import ChunkPlace, SegmentScan
 from aerodft.adapters.recording.read.chunks import (
     ATTACHMENT_HEAD_BYTES,
     CRC_BYTES,
@@ -11,14 +10,15 @@ from aerodft.adapters.recording.read.chunks import (
     attachment_head,
     chunk_content,
     chunk_head,
-    records_in,
 )
 from aerodft.adapters.recording.read.messages import (
+    ChannelFilter,
     ChunkReader,
     ChunkTable,
     ReadMessage,
-    Wanted,
     content_bytes,
     is_one_of,
+    records_in,
 )
-from aerodft.adapters.recording.read.scanning import log_times, scan_segment
+from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan, log_times, scan_segment
+from aerodft.adapters.recording.read.summary import MAX_SUMMARY_BYTES, read_summary

@@ -2,7 +2,6 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
 from io import BytesIO
 from typing import Final, NamedTuple
 
@@ -11,7 +10,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.records import Attachment
 
-from aerodft.adapters.recording.layout import CHUNK_HEAD, NO_OPCODE, RECORD_HEAD
+from aerodft.adapters.recording.layout import CHUNK_HEAD
 
 MAX_CHUNK_BYTES = 32 << 20
 """A few kilobytes of zstd can claim gigabytes; the recorder's own chunks are of a megabyte, or of one image."""
@@ -105,26 +104,6 @@ def _uncompressed(head: ChunkHead, data: bytes) -> bytes:
         # One byte more than claimed: a frame that goes on is told from one that ends there.
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, head.content_bytes + 1))
     raise ValueError(f"compression {head.compression!r} is not known")
-
-
-def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each record of a chunk's content.
-
-    Raises:
-        ValueError: A record ends outside of it, or is none.
-    """
-    position, end = 0, len(content)
-    while position < end:
-        if position + RECORD_HEAD.size > end:
-            raise ValueError("ends within a record")
-        opcode, length = RECORD_HEAD.unpack_from(content, position)
-        position += RECORD_HEAD.size
-        if opcode == NO_OPCODE:
-            raise ValueError("a record of no kind")
-        if position + length > end:
-            raise ValueError("ends within a record")
-        yield opcode, position, position + length
-        position += length
 
 
 ATTACHMENT_HEAD_BYTES: Final = 1 << 16

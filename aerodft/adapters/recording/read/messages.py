@@ -1,7 +1,6 @@
 """Messages out of a segment's chunks, in the order in which they were written: as columns, or one by one."""
 
 import logging
-import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -9,19 +8,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from aerodft.adapters.recording.channels import DEFINITIONS, Channel, Channels, TooMuchDefinedError, definition
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
-from aerodft.adapters.recording.read.chunk_index import ChunkPlace
 from aerodft.adapters.recording.read.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
+from aerodft.adapters.recording.read.segment_scan import ChunkLocation
+from aerodft.adapters.recording.read.summary import DAMAGED
 from aerodft.errors import InputError
 from aerodft.jit import njit
 from aerodft.model import BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
-Wanted = Callable[[Channel], bool]
+ChannelFilter = Callable[[Channel], bool]
 
 _COLUMNS: Final = ("channel", "sequence", "log_ns", "start", "stop")
 _HEAD: Final = RECORD_HEAD.size
@@ -34,8 +33,7 @@ _LEAST, _MOST = 8, 1 << 16  # records of a table: some kilobytes of zeros unpack
 _MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
 _LEAST_KEPT: Final = 0.5  # of a larger one
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
-_MOST_LEFT_OUT: Final = 100_000
-_DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
+_MOST_DAMAGED: Final = 100_000
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +70,7 @@ class ChunkTable:
     stop: IntArray
 
     def rows(self, rows: BoolArray | IntArray) -> "ChunkTable":
-        """Some of the messages."""
+        """The messages of the given rows, by index or mask."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def messages(self) -> Iterator[ReadMessage]:
@@ -82,7 +80,7 @@ class ChunkTable:
             yield ReadMessage(log_ns, self.channels[channel], self.content[start:stop], sequence)
 
     def kept(self) -> "ChunkTable":
-        """The same, without the rest of a large content: a few of its messages would keep it in memory."""
+        """The messages without the rest of a large content, which a few of them would keep in memory."""
         length = self.stop - self.start
         if len(self.content) <= _MOST_KEPT_BYTES or length.sum() > _LEAST_KEPT * len(self.content):
             return self
@@ -119,18 +117,18 @@ class ChunkReader:
     Attributes:
         channels: Known so far.
         damaged: Chunks that were left out.
-        left_out: Where those begin, each named once; may be shared with who reads the same file again.
+        damaged_offsets: Where those begin, each named once; may be shared with who reads the same file again.
     """
 
     channels: Channels = field(default_factory=Channels)
     damaged: int = 0
-    left_out: set[int] = field(default_factory=set)
+    damaged_offsets: set[int] = field(default_factory=set)
 
-    def messages(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ReadMessage]:
+    def messages(self, chunks: Iterable[ChunkLocation], wanted: ChannelFilter | None = None) -> Iterator[ReadMessage]:
         """The messages of chunks of one file; arguments and errors are those of ``tables``."""
         return chain.from_iterable(map(ChunkTable.messages, self.tables(chunks, wanted)))
 
-    def tables(self, chunks: Iterable[ChunkPlace], wanted: Wanted | None = None) -> Iterator[ChunkTable]:
+    def tables(self, chunks: Iterable[ChunkLocation], wanted: ChannelFilter | None = None) -> Iterator[ChunkTable]:
         """The messages of chunks of one file as columns; a damaged chunk is left out, counted and logged.
 
         Args:
@@ -141,13 +139,13 @@ class ChunkReader:
             InputError: The file cannot be read.
         """
         for place in chunks:
-            self.channels.ledger.begin()
+            self.channels.begin_chunk()
             try:
                 yield from self._tables(place, wanted)
-            except _DAMAGED as error:
+            except DAMAGED as error:
                 self._leave_out(place, error)
 
-    def _tables(self, place: ChunkPlace, wanted: Wanted | None) -> Iterator[ChunkTable]:
+    def _tables(self, place: ChunkLocation, wanted: ChannelFilter | None) -> Iterator[ChunkTable]:
         """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
         content = _content(place)
         for records in record_tables(content):
@@ -158,20 +156,20 @@ class ChunkReader:
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
 
-    def _leave_out(self, place: ChunkPlace, why: Exception) -> None:
+    def _leave_out(self, place: ChunkLocation, why: Exception) -> None:
         self.damaged += 1
         if isinstance(why, TooMuchDefinedError):  # what others define must have room
-            self.channels.ledger.undo()
-        if place.offset in self.left_out or len(self.left_out) == _MOST_LEFT_OUT:
+            self.channels.undo_chunk()
+        if place.offset in self.damaged_offsets or len(self.damaged_offsets) == _MOST_DAMAGED:
             return
-        self.left_out.add(place.offset)
-        if len(self.left_out) > _MOST_NAMED:
+        self.damaged_offsets.add(place.offset)
+        if len(self.damaged_offsets) > _MOST_NAMED:
             return
-        more = "; further ones are left out and not named" if len(self.left_out) == _MOST_NAMED else ""
+        more = "; further ones are left out and not named" if len(self.damaged_offsets) == _MOST_NAMED else ""
         _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
 
 
-def content_bytes(place: ChunkPlace) -> int:
+def content_bytes(place: ChunkLocation) -> int:
     """What a chunk claims to hold; 0 where it cannot be read.
 
     Raises:
@@ -189,7 +187,7 @@ def content_bytes(place: ChunkPlace) -> int:
         return 0
 
 
-def _content(place: ChunkPlace) -> bytes:
+def _content(place: ChunkLocation) -> bytes:
     """A chunk's records, uncompressed and checked.
 
     Raises:
@@ -220,6 +218,18 @@ def record_tables(content: bytes) -> Iterator[RecordTable]:
         position = table.rest
 
 
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of a chunk's content.
+
+    Raises:
+        ValueError: A record ends outside of it, or is none.
+    """
+    for table in record_tables(content):
+        yield from zip(table.opcode.tolist(), table.start.tolist(), table.stop.tolist(), strict=True)
+        if table.is_damaged:
+            raise ValueError("ends within a record, or in none")
+
+
 def _record_table(content: bytes, position: int) -> RecordTable:
     data = np.frombuffer(content, dtype=np.uint8)
     table = np.empty((min(max(len(content) // _USUAL_BYTES, _LEAST), _MOST), 3), dtype=np.int64)
@@ -231,7 +241,7 @@ def _record_table(content: bytes, position: int) -> RecordTable:
 
 
 def message_table(
-    content: bytes, channels: dict[int, Channel], records: RecordTable, wanted: Wanted | None = None
+    content: bytes, channels: dict[int, Channel], records: RecordTable, wanted: ChannelFilter | None = None
 ) -> ChunkTable:
     """The messages among records, of channels that are known and, where somebody says so, wanted."""
     rows = np.flatnonzero(records.opcode == _MESSAGE)

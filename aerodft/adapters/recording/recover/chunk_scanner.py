@@ -15,63 +15,63 @@ from io import BytesIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Footer, Header, Metadata, Statistics
+from mcap.records import Header, Metadata
 
-from aerodft.adapters.recording.channels import DEFINITIONS, Definitions, definition
+from aerodft.adapters.recording.channels import DEFINITIONS, Channels, definition
 from aerodft.adapters.recording.layout import (
     CHUNK_HEAD,
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    BuiltChunk,
-    built_chunk,
+    EncodedChunk,
+    assemble_chunk,
     index_entry,
 )
 from aerodft.adapters.recording.read import (
     ATTACHMENT_HEAD_BYTES,
     CRC_BYTES,
     HEAD_BYTES,
+    MAX_SUMMARY_BYTES,
     MOST_ATTACHMENTS,
     AttachmentHead,
     ChunkHead,
     attachment_head,
     chunk_content,
     chunk_head,
+    read_summary,
     records_in,
 )
 from aerodft.adapters.recording.write import MOST_INDEX_BYTES, index_bytes, pieces
 
-_MAX_SMALL_BYTES, _MAX_SUMMARY_BYTES = 4 << 20, 16 << 20
+_MAX_SMALL_BYTES = 4 << 20
 _WINDOW_BYTES = 1 << 20
 _CHUNK = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # shorter than a terabyte
 _CANDIDATE_BYTES = RECORD_HEAD.size + HEAD_BYTES
 _DATA_END_BYTES = RECORD_HEAD.size + 4
-_FOOTER_CHECKED_BYTES = RECORD_HEAD.size + 16
-_TAIL_BYTES = _FOOTER_CHECKED_BYTES + 4 + len(MAGIC)
 _UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GoodChunk:
+class WholeChunk:
     """A chunk that is whole.
 
     Attributes:
         offset: Of the record.
-        built: It, with the times and the message indexes that its messages give.
+        chunk: It, with the times and the message indexes that its messages give.
         content: Its records.
         defines: Ids of the channels that it defines.
         is_as_built: Whether the file has the same bytes there, indexes included.
     """
 
     offset: int
-    built: BuiltChunk
+    chunk: EncodedChunk
     content: bytes
     defines: frozenset[int]
     is_as_built: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BadBytes:
+class DamagedBytes:
     """Bytes that are no whole record.
 
     Attributes:
@@ -96,8 +96,8 @@ class ChunkScanner:
         header: The file's; None where it is missing or damaged.
         metadata: Names and values.
         attachments: Those that are whole: where their records are, and what they say.
-        definitions: By the chunks so far, and from the beginning by the summary, if its checksum is right.
-        stated_messages: How many messages there are by the summary; None likewise.
+        channels: By the chunks so far, and from the beginning by the summary, if its checksum is right.
+        stated_messages: How many messages there are by the summary; None without a sound one.
         has_end: Whether the data is known to end where the file says so.
         is_whole: Whether the file ends as it should, with a sound summary and nothing behind it.
 
@@ -114,7 +114,7 @@ class ChunkScanner:
         self.header: Header | None = None
         self.metadata: list[Metadata] = []
         self.attachments: list[tuple[int, AttachmentHead]] = []
-        self.definitions = Definitions()
+        self.channels = Channels()
         self._metadata_bytes = self._index_bytes = 0
         self._most_index_bytes = MOST_INDEX_BYTES * 3 // 2  # a segment may have to go on to the next key image
         self.stated_messages: int | None = None
@@ -123,27 +123,27 @@ class ChunkScanner:
         self.has_end = self.is_whole = summary_start is not None
         self._end = self._size
         if summary_start is not None:  # it was found to be within its limit
-            self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * _MAX_SUMMARY_BYTES
+            self._end, self._most_index_bytes = summary_start - _DATA_END_BYTES, 2 * MAX_SUMMARY_BYTES
 
-    def items(self) -> Iterator[GoodChunk | BadBytes]:
+    def items(self) -> Iterator[WholeChunk | DamagedBytes]:
         """All chunks that are whole, and what lies between them, in order; attributes are final afterwards."""
         magic = self._read(0, len(MAGIC))
         self._position = len(MAGIC)
         if magic != MAGIC:
-            yield BadBytes(offset=0, length=len(magic), why="no MCAP file", is_torn=MAGIC.startswith(magic))
+            yield DamagedBytes(offset=0, length=len(magic), why="no MCAP file", is_torn=MAGIC.startswith(magic))
         while self._position < self._end and self._index_bytes <= self._most_index_bytes:
             item = self._next()
             if item is not None:
                 yield item
         if self._position < self._end:
             length = self._end - self._position
-            yield BadBytes(offset=self._position, length=length, why="more chunks than a file's index may have")
+            yield DamagedBytes(offset=self._position, length=length, why="more chunks than a file's index may have")
             self._position = self._end
         if not self.is_whole and self._position < self._size:
             why = "no sound index"
-            yield BadBytes(offset=self._position, length=self._size - self._position, why=why, is_torn=True)
+            yield DamagedBytes(offset=self._position, length=self._size - self._position, why=why, is_torn=True)
 
-    def _next(self) -> GoodChunk | BadBytes | None:
+    def _next(self) -> WholeChunk | DamagedBytes | None:
         start = self._position
         head = self._read(start, RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
@@ -196,7 +196,7 @@ class ChunkScanner:
             return False
         return stream.count == len(content)
 
-    def _chunk(self, start: int, length: int, end: int) -> GoodChunk | BadBytes:
+    def _chunk(self, start: int, length: int, end: int) -> WholeChunk | DamagedBytes:
         at = start + RECORD_HEAD.size
         try:
             head = chunk_head(self._read(at, min(HEAD_BYTES, length)), length)
@@ -208,17 +208,17 @@ class ChunkScanner:
         data = self._read(at + head.data_at, head.data_bytes)
         try:
             content = chunk_content(head, data)
-            built = _rebuilt(head, data, content)
+            chunk = _with_indexes(head, data, content)
             defines = self._define(content)
         except ValueError as error:
-            return BadBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
-        is_as_built = self._read(start, len(built.head)) == built.head
-        if self._read(end, len(built.indexes)) == built.indexes:
-            self._position += len(built.indexes)
+            return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
+        is_as_built = self._read(start, len(chunk.head)) == chunk.head
+        if self._read(end, len(chunk.indexes)) == chunk.indexes:
+            self._position += len(chunk.indexes)
         else:
             is_as_built = False
-        self._index_bytes += index_bytes(built)
-        return GoodChunk(offset=start, built=built, content=content, defines=defines, is_as_built=is_as_built)
+        self._index_bytes += index_bytes(chunk)
+        return WholeChunk(offset=start, chunk=chunk, content=content, defines=defines, is_as_built=is_as_built)
 
     def _define(self, content: bytes) -> frozenset[int]:
         """Take a chunk's schemas and channels, all or none; returns the ids of the channels.
@@ -227,23 +227,23 @@ class ChunkScanner:
             ValueError: One is damaged, or they are too much.
         """
         ids: set[int] = set()
-        self.definitions.ledger.begin()
+        self.channels.begin_chunk()
         try:
             for opcode, begin, end in records_in(content):
                 if opcode in DEFINITIONS:
                     record = definition(opcode, content[begin:end])
-                    self.definitions.add(record)
+                    self.channels.add(record)
                     if opcode == Opcode.CHANNEL:
                         ids.add(record.id)
         except _UNREADABLE as error:
-            self.definitions.ledger.undo()
+            self.channels.undo_chunk()
             raise ValueError("a damaged definition") from error
         except ValueError:
-            self.definitions.ledger.undo()
+            self.channels.undo_chunk()
             raise
         return frozenset(ids)
 
-    def _lost(self, start: int, why: str) -> BadBytes:
+    def _lost(self, start: int, why: str) -> DamagedBytes:
         """Go on where something makes sense again."""
         position = start + 1
         while position < self._end:
@@ -252,10 +252,10 @@ class ChunkScanner:
                 at = position + found.start()
                 if found.start() < _WINDOW_BYTES and self._makes_sense(at, window[at - position :][:_CANDIDATE_BYTES]):
                     self._position = at
-                    return BadBytes(offset=start, length=at - start, why=why)
+                    return DamagedBytes(offset=start, length=at - start, why=why)
             position += _WINDOW_BYTES
         self._position = self._end
-        return BadBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
+        return DamagedBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
 
     def _makes_sense(self, at: int, data: bytes) -> bool:
         """Whether there is a chunk, as far as its sizes tell."""
@@ -268,30 +268,19 @@ class ChunkScanner:
 
     def _summary_start(self) -> int | None:
         """Where the summary begins, its definitions read; None where the file has no sound one at its end."""
-        tail = self._read(max(self._size - _TAIL_BYTES, 0), _TAIL_BYTES)
-        if len(tail) < _TAIL_BYTES or not tail.endswith(MAGIC):
+        summary = read_summary(self._read, self._size)
+        if summary is None or not summary.is_checked or summary.start < len(MAGIC) + _DATA_END_BYTES:
             return None
-        try:
-            footer = Footer.read(ReadDataStream(BytesIO(tail[RECORD_HEAD.size :])))
-            start, size = footer.summary_start, self._size - _TAIL_BYTES - footer.summary_start
-            if not 0 <= size <= _MAX_SUMMARY_BYTES or start < len(MAGIC) + _DATA_END_BYTES:
-                return None
-            data = self._read(start, size)
-            if zlib.crc32(tail[:_FOOTER_CHECKED_BYTES], zlib.crc32(data)) != footer.summary_crc:
-                return None
-            self._define(data)
-            for opcode, begin, end in records_in(data):
-                if opcode == Opcode.STATISTICS:
-                    self.stated_messages = Statistics.read(ReadDataStream(BytesIO(data[begin:end]))).message_count
-        except (*_UNREADABLE, ValueError):
-            return None
-        return int(start)
+        self.channels = summary.channels
+        if summary.statistics is not None:
+            self.stated_messages = summary.statistics.message_count
+        return summary.start
 
     def _read(self, offset: int, length: int) -> bytes:
         return os.pread(self._descriptor, length, offset)
 
 
-def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
+def _with_indexes(head: ChunkHead, data: bytes, content: bytes) -> EncodedChunk:
     """A chunk with the times and the indexes that its messages give.
 
     Raises:
@@ -299,14 +288,12 @@ def _rebuilt(head: ChunkHead, data: bytes, content: bytes) -> BuiltChunk:
     """
     indexes: dict[int, bytearray] = {}
     start_ns = end_ns = 0
-    for opcode, begin, end in records_in(content):
+    for opcode, begin, _ in records_in(content):
         if opcode != Opcode.MESSAGE:
             continue
-        if end - begin < MESSAGE_HEAD.size:
-            raise ValueError("ends within a message")
         channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
         start_ns = min(start_ns, log_ns) if indexes else log_ns
         end_ns = max(end_ns, log_ns)
         indexes.setdefault(channel_id, bytearray()).extend(index_entry(log_ns, begin - RECORD_HEAD.size))
     times = CHUNK_HEAD.pack(start_ns, end_ns, head.content_bytes, head.crc)
-    return built_chunk(times, head.compression, data, indexes)
+    return assemble_chunk(times, head.compression, data, indexes)

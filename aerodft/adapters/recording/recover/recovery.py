@@ -17,18 +17,18 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from aerodft.adapters.file_kind import check_is_no_pipe
-from aerodft.adapters.recording.channels import Definitions
+from aerodft.adapters.recording.channels import Channels
 from aerodft.adapters.recording.layout import (
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    BuiltChunk,
     ChunkBuffer,
+    EncodedChunk,
     compressor,
     encoded,
 )
 from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, records_in, scan_segment
-from aerodft.adapters.recording.recover.chunk_scanner import BadBytes, ChunkScanner, GoodChunk
+from aerodft.adapters.recording.recover.chunk_scanner import ChunkScanner, DamagedBytes, WholeChunk
 from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
@@ -182,7 +182,7 @@ def _recover_series(stem: str, paths: list[tuple[int, Path]]) -> Iterator[Segmen
 
 def _recover_segment(path: Path) -> SegmentRecovery:
     with _locked(path) as descriptor:
-        found = _survey(descriptor)
+        found = _examine(descriptor)
         if found.is_sound:
             return _outcome(path, "sound", found)
         if not found.is_own and (found.chunks or found.library):
@@ -235,13 +235,13 @@ def _is_beginning(descriptor: int) -> bool:
     return MAGIC.startswith(os.pread(descriptor, len(MAGIC), 0))
 
 
-def _replace(path: Path, descriptor: int, found: "_Survey") -> None:
+def _replace(path: Path, descriptor: int, found: "_SegmentReport") -> None:
     partial = path.with_name(f".{path.name}.recovering")
     partial.unlink(missing_ok=True)  # of a recovery that was killed: the lock says that nobody writes it
     try:
         _write_whole(descriptor, found, partial)
         with _opened(partial) as copy:
-            again = _survey(copy)
+            again = _examine(copy)
         if not again.is_sound or again.messages != found.messages:
             raise InputError("what was written does not read back", where=partial, hint="the segment is as it was")
         _keep_dropped(path, descriptor, found)
@@ -251,7 +251,7 @@ def _replace(path: Path, descriptor: int, found: "_Survey") -> None:
         partial.unlink(missing_ok=True)
 
 
-def _keep_dropped(path: Path, descriptor: int, found: "_Survey") -> None:
+def _keep_dropped(path: Path, descriptor: int, found: "_SegmentReport") -> None:
     """Put damaged bytes into a file beside the segment: somebody may be able to read more of them."""
     damaged = [loss for loss in found.losses if loss.offset is not None and not (loss.is_torn and loss.to_ns is None)]
     if damaged:
@@ -291,7 +291,7 @@ def _locked(path: Path) -> Iterator[int]:
         yield descriptor
 
 
-def _outcome(path: Path, state: str, found: "_Survey") -> SegmentRecovery:
+def _outcome(path: Path, state: str, found: "_SegmentReport") -> SegmentRecovery:
     return SegmentRecovery(
         name=path.name,
         state=state,
@@ -303,7 +303,7 @@ def _outcome(path: Path, state: str, found: "_Survey") -> SegmentRecovery:
 
 
 @dataclass(slots=True)
-class _Survey:
+class _SegmentReport:
     """What one segment holds, and what it lacks.
 
     Attributes:
@@ -316,7 +316,7 @@ class _Survey:
         is_own: Whether aerodft made it.
         library: Who did, in its own words; empty where that is not known.
         metadata: Names and values.
-        definitions: Of all channels.
+        channels: All that are defined.
         lacks_definitions: Whether channels are used before they are defined.
         undefined: Ids of channels that are defined nowhere.
     """
@@ -330,58 +330,58 @@ class _Survey:
     is_own: bool = False
     library: str = ""
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    definitions: Definitions = field(default_factory=Definitions)
+    channels: Channels = field(default_factory=Channels)
     lacks_definitions: bool = False
     undefined: set[int] = field(default_factory=set)
 
 
-def _survey(descriptor: int) -> _Survey:
+def _examine(descriptor: int) -> _SegmentReport:
     """Read a segment from its beginning to its end.
 
     Raises:
         OSError: It cannot be read.
     """
-    salvage, found = ChunkScanner(descriptor), _Survey()
+    scanner, found = ChunkScanner(descriptor), _SegmentReport()
     used: Counter[int] = Counter()
     defined: set[int] = set()
-    for item in salvage.items():
-        if isinstance(item, GoodChunk):
+    for item in scanner.items():
+        if isinstance(item, WholeChunk):
             _add(found, item, used, defined)
             continue
         found.is_sound = False
         is_beginning = item.offset == 0 and not item.is_torn
-        if not (is_beginning or (item.is_torn and salvage.has_end)):
+        if not (is_beginning or (item.is_torn and scanner.has_end)):
             place = {"offset": item.offset, "length": item.length}
-            found.losses.append(Loss(what=_words(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
-    if not salvage.has_end and not any(loss.to_ns is None for loss in found.losses):
+            found.losses.append(Loss(what=_message(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
+    if not scanner.has_end and not any(loss.to_ns is None for loss in found.losses):
         found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
-    found.definitions = salvage.definitions
-    if salvage.stated_messages is not None:
-        found.losses = _counted(found.losses, salvage.stated_messages - found.messages)
+    found.channels = scanner.channels
+    if scanner.stated_messages is not None:
+        found.losses = _counted(found.losses, scanner.stated_messages - found.messages)
     _leave_undefined(found, used)
-    found.is_sound &= salvage.is_whole and not found.lacks_definitions
-    _tell_maker(found, salvage)
+    found.is_sound &= scanner.is_whole and not found.lacks_definitions
+    _tell_maker(found, scanner)
     return found
 
 
-def _words(bad: BadBytes) -> str:
+def _message(bad: DamagedBytes) -> str:
     if bad.is_torn:
         return f"{_UNFINISHED}; a torn end was cut off"
     return f"a damaged chunk ({bad.why})" if bad.is_chunk else f"damaged bytes ({bad.why})"
 
 
-def _add(found: _Survey, item: GoodChunk, used: Counter[int], defined: set[int]) -> None:
-    built = item.built
+def _add(found: _SegmentReport, item: WholeChunk, used: Counter[int], defined: set[int]) -> None:
+    chunk = item.chunk
     defined |= item.defines
-    found.lacks_definitions |= not built.counts.keys() <= defined
+    found.lacks_definitions |= not chunk.counts.keys() <= defined
     found.is_sound &= item.is_as_built
-    found.messages += built.messages
+    found.messages += chunk.messages
     found.chunks += 1
-    used.update(built.counts)
-    if built.counts:
-        found.losses = [_before(loss, built.start_ns) for loss in found.losses]
-        found.start_ns = built.start_ns if found.start_ns is None else min(found.start_ns, built.start_ns)
-        found.end_ns = built.end_ns if found.end_ns is None else max(found.end_ns, built.end_ns)
+    used.update(chunk.counts)
+    if chunk.counts:
+        found.losses = [_before(loss, chunk.start_ns) for loss in found.losses]
+        found.start_ns = chunk.start_ns if found.start_ns is None else min(found.start_ns, chunk.start_ns)
+        found.end_ns = chunk.end_ns if found.end_ns is None else max(found.end_ns, chunk.end_ns)
 
 
 def _before(loss: Loss, start_ns: int) -> Loss:
@@ -396,9 +396,9 @@ def _counted(losses: list[Loss], missing: int) -> list[Loss]:
     return [replace(loss, messages=missing) for loss in losses] if len(losses) == 1 else losses
 
 
-def _leave_undefined(found: _Survey, used: Counter[int]) -> None:
+def _leave_undefined(found: _SegmentReport, used: Counter[int]) -> None:
     """Count messages of channels that nothing defines as lost: no reader can tell what they are."""
-    found.undefined = used.keys() - found.definitions.channels.keys()
+    found.undefined = used.keys() - found.channels.by_id.keys()
     if found.undefined:
         messages = sum(used[identity] for identity in found.undefined)
         found.messages -= messages
@@ -406,22 +406,22 @@ def _leave_undefined(found: _Survey, used: Counter[int]) -> None:
         found.losses.append(Loss(what=what, from_ns=found.start_ns, to_ns=found.end_ns, messages=messages))
 
 
-def _tell_maker(found: _Survey, salvage: ChunkScanner) -> None:
-    found.metadata = [(each.name, each.metadata) for each in salvage.metadata]
-    if salvage.header is not None:
-        found.is_own, found.library = salvage.header.profile == PROFILE, salvage.header.library
+def _tell_maker(found: _SegmentReport, scanner: ChunkScanner) -> None:
+    found.metadata = [(each.name, each.metadata) for each in scanner.metadata]
+    if scanner.header is not None:
+        found.is_own, found.library = scanner.header.profile == PROFILE, scanner.header.library
     if not found.is_own:  # the header may be what is damaged
-        topics = [channel.topic for channel in found.definitions.channels.values()]
-        by_topics = salvage.header is None and bool(topics) and all(each.startswith(_OWN_TOPICS) for each in topics)
+        topics = [channel.topic for channel in found.channels.by_id.values()]
+        by_topics = scanner.header is None and bool(topics) and all(each.startswith(_OWN_TOPICS) for each in topics)
         found.is_own = by_topics or any(name == METADATA_NAME for name, _ in found.metadata)
 
 
-def _write_whole(descriptor: int, found: _Survey, path: Path) -> None:
+def _write_whole(descriptor: int, found: _SegmentReport, path: Path) -> None:
     """Write what a segment still holds into a new file that ends as it should, and wait until the disk has it.
 
     Args:
         descriptor: The segment.
-        found: What ``_survey`` said of it.
+        found: What ``_examine`` said of it.
         path: The new file; deleted again where it cannot be written.
 
     Raises:
@@ -439,35 +439,36 @@ def _write_whole(descriptor: int, found: _Survey, path: Path) -> None:
         file.close()
 
 
-def _write(file: SegmentFile, descriptor: int, found: _Survey) -> None:
-    definitions = found.definitions
+def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
     metadata = list(found.metadata)
     if found.losses:
         said = {f"loss {number}": loss.what for number, loss in enumerate(found.losses)}
         metadata.append((_RECOVERED_NAME, {"software": SOFTWARE, **said}))
-    summary = Summary(PROFILE, found.library or SOFTWARE, metadata, definitions.schemas, definitions.channels)
-    file.write(summary.beginning)
-    front = encoded(*definitions.schemas.values(), *definitions.channels.values()) if found.lacks_definitions else b""
-    salvage = ChunkScanner(descriptor)
-    for item in salvage.items():
-        if isinstance(item, BadBytes):
+    summary = Summary(PROFILE, found.library or SOFTWARE, metadata, found.channels.schemas, found.channels.records)
+    file.write(summary.header)
+    front = (
+        encoded(*found.channels.schemas.values(), *found.channels.records.values()) if found.lacks_definitions else b""
+    )
+    scanner = ChunkScanner(descriptor)
+    for item in scanner.items():
+        if isinstance(item, DamagedBytes):
             continue
-        chunk = item.built
+        chunk = item.chunk
         if front or not found.undefined.isdisjoint(chunk.counts):
-            chunk, front = _built_again(item, front, found.undefined), b""
+            chunk, front = _rewritten(item, front, found.undefined), b""
         offset = file.size
         for part in (chunk.head, chunk.content, chunk.indexes):
             file.write(part)
         summary.add(offset, chunk)
-    for start, head in salvage.attachments:
+    for start, head in scanner.attachments:
         offset, length = file.size, RECORD_HEAD.size + head.data_at + head.data_bytes + CRC_BYTES
         for piece in pieces(descriptor, start, length):
             file.write(piece)
         summary.attach(offset, length, head.about, head.data_bytes)
-    file.write(summary.ending(file.size))
+    file.write(summary.footer(file.size))
 
 
-def _built_again(item: GoodChunk, front: bytes, undefined: set[int]) -> BuiltChunk:
+def _rewritten(item: WholeChunk, front: bytes, undefined: set[int]) -> EncodedChunk:
     """A chunk with definitions in front, and without the messages of undefined channels."""
     buffer, content = ChunkBuffer(front), item.content
     for opcode, begin, end in records_in(content):
@@ -477,4 +478,4 @@ def _built_again(item: GoodChunk, front: bytes, undefined: set[int]) -> BuiltChu
         channel_id, sequence, log_ns, _ = MESSAGE_HEAD.unpack_from(content, begin)
         if channel_id not in undefined:
             buffer.add(channel_id, log_ns, content[begin + MESSAGE_HEAD.size : end], sequence)
-    return buffer.built(compressor() if item.built.compression else None)
+    return buffer.build(compressor() if item.chunk.compression else None)

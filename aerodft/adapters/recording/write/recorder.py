@@ -6,8 +6,6 @@ logged at their arrival, in order of arrival; outputs at the tick that made them
 """
 
 import logging
-import threading
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
@@ -16,54 +14,21 @@ from typing import TypeAlias
 
 import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
-from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.recording.channels import STATION_KEY, Channel, protobuf_channel
-from aerodft.adapters.recording.write.foxglove import camera_calibration, compressed_image, compressed_video
-from aerodft.adapters.recording.write.records import Record, Records, image_sequence, warm_up
+from aerodft.adapters.recording.write.foxglove import camera_calibration
+from aerodft.adapters.recording.write.image_writer import ImageWriter, RecorderSettings, image_channels
+from aerodft.adapters.recording.write.records import Record, RecordEncoder, warm_up
 from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME
-from aerodft.adapters.recording.write.segmented_writer import Series, SeriesSettings
-from aerodft.adapters.recording.write.thinning import is_due
+from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter, SegmentedWriterSettings
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.adapters.worker_queue import WorkerQueue
-from aerodft.conventions import SECOND_NS
 from aerodft.dft import MeasurementBatch
-from aerodft.errors import AerodftError, InputError
-from aerodft.model import Camera, Image, ImageRows, Observation, VideoPacket
+from aerodft.errors import InputError
+from aerodft.model import Image, ImageRows, Observation, VideoPacket
 from aerodft.service import Batches, StepOutputs
 from aerodft.version import SOFTWARE
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecorderSettings:
-    """How a recording is made.
-
-    Attributes:
-        station: Name in topics.
-        camera: Recorded as a Foxglove calibration.
-        lossless: Wait for the disk instead of shedding; for input that can wait.
-        max_image_hz: JPEGs per second that are kept; 0 for no images at all.
-        video: Whether packets of a video that is H.264 already are kept in place of JPEGs.
-        jpeg_quality: 0 to 100.
-        queue_bytes: Data that may wait for the disk before it is shed.
-        queued_images: Images that may wait for the encoder before they are shed.
-        segment_bytes: Size beyond which a new segment begins.
-        segment_s: Time after which a new segment begins.
-    """
-
-    station: str
-    camera: Camera
-    lossless: bool = False
-    max_image_hz: float = 5.0
-    video: bool = True
-    jpeg_quality: int = 85
-    queue_bytes: int = 64 << 20
-    queued_images: int = 4
-    segment_bytes: int = 2 << 30
-    segment_s: float = 900.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,165 +80,6 @@ class RecordingTotals:
         }
 
 
-_PICTURE_BYTES = 1 << 20  # what an image counts for in the queue
-_LOSSLESS_QUEUE = 1  # images at once where nothing is shed: whoever brings the next one waits until it is encoded
-_NO_IMAGE = 0xFFFFFFFF  # sequence of a packet that became no image
-_SILENCE_NS = 2 * SECOND_NS  # without packets for so long, images are recorded as JPEGs
-
-_MOST_WAITING = 128  # packets: seconds of video, far longer than any image takes to come
-
-
-def _picture_channels(settings: RecorderSettings) -> tuple[Channel, Channel]:
-    """The channels of JPEGs and of video."""
-    keys = Keys(settings.station)
-    return protobuf_channel(keys.jpeg, CompressedImage), protobuf_channel(keys.video, CompressedVideo)
-
-
-class Pictures:
-    """Records images from a thread of its own; sheds them when that is too slow.
-
-    Args:
-        series: Where to; closed with this.
-        settings: How.
-        folder: Of the recording, for messages.
-    """
-
-    def __init__(self, series: Series, settings: RecorderSettings, folder: Path) -> None:
-        self._series = series
-        self._settings = settings
-        self._folder = folder
-        self._jpeg, self._video = _picture_channels(settings)
-        self._last_image_ns: int | None = None
-        self._last_packet_ns: int | None = None
-        self._is_decodable = False
-        self._pairing = _PacketPairing()
-        self._packets = threading.Lock()  # they come from the stream's thread, what they wait for from another
-        self._failed = 0
-        self.offered = self.shed = 0
-        self._lane: WorkerQueue[Image | VideoPacket] = WorkerQueue(
-            "record-images",
-            self._do,
-            series.tend,
-            capacity=(_LOSSLESS_QUEUE if settings.lossless else settings.queued_images) * _PICTURE_BYTES,
-            lossless=settings.lossless,
-        )
-
-    @property
-    def stored(self) -> int:
-        """Images and packets that are in the files."""
-        return self._series.stored - self._series.own + self._own_lost
-
-    @property
-    def lost(self) -> int:
-        """Those that a failing disk cost, or that could not be encoded."""
-        return self._series.lost - self._own_lost + self._failed
-
-    @property
-    def _own_lost(self) -> int:
-        """What segments begin with and is lost too: of a folder that was deleted nothing is left."""
-        return max(self._series.own - self._series.stored, 0)
-
-    def image(self, image: Image) -> None:
-        """Record an image where one is due, and it does not come as video."""
-        with self._packets:
-            for packet in self._pairing.arrived(image.index, image.arrival_ns):
-                self._put(packet)
-        is_wanted = is_due(self._last_image_ns, image.arrival_ns, self._settings.max_image_hz)
-        if image.pixels is None or not is_wanted or self._has_video(image.arrival_ns):
-            return
-        self._last_image_ns = image.arrival_ns
-        self.offered += 1
-        self.shed += not self._lane.put(image, _PICTURE_BYTES)
-
-    def packet(self, packet: VideoPacket) -> None:
-        """Record a packet; after one that was shed, all are up to the next that can be decoded."""
-        if not self._settings.video or self._settings.max_image_hz <= 0:
-            return
-        if not packet.is_key and self._last_packet_ns is None:
-            return  # the recording begins with the next key image
-        self._last_packet_ns = packet.arrival_ns
-        with self._packets:
-            for waited in self._pairing.add(packet):
-                self._put(waited)
-
-    def _put(self, packet: VideoPacket) -> None:
-        self.offered += 1
-        self._is_decodable = (self._is_decodable or packet.is_key) and self._lane.put(packet, len(packet.data))
-        self.shed += not self._is_decodable
-
-    def close(self) -> None:
-        """Write out what is left."""
-        with self._packets:
-            for packet in self._pairing.rest():
-                self._put(packet)
-        try:
-            self._lane.close()
-        finally:
-            self._series.close()
-
-    def _has_video(self, now_ns: int) -> bool:
-        last_ns = self._last_packet_ns
-        return last_ns is not None and now_ns - last_ns < _SILENCE_NS
-
-    def _do(self, item: Image | VideoPacket) -> None:
-        if isinstance(item, VideoPacket):
-            data = compressed_video(item, self._settings.camera.name)
-            sequence = _NO_IMAGE if item.index is None else image_sequence(item.index)
-            self._series.write(self._video, item.arrival_ns, data, sequence, may_begin=item.is_key)
-        else:
-            self._do_image(item)
-
-    def _do_image(self, image: Image) -> None:
-        try:
-            jpeg = encode_jpeg(image, self._settings.jpeg_quality)
-        except (AerodftError, OSError, ValueError) as error:
-            if not self._failed:
-                _log.warning("%s: image %d cannot be recorded: %s", self._folder, image.index, error)
-            self._failed += 1
-            return
-        data = compressed_image(image, jpeg, self._settings.camera.name)
-        self._series.write(self._jpeg, image.arrival_ns, data, image_sequence(image.index))
-
-
-class _PacketPairing:
-    """Holds packets until their image is there, or will not come.
-
-    A packet gets the arrival of the image that it became, by which the two find each other in a recording. It comes
-    straight from the stream, its image through the inbox, which says when it arrived; so the packet waits.
-    """
-
-    def __init__(self) -> None:
-        self._waiting: deque[VideoPacket] = deque()
-        self._last_ns = 0
-
-    def add(self, packet: VideoPacket) -> list[VideoPacket]:
-        """Take a packet; returns one that has waited too long."""
-        self._waiting.append(packet)
-        return [self._timed(self._waiting.popleft())] if len(self._waiting) > _MOST_WAITING else []
-
-    def arrived(self, index: int, arrival_ns: int) -> list[VideoPacket]:
-        """The packets up to that of this image, in order; its own with the image's arrival."""
-        done: list[VideoPacket] = []
-        if any(packet.index == index for packet in self._waiting):
-            while not done or done[-1].index != index:
-                packet = self._waiting.popleft()
-                done.append(self._timed(replace(packet, arrival_ns=arrival_ns) if packet.index == index else packet))
-        return done
-
-    def rest(self) -> list[VideoPacket]:
-        """All that still waits."""
-        done = [self._timed(packet) for packet in self._waiting]
-        self._waiting.clear()
-        return done
-
-    def _timed(self, packet: VideoPacket) -> VideoPacket:
-        """The packet, not before the one that was handed out last."""
-        if packet.arrival_ns <= self._last_ns:
-            packet = replace(packet, arrival_ns=self._last_ns + 1)
-        self._last_ns = packet.arrival_ns
-        return packet
-
-
 # What waits for the disk takes about so much: an image's pose and measurements, anything else that is made, a frame.
 _IMAGE_BYTES, _OUTPUT_BYTES, _INPUT_BYTES = 8000, 4000, 128
 _LOSSLESS_QUEUE_BYTES = 16 << 20  # of data may wait for the disk before who brings more waits as well
@@ -304,7 +110,7 @@ class McapRecorder:
         self._folder = folder
         self._settings = settings
         self._now_ns = started_ns
-        self._records = Records(Keys(settings.station), settings.camera.name)
+        self._encoder = RecordEncoder(Keys(settings.station), settings.camera.name)
         self._camera = protobuf_channel(Keys(settings.station).camera, CameraCalibration)
         self._shed_messages = 0
         self._is_open = False
@@ -314,29 +120,29 @@ class McapRecorder:
             for name, text in (texts or {}).items():
                 (folder / name).write_text(text, encoding="utf-8")
             metadata = _metadata(settings, texts or {})
-            self._data = self._series("data", metadata, self._records.channels, self._first_data)
+            self._data = self._writer("data", metadata, self._encoder.channels, self._first_data)
             try:
-                channels = (self._camera, *_picture_channels(settings))
-                images = self._series("images", metadata, channels, self._first_images)
+                channels = (self._camera, *image_channels(settings))
+                images = self._writer("images", metadata, channels, self._first_images)
             except OSError:
                 self._data.close()
                 raise
         except OSError as error:
             raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
-        self._data_lane: WorkerQueue[_Work] = WorkerQueue(
+        self._data_queue: WorkerQueue[_Work] = WorkerQueue(
             "record-data",
-            self._do,
-            self._data.tend,
+            self._write_item,
+            self._data.maintain,
             capacity=_LOSSLESS_QUEUE_BYTES if settings.lossless else settings.queue_bytes,
             lossless=settings.lossless,
         )
-        self._pictures = Pictures(images, settings, folder)
+        self._image_writer = ImageWriter(images, settings, folder)
         self._is_open = True
 
     @property
     def totals(self) -> RecordingTotals:
         """The totals so far; final after ``close``."""
-        images = self._pictures
+        images = self._image_writer
         return RecordingTotals(
             folder=self._folder,
             offered=self._data.offered + self._shed_messages,
@@ -367,11 +173,11 @@ class McapRecorder:
             return
         for image in images:
             if image.width_px is not None:  # a stamp alone has no picture
-                self._pictures.image(image)
+                self._image_writer.image(image)
 
     def packet(self, packet: VideoPacket) -> None:
         """Record a packet of the video that images come from, which then are not recorded a second time."""
-        self._pictures.packet(packet)
+        self._image_writer.packet(packet)
 
     def status(self, value: StationStatus) -> None:
         """Record a station's state."""
@@ -381,8 +187,8 @@ class McapRecorder:
         """Write out what is left, close the files, and log where they are."""
         with ExitStack() as stack:  # whatever one of them raises, the others are closed; last in, first out
             stack.callback(self._close_data)
-            stack.callback(self._data_lane.close)
-            stack.callback(self._pictures.close)
+            stack.callback(self._data_queue.close)
+            stack.callback(self._image_writer.close)
         totals = self.totals
         _log.log(
             logging.WARNING if totals.shed_messages or totals.lost else logging.INFO,
@@ -397,18 +203,18 @@ class McapRecorder:
         )
 
     def _close_data(self) -> None:
-        self._write(self._records.of_status(self._status_now("ending")))
+        self._write(self._encoder.from_status(self._status_now("ending")))
         self._data.close()
 
-    def _series(
+    def _writer(
         self,
         stem: str,
         metadata: Mapping[str, dict[str, str]],
         channels: tuple[Channel, ...],
         first: Callable[[int, int | None], Iterable[Record]],
-    ) -> Series:
+    ) -> SegmentedWriter:
         is_data = stem == "data"
-        settings = SeriesSettings(
+        settings = SegmentedWriterSettings(
             folder=self._folder,
             stem=stem,
             metadata=metadata,
@@ -418,32 +224,32 @@ class McapRecorder:
             segment_s=self._settings.segment_s,
             spare_bytes=_SPARE_DATA_BYTES if is_data else _SPARE_IMAGE_BYTES,
         )
-        return Series(settings, first)
+        return SegmentedWriter(settings, first)
 
     def _first_data(self, number: int, at_ns: int | None) -> Iterable[Record]:
         status = self._status_now("running" if number else "starting")
-        return (self._records.of_status(status if at_ns is None else replace(status, stamp_ns=at_ns)),)
+        return (self._encoder.from_status(status if at_ns is None else replace(status, stamp_ns=at_ns)),)
 
     def _first_images(self, number: int, at_ns: int | None) -> Iterable[Record]:  # noqa: ARG002 - all begin alike
         now_ns = self._now_ns if at_ns is None else at_ns
         return (Record(now_ns, self._camera, camera_calibration(self._settings.camera, now_ns)),)
 
     def _status_now(self, state: str) -> StationStatus:
-        shed_images = self._pictures.shed if self._is_open else 0
+        shed_images = self._image_writer.shed if self._is_open else 0
         counts = {"shed_messages": self._shed_messages, "shed_images": shed_images}
         return StationStatus(station=self._settings.station, stamp_ns=self._now_ns, state=state, counts=counts)
 
     def _put(self, work: _Work, messages: int, size: int) -> None:
-        if not self._data_lane.put(work, size):
+        if not self._data_queue.put(work, size):
             if not self._shed_messages:
                 _log.warning("%s: the disk is too slow, data is shed", self._folder)
             self._shed_messages += messages
 
-    def _do(self, work: _Work) -> None:
+    def _write_item(self, work: _Work) -> None:
         if isinstance(work, StationStatus):
-            self._write(self._records.of_status(work))
+            self._write(self._encoder.from_status(work))
         else:
-            self._data.write_rows(self._records.of_step(*work))
+            self._data.write_rows(self._encoder.from_step(*work))
 
     def _write(self, record: Record) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)

@@ -139,7 +139,7 @@ class Record(NamedTuple):
     sequence: int = 0
 
 
-class Records:
+class RecordEncoder:
     """Makes records; remembers the channels of senders and observed probes. Used by one thread."""
 
     def __init__(self, keys: Keys, frame: str) -> None:
@@ -162,14 +162,14 @@ class Records:
         """The channels that every data file has from the start."""
         return self._image, self._pose, self._measured, self._status, self._location
 
-    def of_step(self, batches: Batches, outputs: StepOutputs) -> MessageRows:
+    def from_step(self, batches: Batches, outputs: StepOutputs) -> MessageRows:
         """The messages of some ticks: of each tick the inputs in order of arrival, then the outputs in their order."""
         rows = _TickRows(batches.now_ns)
         self._add_inputs(rows, batches)
         self._add_outputs(rows, outputs)
         return rows.sorted()
 
-    def of_status(self, value: StationStatus) -> Record:
+    def from_status(self, value: StationStatus) -> Record:
         """A station's state."""
         return Record(value.stamp_ns, self._status, encode_status(value))
 

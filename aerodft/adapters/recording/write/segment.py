@@ -35,7 +35,14 @@ from mcap.records import (
 )
 from mcap.records import Channel as ChannelRecord
 
-from aerodft.adapters.recording.layout import INDEX_ENTRY_BYTES, INDEX_HEAD_BYTES, MAGIC, BuiltChunk, Registry, encoded
+from aerodft.adapters.recording.layout import (
+    INDEX_ENTRY_BYTES,
+    INDEX_HEAD_BYTES,
+    MAGIC,
+    EncodedChunk,
+    Registry,
+    encoded,
+)
 from aerodft.version import SOFTWARE
 
 _KEEP_SIZE = 1
@@ -199,8 +206,8 @@ class Summary:
         profile: Of the header.
         library: Of the header.
         metadata: Keys and values, by name.
-        schemas: By id; what is added later is seen.
-        channels: Likewise.
+        schemas: Records of the schemas by id; what is added later is seen.
+        channels: Records of the channels by id; what is added later is seen.
     """
 
     def __init__(
@@ -218,11 +225,11 @@ class Summary:
         self._metadata_indexes: list[MetadataIndex] = []
         self._attachment_indexes: list[AttachmentIndex] = []
         self.messages = 0
-        self.beginning = MAGIC + encoded(Header(profile=profile, library=library))
+        self.header = MAGIC + encoded(Header(profile=profile, library=library))
         for name, values in metadata:
             record = encoded(Metadata(name=name, metadata=values))
-            self._metadata_indexes.append(MetadataIndex(offset=len(self.beginning), length=len(record), name=name))
-            self.beginning += record
+            self._metadata_indexes.append(MetadataIndex(offset=len(self.header), length=len(record), name=name))
+            self.header += record
         self._bytes = _FIXED_SUMMARY_BYTES + sum(40 + len(index.name) for index in self._metadata_indexes)
 
     @property
@@ -231,10 +238,10 @@ class Summary:
         return self._bytes > MOST_INDEX_BYTES
 
     def most_bytes(self, definitions: int) -> int:
-        """What ``ending`` is long at most, with that many bytes of definitions."""
+        """What ``footer`` is long at most, with that many bytes of definitions."""
         return self._bytes + definitions + _CHANNEL_SUMMARY_BYTES * len(self._channels)
 
-    def add(self, offset: int, chunk: BuiltChunk) -> None:
+    def add(self, offset: int, chunk: EncodedChunk) -> None:
         """Take note of a chunk that is in the file."""
         self._indexes.append(_chunk_index(offset, chunk))
         self._counts.append(chunk.counts)
@@ -261,7 +268,7 @@ class Summary:
             del self._indexes[-1]
             self.messages -= sum(self._counts.pop().values())
 
-    def ending(self, position: int) -> bytes:
+    def footer(self, position: int) -> bytes:
         """All that comes behind the last chunk, which ends at ``position``."""
         data_end = encoded(DataEnd(data_section_crc=0))
         start = position + len(data_end)
@@ -301,12 +308,12 @@ class Summary:
         )
 
 
-def index_bytes(chunk: BuiltChunk) -> int:
+def index_bytes(chunk: EncodedChunk) -> int:
     """What a chunk takes in a summary, at most."""
     return _CHUNK_SUMMARY_BYTES + _CHANNEL_SUMMARY_BYTES * len(chunk.counts)
 
 
-def _chunk_index(offset: int, chunk: BuiltChunk) -> ChunkIndex:
+def _chunk_index(offset: int, chunk: EncodedChunk) -> ChunkIndex:
     places: dict[int, int] = {}
     length = len(chunk.head) + len(chunk.content)
     position = offset + length
@@ -368,11 +375,11 @@ class Segment:
         self._summary = Summary(PROFILE, SOFTWARE, metadata.items(), registry.schemas, registry.channels)
         self._file = SegmentFile(path)
         self._segment_bytes = segment_bytes
-        self._unsynced: list[BuiltChunk] = []
+        self._unsynced: list[EncodedChunk] = []
         self._chunks = 0
         self._whole = self._synced = 0
         try:
-            self._file.write(self._summary.beginning)
+            self._file.write(self._summary.header)
             self._whole = self._synced = self._file.size
         except OSError:
             self.remove()
@@ -389,7 +396,7 @@ class Segment:
         return self._chunks > 1
 
     @property
-    def unsynced(self) -> tuple[BuiltChunk, ...]:
+    def unsynced(self) -> tuple[EncodedChunk, ...]:
         """What is in the file, but perhaps not on the disk yet."""
         return tuple(self._unsynced)
 
@@ -412,7 +419,7 @@ class Segment:
         """Make sure that there is room for so much, and for the end of the file behind it."""
         self._file.reserve(self._needed(bytes_more), self._spare_bytes)
 
-    def append(self, chunk: BuiltChunk) -> None:
+    def append(self, chunk: EncodedChunk) -> None:
         """Add a chunk; it is readable as soon as this returns."""
         offset = self._whole
         for part in (chunk.head, chunk.content, chunk.indexes):
@@ -438,7 +445,7 @@ class Segment:
 
     def end(self) -> None:
         """Write index and footer."""
-        self._file.write(self._summary.ending(self._whole))
+        self._file.write(self._summary.footer(self._whole))
 
     def close(self) -> None:
         """Wait until the disk has it all, and close the file."""
@@ -446,7 +453,7 @@ class Segment:
         self._file.sync(size=True)
         self._file.close()
 
-    def abandon(self, *, unsynced: bool) -> tuple[BuiltChunk, ...]:
+    def abandon(self, *, unsynced: bool) -> tuple[EncodedChunk, ...]:
         """Cut off what is torn, end the file as well as it goes, and close it.
 
         Args:
@@ -455,7 +462,7 @@ class Segment:
         Returns:
             The chunks that were cut off.
         """
-        cut: tuple[BuiltChunk, ...] = ()
+        cut: tuple[EncodedChunk, ...] = ()
         end = self._synced if unsynced else self._whole
         try:
             if self._file.size != end:  # else what is allocated beyond is there for the end
@@ -470,7 +477,7 @@ class Segment:
         if self._file.is_gone:
             self.deleted = self._summary.messages
         try:
-            self._file.write(self._summary.ending(end))
+            self._file.write(self._summary.footer(end))
             self._file.sync(size=True)
             end = self._file.size
         except OSError:

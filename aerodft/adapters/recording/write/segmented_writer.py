@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.recording.channels import Channel
-from aerodft.adapters.recording.layout import BuiltChunk, ChunkBuffer, Registry, compressor
+from aerodft.adapters.recording.layout import ChunkBuffer, EncodedChunk, Registry, compressor
 from aerodft.adapters.recording.write.records import MessageRows, Record
 from aerodft.adapters.recording.write.segment import Segment, free_bytes, sync_folder
 from aerodft.conventions import SECOND_NS
@@ -37,7 +37,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeriesSettings:
+class SegmentedWriterSettings:
     """How a series is written.
 
     Attributes:
@@ -61,7 +61,7 @@ class SeriesSettings:
     spare_bytes: int
 
 
-class Series:
+class SegmentedWriter:
     """Writes ``{stem}_000.mcap``, ``{stem}_001.mcap``, ... from one thread at a time.
 
     Args:
@@ -73,7 +73,9 @@ class Series:
         OSError: The first segment cannot be written.
     """
 
-    def __init__(self, settings: SeriesSettings, first_records: Callable[[int, int | None], Iterable[Record]]) -> None:
+    def __init__(
+        self, settings: SegmentedWriterSettings, first_records: Callable[[int, int | None], Iterable[Record]]
+    ) -> None:
         self._settings = settings
         self._first_records = first_records
         self._registry = Registry()
@@ -110,7 +112,9 @@ class Series:
         """Messages that a failing disk cost."""
         return self._lost
 
-    def write(self, channel: Channel, log_ns: int, data: bytes, sequence: int = 0, *, may_begin: bool = True) -> None:
+    def write(
+        self, channel: Channel, log_ns: int, data: bytes, sequence: int = 0, *, may_start_segment: bool = True
+    ) -> None:
         """Add a message, or count it as lost.
 
         Args:
@@ -118,17 +122,17 @@ class Series:
             log_ns: Its log time.
             data: Its payload.
             sequence: Its sequence number.
-            may_begin: Whether a segment may begin with it; not with what can be read only after others.
+            may_start_segment: Whether a segment may begin with it; not with what can be read only after others.
         """
         self._offered += 1
         self._opened_for_ns = log_ns
-        if self._segment is None and self._reopened() is None:
+        if self._segment is None and self._reopen() is None:
             self._lost += 1
             return
         identity = self._identity(channel)
         self._room_bytes -= len(data) + _MESSAGE_BYTES
         if self._room_bytes < 0 or log_ns >= self._until_ns:
-            self._make_room(log_ns, len(data), may_begin=may_begin)
+            self._make_room(log_ns, len(data), may_start_segment=may_start_segment)
         self._buffer.add(identity, log_ns, data, sequence)
 
     def write_rows(self, rows: MessageRows) -> None:
@@ -153,7 +157,7 @@ class Series:
                 stop += 1
             row = stop
 
-    def tend(self) -> None:
+    def maintain(self) -> None:
         """Flush, sync and roll over where it is time; to be called at least every 0.1 s."""
         self._check_sync(wait=False)
         if self._buffer.messages and time.monotonic() >= self._flushed_s + FLUSH_S:
@@ -180,12 +184,12 @@ class Series:
         self._repeated += definition  # in the next chunk as well: one that is damaged must not cost all that follow
         return len(self._registry.channels)
 
-    def _make_room(self, log_ns: int, size: int, *, may_begin: bool) -> None:
+    def _make_room(self, log_ns: int, size: int, *, may_start_segment: bool) -> None:
         """Close the chunk in progress, and the segment where the message would be too much for it."""
         segment, is_late = self._segment, log_ns >= self._until_ns
         needed = self._buffer.content_bytes + _MESSAGE_BYTES * self._buffer.messages + size + _LEAST_CHUNK_BYTES
         is_over = segment is not None and (
-            segment.most_room_bytes < needed or (may_begin and (is_late or segment.room_bytes < needed))
+            segment.most_room_bytes < needed or (may_start_segment and (is_late or segment.room_bytes < needed))
         )
         if is_over or self._buffer.content_bytes + size > _CHUNK_BYTES:
             self._flush()
@@ -193,8 +197,8 @@ class Series:
             self._finish(segment)
             if self._segment is None:
                 self._retry_s = 0.0
-                self._reopened()
-        if is_late and may_begin:
+                self._reopen()
+        if is_late and may_start_segment:
             self._until_ns = log_ns + round(self._settings.segment_s * SECOND_NS)
         self._measure_room()
         self._room_bytes -= size
@@ -206,8 +210,8 @@ class Series:
         if not buffer.messages:
             return
         self._buffer, self._repeated = ChunkBuffer(self._repeated), b""
-        chunk = buffer.built(self._compressor)
-        segment = self._segment or self._reopened()
+        chunk = buffer.build(self._compressor)
+        segment = self._segment or self._reopen()
         if segment is None:
             self._lost += chunk.messages
             return
@@ -265,7 +269,7 @@ class Series:
                 if identity is None:
                     raise ValueError(f"{record.channel.topic} is not among the channels")
                 buffer.add(identity, record.log_ns, record.data, record.sequence)
-            chunk = buffer.built(self._compressor)
+            chunk = buffer.build(self._compressor)
             segment.reserve(chunk.size_bytes)
             segment.append(chunk)
             segment.sync()
@@ -283,7 +287,7 @@ class Series:
         self._until_ns = chunk.start_ns + round(settings.segment_s * SECOND_NS)
         return segment
 
-    def _reopened(self) -> Segment | None:
+    def _reopen(self) -> Segment | None:
         if time.monotonic() < self._retry_s:
             return None
         self._retry_s = time.monotonic() + RETRY_S
@@ -295,12 +299,12 @@ class Series:
             return None
         return self._segment
 
-    def _give_up(self, segment: Segment, error: OSError, chunks: tuple[BuiltChunk, ...], *, unsynced: bool) -> None:
+    def _give_up(self, segment: Segment, error: OSError, chunks: tuple[EncodedChunk, ...], *, unsynced: bool) -> None:
         """Leave a segment behind, and write what it does not hold into a new one."""
         self._syncing.give_up()
-        chunks = self._leave(segment, unsynced=unsynced) + chunks
+        chunks = self._abandon(segment, unsynced=unsynced) + chunks
         self._retry_s = 0.0 if segment.has_content else time.monotonic() + RETRY_S
-        again = self._reopened()
+        again = self._reopen()
         follows = "what comes is lost until it can" if again is None else "going on in another segment"
         _log.error("%s: cannot be written (%s); %s", segment.path, error.strerror or repr(error), follows)
         for index, chunk in enumerate(chunks):
@@ -312,10 +316,10 @@ class Series:
             except OSError:
                 self._lost += sum(each.messages for each in chunks[index:])
                 if again is not None:
-                    self._leave(again, unsynced=False)
+                    self._abandon(again, unsynced=False)
                 return
 
-    def _leave(self, segment: Segment, *, unsynced: bool) -> tuple[BuiltChunk, ...]:
+    def _abandon(self, segment: Segment, *, unsynced: bool) -> tuple[EncodedChunk, ...]:
         """Count what stays in a segment that is given up; returns what does not."""
         chunks = segment.abandon(unsynced=unsynced)
         self._done += segment.messages

@@ -359,7 +359,7 @@ def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *
 
 
 @njit
-def gather(data: Bytes, places: IntArray, out: Bytes) -> None:
+def named_images(data: Bytes, places: IntArray, out: Bytes) -> None:
     """Copy payloads to rows of equal size, with zeros where MAVLink 2 cut them off.
 
     Args:

@@ -5,24 +5,21 @@ Works on files without an index too: a recorder that was killed leaves whole chu
 
 import logging
 import struct
-import zlib
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from io import BytesIO
-from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, Footer, MessageIndex, Metadata, MetadataIndex, Statistics
+from mcap.records import ChunkIndex, MessageIndex, Metadata
 
 from aerodft.adapters.file_kind import check_is_no_pipe
 from aerodft.adapters.recording.channels import DEFINITIONS, STATION_KEY, Channels, definition
 from aerodft.adapters.recording.layout import MAGIC
 from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
-from aerodft.adapters.recording.read.chunk_index import ChannelSets, ChunkPlace, SegmentScan
+from aerodft.adapters.recording.read.summary import DAMAGED, FileSummary, read_summary
 from aerodft.adapters.recording.write import CONFIG_NAME, METADATA_NAME
 from aerodft.errors import InputError
 
@@ -32,14 +29,74 @@ _MESSAGE_HEAD = struct.Struct("<HIQ")
 _MAX_SMALL_RECORD = 4 << 20
 _BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
 _MOST_CHUNKS = 150_000  # without an index; each takes 230 bytes: half a day of ours, 150 GB of others
-_DAMAGED = (McapError, struct.error, ValueError, OverflowError)
-
-_FOOTER_BYTES = 20
-_END_BYTES = HEAD.size + _FOOTER_BYTES + len(MAGIC)
-_MAX_SUMMARY_BYTES = 16 << 20
 _MAX_METADATA_BYTES = 1 << 20
+_MOST_IDS: Final = 500_000  # of channels, in the sets that chunks have: these are megabytes in a claimed index
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class ChannelSets:
+    """The sets of channels that chunks have: few that differ, each of which is kept once."""
+
+    _known: dict[frozenset[int], frozenset[int]] = field(default_factory=dict)
+    _ids: int = 0
+
+    def of(self, ids: Iterable[int]) -> frozenset[int] | None:
+        """The set of these ids; None, for what is not known, where there are none, or more than can be held."""
+        found = frozenset(ids)
+        if found not in self._known and self._ids + len(found) <= _MOST_IDS:
+            self._known[found] = found
+            self._ids += len(found)
+        return self._known.get(found) or None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChunkLocation:
+    """A whole chunk in a file, or some messages that stand in no chunk.
+
+    Attributes:
+        path: The file.
+        offset: Where the content begins: of the chunk record, or of the first message record.
+        length: Bytes of it.
+        start_ns: Earliest log time in it.
+        end_ns: Latest.
+        channels: Ids of the channels that have messages in it; None where that is not known.
+        is_bare: Whether these are messages without a chunk.
+    """
+
+    path: Path
+    offset: int
+    length: int
+    start_ns: int
+    end_ns: int
+    channels: frozenset[int] | None = None
+    is_bare: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegmentScan:
+    """What a segment holds.
+
+    Attributes:
+        path: The file.
+        chunks: Its whole chunks, in order.
+        station: From its metadata; None where it has none.
+        is_whole: Whether it ends as it should.
+        texts: The configuration that it carries: files by name; empty where it carries none.
+        channels: Those that are known before a chunk is read: all of them where ``is_indexed``.
+        is_indexed: Whether the file's own index was used.
+        damaged_offsets: Where damaged chunks begin that were met so far; readers share it.
+    """
+
+    path: Path
+    chunks: tuple[ChunkLocation, ...]
+    station: str | None
+    is_whole: bool
+    channels: Channels = field(default_factory=Channels)
+    is_indexed: bool = False
+    texts: dict[str, str] = field(default_factory=dict)
+    damaged_offsets: set[int] = field(default_factory=set, compare=False, repr=False)
 
 
 def scan_segment(path: Path) -> SegmentScan:
@@ -66,7 +123,7 @@ def scan_segment(path: Path) -> SegmentScan:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
-def log_times(place: ChunkPlace) -> dict[int, tuple[int, ...]] | None:
+def log_times(place: ChunkLocation) -> dict[int, tuple[int, ...]] | None:
     """Log times by channel id, from the message indexes behind a chunk; None where they are missing.
 
     Raises:
@@ -81,7 +138,7 @@ def log_times(place: ChunkPlace) -> dict[int, tuple[int, ...]] | None:
                 times[index.channel_id] = tuple(at for at, _ in index.records)
     except OSError as error:
         raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
-    except _DAMAGED:
+    except DAMAGED:
         return None
     return times or None
 
@@ -100,10 +157,10 @@ class _Scan:
         self._path = path
         self._file = file
         self._size = size
-        self._places: list[ChunkPlace] = []
+        self._places: list[ChunkLocation] = []
         self._ids: set[int] = set()  # of the last place
         self._sets = ChannelSets()
-        self._left_out: set[int] = set()
+        self._damaged_offsets: set[int] = set()
         self._channels = Channels()
         self._station: str | None = None
         self._texts: dict[str, str] = {}
@@ -136,14 +193,14 @@ class _Scan:
             is_whole=is_whole,
             channels=self._channels,
             texts=self._texts,
-            left_out=self._left_out,
+            damaged_offsets=self._damaged_offsets,
         )
 
     def _is_full(self, opcode: int, position: int) -> bool:
         """Whether there are more chunks than can be held; what lies behind them is left out."""
         if opcode != Opcode.CHUNK or len(self._places) < _MOST_CHUNKS:
             return False
-        self._left_out.add(position)
+        self._damaged_offsets.add(position)
         _log.warning("%s: more than %d chunks and no index; what follows them is left out", self._path, _MOST_CHUNKS)
         return True
 
@@ -199,7 +256,9 @@ class _Scan:
     def _add(self, offset: int, length: int, start_ns: int, end_ns: int, *, is_bare: bool) -> None:
         self._settle()
         self._places.append(
-            ChunkPlace(path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare)
+            ChunkLocation(
+                path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare
+            )
         )
 
     def _take_small(self, opcode: int, data: bytes) -> bool:
@@ -212,7 +271,7 @@ class _Scan:
                     self._station = metadata.metadata.get(STATION_KEY)
                 elif metadata.name == CONFIG_NAME:
                     self._texts = dict(metadata.metadata)
-        except _DAMAGED:
+        except DAMAGED:
             return False
         return True
 
@@ -228,109 +287,64 @@ def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | Non
     Raises:
         OSError: It cannot be read.
     """
+
+    def read(offset: int, length: int) -> bytes:
+        file.seek(offset)
+        return file.read(length)
+
+    summary = read_summary(read, size)
+    if summary is None or not _is_complete(summary):
+        return None
+    sets = ChannelSets()
     try:
-        return _Summary(path, file, size).scan()
-    except _DAMAGED:
+        return SegmentScan(
+            path=path,
+            chunks=tuple(_place(path, index, sets) for index in summary.chunks),
+            station=_metadata(summary, METADATA_NAME, read).get(STATION_KEY),
+            is_whole=True,
+            channels=summary.channels,
+            is_indexed=True,
+            texts=_metadata(summary, CONFIG_NAME, read),
+        )
+    except DAMAGED:
         return None
 
 
-class _Summary:
-    def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
-        self._path = path
-        self._file = file
-        self._size = size
-        self._channels = Channels()
-        self._places: list[ChunkPlace] = []
-        self._used: set[int] = set()
-        self._metadata: list[MetadataIndex] = []
-        self._statistics: Statistics | None = None
-        self._sets = ChannelSets()
+def _is_complete(summary: FileSummary) -> bool:
+    """Whether the index lists every chunk once, inside the file, and every channel that has messages.
 
-    def scan(self) -> SegmentScan | None:
-        start = self._read_records()
-        if start is None or not self._is_complete(start):
-            return None
-        return SegmentScan(
-            path=self._path,
-            chunks=tuple(self._places),
-            station=self._values(METADATA_NAME).get(STATION_KEY),
-            is_whole=True,
-            channels=self._channels,
-            is_indexed=True,
-            texts=self._values(CONFIG_NAME),
-        )
+    The chunks are put into the order of the file.
+    """
+    statistics, chunks = summary.statistics, summary.chunks
+    if statistics is None or statistics.chunk_count != len(chunks) or (statistics.message_count and not chunks):
+        return False
+    chunks.sort(key=lambda each: each.chunk_start_offset)
+    ends = [each.chunk_start_offset + each.chunk_length for each in chunks]
+    is_inside = all(
+        len(MAGIC) <= each.chunk_start_offset and end <= summary.start and each.chunk_length > HEAD.size
+        for each, end in zip(chunks, ends, strict=True)
+    )
+    is_apart = all(end <= after.chunk_start_offset for end, after in zip(ends, chunks[1:], strict=False))
+    used = set(statistics.channel_message_counts).union(*(each.message_index_offsets for each in chunks))
+    return is_inside and is_apart and used <= summary.channels.by_id.keys()
 
-    def _read_records(self) -> int | None:
-        """Read the section; returns where it begins, None where there is none."""
-        if self._size < len(MAGIC) + _END_BYTES:
-            return None
-        self._file.seek(self._size - _END_BYTES)
-        end = self._file.read(_END_BYTES)
-        if not end.endswith(MAGIC) or HEAD.unpack_from(end) != (Opcode.FOOTER, _FOOTER_BYTES):
-            return None
-        footer = Footer.read(ReadDataStream(BytesIO(end[HEAD.size :])))
-        length = self._size - _END_BYTES - footer.summary_start
-        if not footer.summary_start or not 0 <= length <= _MAX_SUMMARY_BYTES:
-            return None
-        self._file.seek(footer.summary_start)
-        data = self._file.read(length)
-        # The checksum is of the summary and of the footer up to the checksum.
-        if footer.summary_crc and zlib.crc32(end[: HEAD.size + 16], zlib.crc32(data)) != footer.summary_crc:
-            return None
-        position = 0
-        while position + HEAD.size <= length:
-            opcode, size = HEAD.unpack_from(data, position)
-            position += HEAD.size
-            if position + size > length:
-                return None
-            self._take(opcode, data[position : position + size])
-            position += size
-        return int(footer.summary_start)
 
-    def _take(self, opcode: int, content: bytes) -> None:
-        stream = ReadDataStream(BytesIO(content))
-        if opcode in DEFINITIONS:
-            self._channels.add(definition(opcode, content))
-        elif opcode == Opcode.CHUNK_INDEX:
-            self._places.append(self._place(ChunkIndex.read(stream)))  # smaller than the record
-        elif opcode == Opcode.STATISTICS:
-            self._statistics = Statistics.read(stream)
-        elif opcode == Opcode.METADATA_INDEX:
-            self._metadata.append(MetadataIndex.read(stream))
+def _place(path: Path, index: ChunkIndex, sets: ChannelSets) -> ChunkLocation:
+    return ChunkLocation(
+        path=path,
+        offset=index.chunk_start_offset + HEAD.size,
+        length=index.chunk_length - HEAD.size,
+        start_ns=index.message_start_time,
+        end_ns=index.message_end_time,
+        channels=sets.of(index.message_index_offsets),
+    )
 
-    def _is_complete(self, start: int) -> bool:
-        """Whether the index lists every chunk once, inside the file, and every channel that has messages."""
-        statistics = self._statistics
-        if statistics is None or statistics.chunk_count != len(self._places):
-            return False
-        if not self._places and statistics.message_count:
-            return False
-        self._places.sort(key=lambda each: each.offset)
-        least = len(MAGIC) + HEAD.size
-        inside = all(
-            least <= each.offset and each.offset + each.length <= start and each.length > 0 for each in self._places
-        )
-        apart = all(one.offset + one.length + HEAD.size <= other.offset for one, other in pairwise(self._places))
-        used = self._used.union(statistics.channel_message_counts)
-        return inside and apart and used <= self._channels.by_id.keys()
 
-    def _place(self, index: ChunkIndex) -> ChunkPlace:
-        self._used.update(index.message_index_offsets)
-        return ChunkPlace(
-            path=self._path,
-            offset=index.chunk_start_offset + HEAD.size,
-            length=index.chunk_length - HEAD.size,
-            start_ns=index.message_start_time,
-            end_ns=index.message_end_time,
-            channels=self._sets.of(index.message_index_offsets),
-        )
-
-    def _values(self, name: str) -> dict[str, str]:
-        """The metadata of this name; empty where there is none."""
-        for index in self._metadata:
-            if index.name == name and HEAD.size < index.length <= _MAX_METADATA_BYTES:
-                self._file.seek(index.offset + HEAD.size)
-                content = self._file.read(index.length - HEAD.size)
-                found = Metadata.read(ReadDataStream(BytesIO(content)))
-                return dict(found.metadata) if found.name == name else {}
-        return {}
+def _metadata(summary: FileSummary, name: str, read: Callable[[int, int], bytes]) -> dict[str, str]:
+    """The metadata of this name; empty where there is none."""
+    for index in summary.metadata:
+        if index.name == name and HEAD.size < index.length <= _MAX_METADATA_BYTES:
+            content = read(index.offset + HEAD.size, index.length - HEAD.size)
+            found = Metadata.read(ReadDataStream(BytesIO(content)))
+            return dict(found.metadata) if found.name == name else {}
+    return {}

@@ -2,50 +2,102 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Final, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
 from aerodft.adapters.config.camera import PoseTable
 from aerodft.adapters.config.station.ground import GroundTable
-from aerodft.adapters.config.station.inputs import (
+from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable, StationMarkersTable
+from aerodft.adapters.config.station.station_config import (
     Device,
     ImageInput,
     ImageSettings,
     Rate,
     Stills,
     Stream,
-    Topics,
     VideoFile,
 )
-from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveTable
-from aerodft.adapters.config.station.observer_tables import ObjectsTable, RiverTable, WatchTable
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.tables import (
+    NOT_IN_CONFIG_ID,
+    ROWS,
+    UNLESS_ZERO,
     Duration,
     Latitude,
     Longitude,
     Many,
-    Means,
     NonNegative,
     Pixel,
     Positive,
     Real,
+    SiAttribute,
     Slug,
     Table,
     Text,
     TimeOffset,
     impossible,
     matching,
-    value_of,
+    si_value,
 )
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import ConfigError
-from aerodft.model import Camera, PixelSource, Probe, ProbeKind
+from aerodft.model import (
+    STEADY,
+    Camera,
+    PixelSource,
+    Probe,
+    ProbeKind,
+    ProjectionModel,
+)
+from aerodft.service import OBJECTS
+
+Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
+
+
+class CameraMotionTable(Table):
+    """How a fixed camera is watched for bumps: what it is held against, and what counts as moved."""
+
+    limit_deg: Annotated[float, Field(ge=0.01, le=45)] = 0.2
+    every_s: Annotated[float, Field(ge=0, le=3600), NOT_IN_CONFIG_ID] = 1.0
+    confirm_looks: Annotated[int, Field(ge=1, le=100)] = 3
+    lever_arm_m: NonNegative = 0.2
+    ignore: Annotated[Many[Polygon], NOT_IN_CONFIG_ID] = ()
+    reference: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+
+
+class ObjectsTable(Table):
+    """How moving objects are looked for and followed over the ground; the defaults are those of ``ObjectSettings``."""
+
+    detect: bool = True
+    every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.0
+    shadows: Annotated[bool, NOT_IN_CONFIG_ID] = True
+    min_area_px: Annotated[int, Field(ge=1, le=10_000_000), NOT_IN_CONFIG_ID] = 60
+    ignore: Annotated[Many[Polygon], NOT_IN_CONFIG_ID] = ()
+    std_px: Positive = 2.0
+    speed_mps: Positive = 3.0
+    acceleration_mps2: Positive = 0.5
+    confirm_looks: Annotated[int, Field(ge=1, le=1000)] = 3
+    track_timeout_s: Duration = 5.0
+    distances_within_m: NonNegative = 0.0
+
+
+class RiverTable(Table):
+    """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverLook``."""
+
+    every_s: Duration = 1.0
+    spacing_m: Positive = 1.0
+    seed: Annotated[Pixel | None, SiAttribute("seed_px")] = None
+    max_range_m: Positive | None = None
+
+
+def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
+    """The probes whose banks may be looked for."""
+    return tuple(each for each in probes if each.kind == ProbeKind.RIVER and each.source is PixelSource.OBSERVED)
+
 
 _EDGE_PX = -0.5  # pixel (0, 0) is the centre of the top-left pixel
-_ONE_INPUT = ("video", "stills", "stream", "device", "rate_hz")
 
 
 def _instant(value: object) -> object:
@@ -60,10 +112,6 @@ def _instant(value: object) -> object:
         except ValueError as error:
             raise impossible("", got=f'"{value}"', expected='like "2026-11-21T01:57:26.5Z"', hint=str(error)) from None
     return value
-
-
-def _iso(stamp_ns: int | None) -> str | None:
-    return None if stamp_ns is None else unix_ns_to_iso(stamp_ns)
 
 
 def _seconds_or_auto(value: object) -> object:
@@ -83,6 +131,14 @@ def _offset(value: str) -> str:
     return value
 
 
+def _as_stated(seconds: object) -> object:
+    return seconds
+
+
+Instant = Annotated[int, BeforeValidator(_instant), PlainSerializer(unix_ns_to_iso)]
+Url = Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')]
+
+
 class OriginTable(Table):
     """A point of the measured plane."""
 
@@ -94,32 +150,42 @@ class OriginTable(Table):
 class StationTable(Table):
     """Who measures."""
 
-    name: Slug
+    name: Annotated[Slug, SiAttribute("station"), NOT_IN_CONFIG_ID]
     origin: OriginTable | None = None
     tick_ms: Annotated[int, Field(ge=1, le=1000)] = 50
+
+
+_INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
+    "video": (VideoFile, "path"),
+    "stills": (Stills, "folder"),
+    "stream": (Stream, "url"),
+    "device": (Device, "path"),
+    "rate_hz": (Rate, "rate_hz"),
+}
+"""What the images' five inputs are: the class, and which of its attributes has the key's value."""
 
 
 class ImagesTable(Table):
     """Where images come from; at most one of the five inputs."""
 
-    video: Text | None = None
-    start: Annotated[int | None, BeforeValidator(_instant), Means("start_ns", out=_iso)] = None
-    stills: Text | None = None
-    pattern: Text | None = None
-    utc_offset: Annotated[str, AfterValidator(_offset)] | None = None
-    stream: Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')] | None = None
-    device: Text | None = None
-    rate_hz: Annotated[float, Field(gt=0, le=1000)] | None = None
-    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto)] = 0.0
-    time_drift: Annotated[float, Field(ge=-0.5, le=0.5), Means(out=lambda drift: drift or None)] = 0.0
-    time_reference: Annotated[int | None, BeforeValidator(_instant), Means("time_reference_ns", out=_iso)] = None
+    video: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    start: Annotated[Instant | None, SiAttribute("start_ns"), NOT_IN_CONFIG_ID] = None
+    stills: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    pattern: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    utc_offset: Annotated[Annotated[str, AfterValidator(_offset)] | None, NOT_IN_CONFIG_ID] = None
+    stream: Annotated[Url | None, NOT_IN_CONFIG_ID] = None
+    device: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    rate_hz: Annotated[Annotated[float, Field(gt=0, le=1000)] | None, NOT_IN_CONFIG_ID] = None
+    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto), PlainSerializer(_as_stated)] = 0.0
+    time_drift: Annotated[float, Field(ge=-0.5, le=0.5), UNLESS_ZERO] = 0.0
+    time_reference: Annotated[Instant | None, SiAttribute("time_reference_ns")] = None
     time_std_s: Duration = 0.0
 
     @model_validator(mode="after")
     def _one_input(self) -> Self:
-        given = [key for key in _ONE_INPUT if getattr(self, key) is not None]
-        if len(given) > 1:
-            raise impossible(given[1], got=f"it beside {given[0]}", expected=f"one of {', '.join(_ONE_INPUT)}")
+        inputs = [key for key in _INPUTS if getattr(self, key) is not None]
+        if len(inputs) > 1:
+            raise impossible(inputs[1], got=f"it beside {inputs[0]}", expected=f"one of {', '.join(_INPUTS)}")
         for key, owner in (("start", "video"), ("pattern", "stills"), ("utc_offset", "stills")):
             if getattr(self, key) is not None and getattr(self, owner) is None:
                 raise impossible(key, got=f"it without {owner}", expected=f"{owner} beside it")
@@ -134,8 +200,8 @@ class ImagesTable(Table):
 class ObservationsTable(Table):
     """Where observed pixels come from."""
 
-    files: Many[Text] = ()
-    topic: bool = True
+    files: Annotated[Many[Text], NOT_IN_CONFIG_ID] = ()
+    topic: Annotated[bool, NOT_IN_CONFIG_ID] = True
     time_offset_s: TimeOffset = 0.0
     match_tolerance_s: Duration = 0.02
 
@@ -149,7 +215,7 @@ class LimitsTable(Table):
 class RecordTable(Table):
     """The recorder."""
 
-    folder: Annotated[Text, Means(into=Path, out=str)] = "recordings"
+    folder: Annotated[Text, SiAttribute(into=Path, out=str)] = "recordings"
     image_hz: NonNegative = 1.0
     video: bool = True
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
@@ -157,12 +223,16 @@ class RecordTable(Table):
     segment_mb: Annotated[float, Field(ge=1, le=100_000)] = 2000.0
 
 
+_TOPICS = SiAttribute(into=lambda said: (said,) if isinstance(said, str) else said, out=lambda topics: topics or None)
+_ONE_TOPIC = SiAttribute(into=lambda said: (said,) if said else (), out=lambda topics: topics[0] if topics else None)
+
+
 class TopicsTable(Table):
     """Which topic is what in another tool's recording, where its channels do not tell."""
 
-    mavlink: Many[Text] | Text = ()
-    images: Text | None = None
-    camera: Text | None = None
+    mavlink: Annotated[Many[Text] | Text, _TOPICS] = ()
+    images: Annotated[Text | None, _ONE_TOPIC] = None
+    camera: Annotated[Text | None, _ONE_TOPIC] = None
 
 
 def _kind(name: str) -> ProbeKind:
@@ -176,12 +246,14 @@ def _kind(name: str) -> ProbeKind:
 class ProbeTable(Table):
     """One thing to measure."""
 
+    INSTEAD_OF: ClassVar = {"on_top_of": ("elevation_m", "elevation_std_m")}
+
     name: Slug
     kind: Annotated[str, AfterValidator(_kind)]
-    pixels: Annotated[Many[Pixel] | None, Means(out=lambda pixels: [list(pixel) for pixel in pixels] or None)] = None
-    observed: Annotated[bool, Means("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
-    tracked: Annotated[bool, Means("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
-    at: Annotated[Annotated[int, BeforeValidator(_instant)] | None, Means("at_ns", out=_iso)] = None
+    pixels: Annotated[Many[Pixel] | None, ROWS] = None
+    observed: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
+    tracked: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
+    at: Annotated[Instant | None, SiAttribute("at_ns")] = None
     std_px: NonNegative = 1.0
     elevation_m: Real = 0.0
     elevation_std_m: NonNegative = 0.0
@@ -201,41 +273,44 @@ class ProbeTable(Table):
         if self.pixels is not None and not kind.takes_pixels(len(self.pixels)):
             expected = f"{kind.pixels_wanted} for {self.kind}"
             raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
-        elevation = sorted(self.model_fields_set & {"elevation_m", "elevation_std_m"})
-        if self.on_top_of is not None and elevation:
-            raise impossible(elevation[0], got="it beside on_top_of", expected="one of the two")
         return self
 
 
+_NOT_IN_THE_PAPER = {"ground": "level ground only"} | dict.fromkeys(
+    ("landmark", "markers", "camera_motion", "objects", "river"), "no roll"
+)
+"""Tables that the equations of the paper have no place for, and what they know instead."""
+
+
 class ConfigTable(Table):
-    """A station's whole file; ``camera`` and ``markers`` are validated once it is known whether a file has them."""
+    """A station's whole file; ``camera`` is validated once it is known whether a file has it."""
 
     station: StationTable
     camera: dict[str, Any]
     telemetry: TelemetryTable | None = None
-    pose: PoseTable | None = None
+    pose: Annotated[PoseTable | None, SiAttribute("fixed_pose")] = None
+    ground: GroundTable | None = None
     images: ImagesTable = ImagesTable()
     observations: ObservationsTable = ObservationsTable()
     limits: LimitsTable = LimitsTable()
-    ground: GroundTable | None = None
-    record: RecordTable = RecordTable()
-    probe: Many[ProbeTable] = ()
+    record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
+    topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
+    probe: Annotated[Many[ProbeTable], SiAttribute("probes")] = ()
     landmark: Many[LandmarkTable] = ()
-    markers: dict[str, Any] | None = None
-    calibration: LiveTable = LiveTable()
-    watch: WatchTable | None = None
+    live_calibration: Annotated[LiveCalibrationTable, SiAttribute("live")] = LiveCalibrationTable()
+    markers: StationMarkersTable | None = None
+    camera_motion: CameraMotionTable | None = None
     objects: ObjectsTable | None = None
-    river: RiverTable | None = None
-    topics: TopicsTable = TopicsTable()
+    river: Annotated[RiverTable | None, NOT_IN_CONFIG_ID] = None
 
     @model_validator(mode="after")
     def _telemetry_or_pose(self) -> Self:
         if (self.telemetry is None) == (self.pose is None):
             got = "neither of them" if self.pose is None else "both of them"
             raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
-        if self.watch is not None and self.pose is None:
+        if self.camera_motion is not None and self.pose is None:
             hint = "a camera that moves has no image to be held against"
-            raise impossible("watch", got="it beside [telemetry]", expected="[pose]", hint=hint)
+            raise impossible("camera_motion", got="it beside [telemetry]", expected="[pose]", hint=hint)
         if self.pose is not None and (tracked := next((each.name for each in self.probe if each.tracked), None)):
             got, hint = f'tracked = true of "{tracked}" beside [pose]', "a fixed camera's pixels stay where they are"
             raise impossible("probe", got=got, expected="[telemetry]", hint=hint)
@@ -243,6 +318,29 @@ class ConfigTable(Table):
             if getattr(self, key) and self.telemetry is None:
                 hint = "find a fixed camera's pose with aerodft calibrate"
                 raise impossible(key, got="it beside [pose]", expected="[telemetry]", hint=hint)
+        return self
+
+    @model_validator(mode="after")
+    def _suits_the_model(self) -> Self:
+        keys = (key for key in _NOT_IN_THE_PAPER if getattr(self, key))
+        if self.camera.get("model") == ProjectionModel.DFT and (key := next(keys, None)):
+            expected = f'"pinhole", or no {"[[landmark]]" if key == "landmark" else f"[{key}]"}'
+            hint = f"the equations of the paper know {_NOT_IN_THE_PAPER[key]}"
+            raise impossible(key, got='it beside camera.model = "dft"', expected=expected, hint=hint)
+        return self
+
+    @model_validator(mode="after")
+    def _suits_the_probes(self) -> Self:
+        for name in (each.name for each in self.probe):
+            if self.camera_motion is not None and name == STEADY:
+                expected = "another name: the points that stand still have this one"
+                raise impossible("probe.name", got=f'"{name}", beside [camera_motion]', expected=expected)
+            if self.objects is not None and (name == OBJECTS or name.startswith("object-")):
+                expected = "another name: objects that move have such names"
+                raise impossible("probe.name", got=f'"{name}", beside [objects]', expected=expected)
+        if self.river is not None and not any(each.kind == ProbeKind.RIVER and each.observed for each in self.probe):
+            expected = 'a [[probe]] with kind = "river" and observed = true'
+            raise impossible("river", got="no probe that is measured from banks", expected=expected)
         return self
 
 
@@ -269,7 +367,7 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
                 )
         if table.on_top_of is not None:
             _check_object(table.on_top_of, tables, f"{where}: probe[{index}].on_top_of")
-    return tuple(value_of(table, Probe, source=_source(table), pixels=table.pixels or ()) for table in tables)
+    return tuple(si_value(Probe, table, source=_source(table)) for table in tables)
 
 
 def _source(table: ProbeTable) -> PixelSource:
@@ -291,31 +389,28 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
         got = f'"{name}", which lies on top of "{found.on_top_of}"'
     else:
         return
-    raise ConfigError("no object", where=where, got=got, expected="a height on the ground with pixels of its own")
+    raise ConfigError(
+        "lies on no object", where=where, got=got, expected="a height on the ground with pixels of its own"
+    )
 
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
     """Where images come from; relative paths start from ``folder``."""
-    offset_s, source = table.time_offset_s, _image_input(table, folder)
-    return value_of(table, ImageSettings, source=source, time_offset_s=offset_s or 0.0, is_auto=offset_s is None)
+    offset_s = table.time_offset_s
+    source: ImageInput | None = None
+    key = next((key for key in _INPUTS if getattr(table, key) is not None), None)
+    if key is not None:
+        kind, attribute = _INPUTS[key]
+        stated = getattr(table, key)
+        source = si_value(kind, table, **{attribute: folder / stated if key in ("video", "stills") else stated})
+    return si_value(ImageSettings, table, source=source, time_offset_s=offset_s or 0.0, is_auto=offset_s is None)
 
 
-def _image_input(table: ImagesTable, folder: Path) -> ImageInput | None:
-    if table.video is not None:
-        return VideoFile(path=folder / table.video, start_ns=table.start)
-    if table.stills is not None:
-        return Stills(folder=folder / table.stills, pattern=table.pattern, utc_offset=table.utc_offset)
-    if table.stream is not None:
-        return Stream(url=table.stream)
-    if table.device is not None:
-        return Device(path=table.device)
-    return None if table.rate_hz is None else Rate(rate_hz=table.rate_hz)
-
-
-def topics_from(table: TopicsTable) -> Topics:
-    """What the topics of other tools' recordings are."""
-    return Topics(
-        mavlink=(table.mavlink,) if isinstance(table.mavlink, str) else table.mavlink,
-        images=() if table.images is None else (table.images,),
-        camera=() if table.camera is None else (table.camera,),
-    )
+def images_table(settings: ImageSettings, time_std_s: float) -> ImagesTable:
+    """The table of where images come from, and of their stamps' std; reading it gives equal settings."""
+    keys: dict[str, object] = {"time_offset_s": "auto"} if settings.is_auto else {}
+    for key, (kind, attribute) in _INPUTS.items():
+        if isinstance(settings.source, kind):
+            value = getattr(settings.source, attribute)
+            keys[key] = str(value.absolute()) if isinstance(value, Path) else value
+    return ImagesTable.from_si(settings, settings.source, time_std_s=time_std_s, **keys)

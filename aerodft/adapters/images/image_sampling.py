@@ -1,4 +1,4 @@
-"""Images of one camera from wherever they are: stills, folders of stills, and videos, one after the other."""
+"""Images of one camera out of files: stills, folders of stills, and videos, one after the other."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -24,8 +24,8 @@ _LINEAR = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gathered:
-    """One image.
+class NamedImage:
+    """An image out of a file.
 
     Attributes:
         name: Its file's, with its folder where several are called the same, for images of a video followed by ``#`` and
@@ -39,8 +39,8 @@ class Gathered:
     done: float
 
 
-def gather(paths: Sequence[Path]) -> Iterator[Gathered]:
-    """All images, a video's sampled: the sharpest of each short stretch.
+def named_images(paths: Sequence[Path]) -> Iterator[NamedImage]:
+    """The images of files, a video's sampled: the sharpest of each short stretch.
 
     Args:
         paths: Stills, folders (their stills, not those of folders within), videos.
@@ -48,14 +48,14 @@ def gather(paths: Sequence[Path]) -> Iterator[Gathered]:
     Raises:
         InputError: A path is missing or unreadable, or a folder holds no stills; checked before the first image.
     """
-    return _gathered(image_files(paths))
+    return _read(image_files(paths))
 
 
 def image_files(paths: Sequence[Path]) -> list[Path]:
     """All stills and videos, each once, with folders' stills in place of folders.
 
     Raises:
-        InputError: As :func:`gather`.
+        InputError: A path is missing, or a folder holds no stills.
     """
     return list(dict.fromkeys(item for path in paths for item in _files(path)))
 
@@ -71,15 +71,15 @@ def _files(path: Path) -> list[Path]:
     return found
 
 
-def _gathered(files: list[Path]) -> Iterator[Gathered]:
+def _read(files: list[Path]) -> Iterator[NamedImage]:
     called = Counter(path.name for path in files)
     for index, path in enumerate(files):
         name = path.name if called[path.name] == 1 else str(path)
         if path.suffix.lower() in STILLS:
-            yield Gathered(name=name, pixels=read_still(path), done=(index + 1) / len(files))
+            yield NamedImage(name=name, pixels=read_still(path), done=(index + 1) / len(files))
         else:
             for number, pixels, share in _of_video(path):
-                yield Gathered(name=f"{name}#{number}", pixels=pixels, done=(index + share) / len(files))
+                yield NamedImage(name=f"{name}#{number}", pixels=pixels, done=(index + share) / len(files))
 
 
 def _of_video(path: Path) -> Iterator[tuple[int, ImageArray, float]]:

@@ -11,18 +11,18 @@ from aerodft.adapters.config.tables import (
     Count,
     Focal,
     HeadingDeg,
-    Means,
     Pixel,
     Positive,
     Quantity,
     Real,
     RollDeg,
+    SiAttribute,
     Table,
     Text,
     TiltDeg,
     impossible,
     repeated,
-    value_of,
+    si_value,
 )
 from aerodft.model import (
     Evidence,
@@ -114,6 +114,8 @@ def check_geo(table: InDegrees, *, needs_alt: bool) -> None:
 class LandmarkTable(InDegrees):
     """A pixel and its place, by ``position_m`` or by latitude, longitude and altitude."""
 
+    INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
+
     name: Text | None = None
     image: Text | None = None
     pixel: Pixel
@@ -134,8 +136,6 @@ class LandmarkTable(InDegrees):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         in_degrees = [key for key in GEO_KEYS if key in self.model_fields_set]
-        if self.position_m is not None and in_degrees:
-            raise impossible(in_degrees[0], got="it beside position_m", expected="one of the two")
         if self.position_m is None and not in_degrees:
             raise impossible("position_m", got="nothing", expected=f"position_m, or {', '.join(GEO_KEYS)}")
         if in_degrees:
@@ -167,9 +167,9 @@ class ObservationTable(Table):
     image: Text | None = None
     std_px: StdPx = 1.0
 
-    def made(self, name: str) -> Evidence:
+    def observation(self, name: str) -> Evidence:
         """The observation, under a name."""
-        return value_of(self, self.makes, name=name)
+        return si_value(self.makes, self, name=name)
 
 
 class _MeasuredTable(ObservationTable):
@@ -236,10 +236,10 @@ class ParallelTable(ObservationTable):
             raise impossible("lines", got="one line twice", expected="two lines")
         return self
 
-    def made(self, name: str) -> GroundLines:
+    def observation(self, name: str) -> GroundLines:
         """The observation, under a name."""
         first, second = self.lines
-        return value_of(self, GroundLines, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
+        return si_value(GroundLines, self, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
 
 
 class RightAngleTable(ParallelTable):
@@ -253,14 +253,14 @@ class HorizonTable(ObservationTable):
 
     makes = Horizon
     pixels: Annotated[tuple[Pixel, ...], Field(strict=False, min_length=PLANE), AfterValidator(_distinct)]
-    sea: Annotated[bool, Means("is_sea")] = False
+    sea: Annotated[bool, SiAttribute("is_sea")] = False
 
 
 class _Lifted(Table):
     @model_validator(mode="before")
     @classmethod
-    def _lift(cls, given: object) -> object:
-        return given if isinstance(given, dict) else {"value": given}
+    def _lift(cls, document: object) -> object:
+        return document if isinstance(document, dict) else {"value": document}
 
 
 class Known(_Lifted, Generic[Quantity]):
@@ -289,6 +289,8 @@ def _check_stds(key: str, std: tuple[float, ...] | None, size: int) -> None:
 
 class CameraPriorTable(InDegrees):
     """What is known of the camera beforehand, all optional; numbers, or ``{value, std}``."""
+
+    INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
 
     height_agl_m: Known[Positive] | None = None
     tilt_deg: Known[TiltDeg] | None = None
@@ -321,8 +323,6 @@ class CameraPriorTable(InDegrees):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         in_degrees = [key for key in GEO_KEYS if key in self.model_fields_set]
-        if self.position_m is not None and in_degrees:
-            raise impossible(in_degrees[0], got="it beside position_m", expected="one of the two")
         for key in in_degrees:
             if getattr(self, key) is None:
                 raise impossible(key, got='"?"', expected="a number", hint="leave out what nobody knows")

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -14,21 +14,19 @@ from aerodft.adapters.config.tables import (
     FieldOfViewDeg,
     Focal,
     Many,
-    Means,
     NonNegative,
     Positive,
     Real,
+    SiAttribute,
     Table,
     Text,
     impossible,
-    keys_of,
-    value_of,
+    si_value,
 )
 from aerodft.model import Camera, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
-_STDS = ("focal_std_px", "principal_point_std_px", "distortion_std")
 _COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 
@@ -44,6 +42,8 @@ class ModeTable(Table):
 class CameraTable(Table):
     """A camera, either by its field of view or by its intrinsics."""
 
+    INSTEAD_OF: ClassVar = {"covariance": ("focal_std_px", "principal_point_std_px", "distortion_std")}
+
     name: Text
     width_px: Count
     height_px: Count
@@ -53,21 +53,19 @@ class CameraTable(Table):
     fy_px: Focal | None = None
     cx_px: Real | None = None
     cy_px: Real | None = None
-    distortion: Annotated[tuple[Real, ...], Field(strict=False)] = ()
     lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
-    focal_std_px: Annotated[NonNegative, Means("std.focal_px")] = 0.0
-    principal_point_std_px: Annotated[NonNegative, Means("std.principal_point_px")] = 0.0
-    distortion_std: Annotated[Many[NonNegative], Means("std.distortion", out=lambda stds: list(stds) or None)] = ()
+    distortion: Many[Real] = ()
+    focal_std_px: Annotated[NonNegative, SiAttribute("std.focal_px")] = 0.0
+    principal_point_std_px: Annotated[NonNegative, SiAttribute("std.principal_point_px")] = 0.0
+    distortion_std: Annotated[Many[NonNegative], SiAttribute("std.distortion", out=lambda stds: stds or None)] = ()
     covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
     mode: ModeTable | None = None
 
     @model_validator(mode="after")
     def _one_of_two_ways(self) -> Self:
-        given = self.model_fields_set
-        intrinsics = [key for key in _INTRINSICS if key in given]
-        if self.covariance is not None and (stds := [key for key in _STDS if key in given]):
-            raise impossible("covariance", got=f"it beside {stds[0]}", expected="one of the two")
-        if {"hfov_deg", "vfov_deg"} & given and intrinsics:
+        keys = self.model_fields_set
+        intrinsics = [key for key in _INTRINSICS if key in keys]
+        if {"hfov_deg", "vfov_deg"} & keys and intrinsics:
             raise impossible(
                 "",
                 got=f"a field of view and {intrinsics[0]}",
@@ -76,11 +74,11 @@ class CameraTable(Table):
             )
         if intrinsics:
             self._check_intrinsics()
-        elif "hfov_deg" not in given:
+        elif "hfov_deg" not in keys:
             raise impossible(
                 "", got="neither field of view nor intrinsics", expected="hfov_deg, or fx_px, fy_px, cx_px, cy_px"
             )
-        elif lens := [key for key in _LENS_ONLY if key in given]:
+        elif lens := [key for key in _LENS_ONLY if key in keys]:
             raise impossible(
                 lens[0],
                 got="it beside a field of view",
@@ -130,13 +128,13 @@ def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
     """
     covariance = _covariance(table, where, prefix)
     if table.hfov_deg is None:
-        return value_of(table, Camera, covariance=covariance)
+        return si_value(Camera, table, covariance=covariance)
     width, height, hfov_rad = table.width_px, table.height_px, math.radians(table.hfov_deg)
     vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
     camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
-    return value_of(
-        table,
+    return si_value(
         Camera,
+        table,
         fx_px=camera.fx_px,
         fy_px=camera.fx_px if table.vfov_deg is None else camera.fy_px,
         cx_px=camera.cx_px,
@@ -154,8 +152,4 @@ def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[floa
 
 def camera_document(camera: Camera) -> dict[str, Any]:
     """The camera as TOML keys; reading them gives an equal camera."""
-    document = keys_of(CameraTable, camera)
-    first = ("name", "width_px", "height_px", *_INTRINSICS, "lens", "distortion")
-    unsaid = _STDS if camera.covariance else ()
-    rest = (key for key in document if key not in (*first, *unsaid))
-    return {key: document[key] for key in (*first, *rest)}
+    return CameraTable.from_si(camera).to_toml()

@@ -27,9 +27,7 @@ from aerodft.adapters.config.evidence.cross_checks import (
     check_together,
     frame_around,
 )
-from aerodft.adapters.config.evidence.images import Flight, FlightTables, flight_from, flight_tables
-from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
-from aerodft.adapters.config.evidence.tables import (
+from aerodft.adapters.config.evidence.evidence_tables import (
     GEO_KEYS,
     UNKNOWN,
     CameraPriorTable,
@@ -39,8 +37,10 @@ from aerodft.adapters.config.evidence.tables import (
     ObservationTable,
     priors_from,
 )
+from aerodft.adapters.config.evidence.images import Flight, FlightDocument, flight_from, read_flight
+from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import GEO, LOCAL, value_of
+from aerodft.adapters.config.tables import GEO, LOCAL, si_value
 from aerodft.adapters.file_kind import content_looks_like
 from aerodft.errors import ConfigError
 from aerodft.model import Camera, Evidence, EvidenceSet, Landmark
@@ -101,7 +101,7 @@ class EvidenceFile:
     image_paths: tuple[Path, ...] = ()
 
     def with_notes(self, *notes: str) -> "EvidenceFile":
-        """The same with more to know of it."""
+        """The file with further notes."""
         return replace(self, notes=(*self.notes, *notes))
 
 
@@ -124,7 +124,7 @@ class _Row:
 class _File:
     table: EvidenceTable
     rows: list[_Row]
-    flight: FlightTables | None = None
+    flight: FlightDocument | None = None
 
 
 def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
@@ -146,24 +146,24 @@ def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
     else:
         got = f'"{crs}" for a TOML file'
         raise ConfigError("crs", where=where, got=got, expected="it in the file", hint=f'write crs = "{crs}" in it')
-    return _checked(file, path, hashlib.sha256(data).hexdigest())
+    return _check_and_resolve(file, path, hashlib.sha256(data).hexdigest())
 
 
 def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> EvidenceFile:
     """Evidence from what a TOML file has, perhaps with more that was found otherwise.
 
     Args:
-        document: As :func:`load_evidence` finds it in a file.
+        document: Plain values from TOML.
         path: The file, for messages.
         sha256: Of its bytes, hexadecimal.
 
     Raises:
-        ConfigError: As :func:`load_evidence`.
+        ConfigError: An unknown key, an impossible value, or observations that cannot all be true.
     """
-    return _checked(_from_document(document, str(path)), path, sha256)
+    return _check_and_resolve(_from_document(document, str(path)), path, sha256)
 
 
-def _checked(file: _File, path: Path, sha256: str) -> EvidenceFile:
+def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
     table, rows, where, size_px = file.table, file.rows, str(path), _size(file)
     stated = tuple(row.stated for row in rows)
     crs = checked_crs(table.crs, where)
@@ -178,7 +178,7 @@ def _checked(file: _File, path: Path, sha256: str) -> EvidenceFile:
     frame = frame_around(stated, table.model_copy(update={"camera": _cameras(file)[0]}), crs, where)
     check_together(stated, frame, where)
     priors, fixed = priors_from(table, frame)
-    evidence = tuple(_made(row.table, name, frame) for row, name in zip(rows, names, strict=True))
+    evidence = tuple(_observation(row.table, name, frame) for row, name in zip(rows, names, strict=True))
     return EvidenceFile(
         known=EvidenceSet(evidence=evidence, priors=priors),
         frame=frame,
@@ -205,7 +205,7 @@ def _cameras(file: _File) -> tuple[CameraPriorTable, ...]:
 
 
 def _flight(
-    tables: FlightTables, stated: tuple[Stated, ...], evidence: tuple[Evidence, ...], frame: LocalFrame, path: Path
+    tables: FlightDocument, stated: tuple[Stated, ...], evidence: tuple[Evidence, ...], frame: LocalFrame, path: Path
 ) -> Flight:
     by_image: dict[str, list[Evidence]] = {}
     for each, known in zip(stated, evidence, strict=True):
@@ -235,7 +235,7 @@ def check_against(found: EvidenceFile, camera: Camera) -> None:
 
 
 def _from_document(document: dict[str, Any], where: str) -> _File:
-    flight, document = flight_tables(document, where)
+    flight, document = read_flight(document, where)
     table = validated(EvidenceTable, document, where)
     kinds = [key for key, value in document.items() if isinstance(value, list)]
     rows = [
@@ -251,7 +251,7 @@ def _from_document(document: dict[str, Any], where: str) -> _File:
     return _File(table, rows, flight)
 
 
-def _check_image(row: _Row, flight: FlightTables | None, where: str) -> None:
+def _check_image(row: _Row, flight: FlightDocument | None, where: str) -> None:
     """Refuse an observation of which nobody knows what image it is in."""
     image, names = row.table.image, () if flight is None else flight.names
     if image is not None and flight is None:
@@ -297,16 +297,16 @@ def _names(rows: Sequence[_Row]) -> list[str]:
     return names
 
 
-def _made(table: LandmarkTable | ObservationTable, name: str, frame: LocalFrame) -> Evidence:
+def _observation(table: LandmarkTable | ObservationTable, name: str, frame: LocalFrame) -> Evidence:
     """An observation in the frame; on a landmark's way there, the frame's zero stands in for what is not known."""
     if not isinstance(table, LandmarkTable):
-        return table.made(name)
+        return table.observation(name)
     place = table.place
     whole = [zero if value is None else value for value, zero in zip(place, frame.origin, strict=True)]
     axes = (1, 0, 2) if table.is_geo else (0, 1, 2)
     local_m = zip(axes, frame.local_m(whole).tolist(), strict=True)
     east_m, north_m, up_m = (None if place[axis] is None else each_m for axis, each_m in local_m)
-    return value_of(table, Landmark, name=name, position_m=(east_m, north_m, up_m))
+    return si_value(Landmark, table, name=name, position_m=(east_m, north_m, up_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,7 +345,7 @@ def _landmark_rows(data: bytes, where: str) -> tuple[bool, list[tuple[str, dict[
     for number, cells in lines:
         if len(rows) == _MOST_ROWS:
             expected = f"{_MOST_ROWS} landmarks at most"
-            raise ConfigError("too long", where=where, got="more", expected=expected, hint="take some of its rows")
+            raise ConfigError("too many rows", where=where, got="more", expected=expected, hint="take some of its rows")
         rows.append((f"line {number}", _landmark(header, columns, cells, number, where)))
     if not rows:
         raise ConfigError("holds no points", where=where, got="a header only", expected="a row for each landmark")

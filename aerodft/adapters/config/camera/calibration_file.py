@@ -1,0 +1,217 @@
+"""Calibration files, read and written: biases of the telemetry, or a fixed camera's pose, and the lens."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeVar
+
+import numpy as np
+import tomli_w
+from pydantic import Field, model_validator
+
+from aerodft.adapters.atomic_file import write_whole
+from aerodft.adapters.config.camera.camera_file import CameraTable, camera_document, camera_from
+from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
+from aerodft.adapters.config.covariance import as_rows, check_lens_covariance, checked_covariance
+from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
+from aerodft.adapters.config.tables import (
+    BiasDeg,
+    Many,
+    NonNegative,
+    Real,
+    SiAttribute,
+    Table,
+    TimeOffset,
+    Uncertain,
+    impossible,
+    si_value,
+)
+from aerodft.errors import InputError
+from aerodft.model import BIASES, BiasValues, Calibration, Camera, FloatArray, PoseStd, ProjectionModel
+
+_IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east_m", "north_m", "time_s")
+"""Attributes of ``BiasValues`` in the order of ``BIASES``."""
+
+
+class NoiseTable(Table):
+    """Standard deviations of what is new in every image."""
+
+    height_m: Annotated[NonNegative, SiAttribute("height_agl_m")] = 0.0
+    horizontal_m: NonNegative = 0.0
+    tilt_deg: NonNegative = 0.0
+    pan_deg: NonNegative = 0.0
+    roll_deg: NonNegative = 0.0
+    heading_deg: NonNegative = 0.0
+
+
+class BiasTable(Table):
+    """Corrections that are added to the telemetry's values; and an offset that is added to the images' stamps.
+
+    ``covariance`` has 8 rows, in the order of ``model.calibration.BIASES`` and in metres, radians and seconds; it takes
+    the place of the single stds. ``lens_covariance`` has 8 rows, of as many as the lens has.
+    """
+
+    height_m: Uncertain[Real] = Uncertain(value=0.0)
+    tilt_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
+    roll_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
+    heading_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
+    pan_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
+    east_m: Uncertain[Real] = Uncertain(value=0.0)
+    north_m: Uncertain[Real] = Uncertain(value=0.0)
+    time_offset_s: Annotated[Uncertain[TimeOffset], SiAttribute("time_s")] = Uncertain(value=0.0)
+    noise: NoiseTable = NoiseTable()
+    covariance: Many[Many[Real]] | None = None
+    lens_covariance: Many[Many[Real]] | None = None
+
+    @model_validator(mode="after")
+    def _covariances_fit(self) -> Self:
+        check_lens_covariance(self.covariance, self.lens_covariance, len(BIASES))
+        return self
+
+
+BiasTableT = TypeVar("BiasTableT", bound=BiasTable)
+
+
+def biases_from(bias: BiasTable, identity: str, where: str) -> Calibration:
+    """The calibration that a validated table describes.
+
+    Args:
+        bias: The table.
+        identity: The calibration's id.
+        where: The file's name in messages.
+
+    Raises:
+        ConfigError: Its covariance is none.
+    """
+    cov = _covariance(bias, where)
+    lens_cov = None if bias.lens_covariance is None else np.array(bias.lens_covariance)
+    return Calibration(
+        id=identity,
+        bias=si_value(BiasValues, bias),
+        bias_cov=cov,
+        lens_cov=lens_cov,
+        noise=si_value(PoseStd, bias.noise),
+    )
+
+
+def _covariance(bias: BiasTable, where: str) -> FloatArray:
+    if bias.covariance is not None:
+        return checked_covariance(
+            bias.covariance, len(BIASES), where=where, key="bias.covariance", of=", ".join(BIASES)
+        )
+    stds = si_value(BiasValues, bias, part="std")
+    return np.diag(np.square([getattr(stds, attribute) for attribute in _IN_ORDER]))
+
+
+def bias_table(calibration: Calibration, kind: type[BiasTableT], **keys: str) -> BiasTableT:
+    """The table of a calibration's biases; reading it gives equal biases.
+
+    Args:
+        calibration: The biases.
+        kind: The table, which may have further keys.
+        keys: Those further keys.
+    """
+    cov, lens_cov = calibration.bias_cov, calibration.lens_cov
+    full = np.zeros((len(BIASES), len(BIASES))) if cov is None else cov
+    stds = dict(zip(_IN_ORDER, np.sqrt(np.diag(full)).tolist(), strict=True))
+    is_diagonal = not np.any(full - np.diag(np.diag(full)))
+    return kind.from_si(
+        calibration.bias,
+        stds=BiasValues(**stds),
+        noise=NoiseTable.from_si(calibration.noise),
+        covariance=None if is_diagonal and lens_cov is None else as_rows(full),
+        lens_covariance=None if lens_cov is None else as_rows(lens_cov),
+        **keys,
+    )
+
+
+class CalibrationTable(Table):
+    """A calibration file: biases for a moving camera, a pose for a fixed one, or both; the lens where it was found too.
+
+    ``provenance`` is for people.
+    """
+
+    model: Annotated[ProjectionModel, Field(strict=False)] = ProjectionModel.PINHOLE
+    bias: BiasTable | None = None
+    pose: CalibratedPoseTable | None = None
+    camera: dict[str, Any] | None = None
+    provenance: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        if self.bias is None and self.pose is None:
+            raise impossible("", got="no table", expected="[bias] or [pose]")
+        return self
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationFile:
+    """What a calibration file says.
+
+    Attributes:
+        biases: Of the telemetry, all of them 0 without ``[bias]``; their id is the hash of the file's bytes.
+        pose: A fixed camera's, with its latitude and longitude; None without ``[pose]``.
+        camera: With the lens that was found too; None where the lens was taken as it is.
+        model: The projection model that all this is of.
+    """
+
+    biases: Calibration
+    pose: FixedPose | None
+    camera: Camera | None
+    model: ProjectionModel
+
+
+def load_calibration(path: Path) -> CalibrationFile:
+    """Read a calibration file.
+
+    Args:
+        path: A TOML file with ``[bias]`` (see ``BiasTable``) and/or ``[pose]`` (``height_agl_m``, ``tilt_deg``,
+            ``roll_deg``, ``heading_deg``, ``lat_deg``, ``lon_deg``, ``alt_msl_m``); biases and angles are numbers
+            (taken as exact) or ``{value, std}``.
+
+    Raises:
+        ConfigError: Missing file, TOML syntax, unknown key, impossible value.
+    """
+    where, data = str(path), read_bytes(path)
+    table = validated(CalibrationTable, parse_toml(data, where), where)
+    identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
+    lens = None if table.camera is None else validated(CameraTable, table.camera, where, "camera.")
+    return CalibrationFile(
+        biases=biases_from(table.bias or BiasTable(), identity, where),
+        pose=calibrated_pose_from(table.pose, identity, where) if table.pose else None,
+        camera=None if lens is None else camera_from(lens, where, "camera."),
+        model=table.model,
+    )
+
+
+def write_calibration(
+    path: Path,
+    found: FixedPose | Calibration,
+    camera: Camera | None,
+    model: ProjectionModel,
+    provenance: dict[str, Any],
+) -> None:
+    """Write a calibration, as ``load_calibration`` reads it.
+
+    Args:
+        path: The TOML file; one that is there is replaced.
+        found: A fixed camera's pose, or what telemetry is off by.
+        camera: The camera where its lens was found too; None where it was taken as it is.
+        model: The projection model that it is of, and for.
+        provenance: Where all this comes from, for people; what is None is left out.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    table = CalibrationTable.model_construct(
+        model=model,
+        provenance={key: value for key, value in provenance.items() if value is not None},
+        bias=bias_table(found, BiasTable) if isinstance(found, Calibration) else None,
+        pose=CalibratedPoseTable.from_si(found, stds=found.std) if isinstance(found, FixedPose) else None,
+        camera=None if camera is None else camera_document(camera),
+    )
+    try:
+        write_whole(path, tomli_w.dumps(table.to_toml()).encode())
+    except OSError as error:
+        what, expected = "the calibration cannot be written", "a file to write to"
+        raise InputError(what, where=path, got=error.strerror, expected=expected) from error

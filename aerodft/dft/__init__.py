@@ -14,6 +14,7 @@ from aerodft.dft.projection import (
     PRINCIPAL_POINT,
     ROTATION,
     GroundPoints,
+    ground_frame_pose,
     lat_lon_alt,
     pixel_directions,
     pixel_rays,

@@ -8,7 +8,7 @@ Columns of ``jac_shared`` (one error that all points of an image have in common)
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +19,12 @@ from aerodft.geometry import (
     PINHOLE_PARAMETERS,
     Ground,
     camera_angles,
+    from_rotation_vector,
     intrinsics_covariance,
     jacobians,
     lat_lon,
     matrix,
+    multiply,
     rays_by_intrinsics,
     rays_with_jacobian,
     rotate,
@@ -43,6 +45,23 @@ def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
     sin, cos = np.sin(heading), np.cos(heading)
     east, north = points_enu_m[..., 0] - foot[..., 0], points_enu_m[..., 1] - foot[..., 1]
     return np.stack([east * cos - north * sin, east * sin + north * cos, points_enu_m[..., 2]], axis=-1)
+
+
+def ground_frame_pose(pose: Pose) -> Pose:
+    """One pose as it is in its own ground frame: above the origin, heading 0."""
+    _, _, heading = camera_angles(pose.wxyz)
+    turn = from_rotation_vector(np.array([0.0, 0.0, heading]))
+    axes = matrix(turn)
+    both = np.eye(6)
+    both[:3, :3] = axes
+    return replace(
+        pose,
+        position_enu_m=pose.position_enu_m * [0.0, 0.0, 1.0],
+        wxyz=multiply(turn, pose.wxyz),
+        cov=both @ pose.cov @ both.T,
+        lens_cov=both @ pose.lens_cov,
+        velocity_enu_mps=axes @ pose.velocity_enu_mps,
+    )
 
 
 def lat_lon_alt(origin: GeoOrigin, points_enu_m: FloatArray) -> FloatArray:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from aerodft.cli.river_document import doubts
 from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
+from aerodft.reports.river import doubts
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.world import Island, furnished_world

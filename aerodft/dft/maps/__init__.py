@@ -2,5 +2,5 @@
 
 from aerodft.dft.maps.depth import DepthMap, Z, depth_map, measured_plane
 from aerodft.dft.maps.depth_std import range_std
-from aerodft.dft.maps.ground_points import GroundMap
+from aerodft.dft.maps.ground_points import GroundMap, ground_covariances
 from aerodft.dft.maps.orthophoto import Sampling, TopView, top_view

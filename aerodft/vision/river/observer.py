@@ -131,7 +131,7 @@ def find_river(
         question: What is asked.
         later: A look at the same place soon afterwards: what does not move is no water, unless there is a seed.
     """
-    plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+    plane = WaterPlane.from_setup(setup, pose)
     features = water_features(image)
     ground = ground_of(plane, features)
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
@@ -193,7 +193,7 @@ def river_across(
         seen: What was found.
         line: The centreline, in the direction in which left and right are meant.
     """
-    plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+    plane = WaterPlane.from_setup(setup, pose)
     ground = ground_of(plane, seen.features)
     masks = with_islands(seen.water.water, ground), seen.water.water, ground
     found = transects(plane, seen.features, masks, line, stations_along(line, question.spacing_m))
@@ -424,20 +424,33 @@ def _common(sights: Sequence[_Sight]) -> _Sight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReachView:
-    """One image of a flight, or of a fixed camera.
+class RiverView:
+    """One image that a river is looked for in.
 
     Attributes:
-        setup: As for ``find_river``.
-        pose: Its pose; all views in one ENU frame.
+        index: Running number of the image.
+        setup: As for ``find_river``; the camera zoomed as it was.
+        sample: Its pose, which is ok; all views of a reach in one ENU frame.
         pixels: Reads the image, ``(height, width, 3)`` BGR.
         later: The same place soon afterwards, where there is such an image.
     """
 
+    index: int
     setup: Setup
-    pose: Pose
+    sample: PoseSample
     pixels: Callable[[], ImageArray]
     later: LaterLook | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """The pose of the sample."""
+        assert self.sample.pose is not None  # noqa: S101 - a view's own condition, for the type checker
+        return self.sample.pose
+
+    @property
+    def plane(self) -> WaterPlane:
+        """The water's plane."""
+        return WaterPlane.from_setup(self.setup, self.pose)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -460,7 +473,7 @@ class Reach:
 
 
 def measure_reach(
-    views: Sequence[ReachView], question: RiverQuestion, advance: Callable[[int], None] = lambda _: None
+    views: Sequence[RiverView], question: RiverQuestion, advance: Callable[[int], None] = lambda _: None
 ) -> Reach | NoRiver:
     """Measure a river over many images.
 
@@ -479,7 +492,7 @@ def measure_reach(
     line = middle_line(_Votes(waters).water_map()) if waters else None
     if line is None:
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
-    line = oriented(_plane(views[0]), line, question.flow_rad)
+    line = oriented(views[0].plane, line, question.flow_rad)
     for row, view in enumerate(views):
         looks[row] = _looked_across(view, looks[row], line, question, rough)
         advance(len(views) + row + 1)
@@ -491,25 +504,21 @@ def measure_reach(
     return Reach(line=line, stations_m=stations, found=found, islands=islands, looks=tuple(looks))
 
 
-def _plane(view: ReachView) -> WaterPlane:
-    return WaterPlane(view.setup.camera, view.pose, view.setup.elevation_m, view.setup.max_range_m)
-
-
 def _slim(look: River | NoRiver) -> River | NoRiver:
     """Without what only finding the water needs: a flight has many images."""
     return look if isinstance(look, NoRiver) else replace(look, features=look.features.without_planes())
 
 
-def _water(view: ReachView, look: River) -> WaterView:
-    plane = _plane(view)
+def _water(view: RiverView, look: River) -> WaterView:
+    plane = view.plane
     return WaterView(plane, look.features, channel_of(plane, look), look.line.width_m)
 
 
 def _looked_across(
-    view: ReachView, look: River | NoRiver, line: Centreline, question: RiverQuestion, rough: RiverQuestion
+    view: RiverView, look: River | NoRiver, line: Centreline, question: RiverQuestion, rough: RiverQuestion
 ) -> River | NoRiver:
     """The reach's transects in one image, whose water is looked for anew where it is not that of the reach."""
-    plane, image = _plane(view), view.pixels()
+    plane, image = view.plane, view.pixels()
     seed = seed_on(line, plane)
     if seed is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "the image does not show the reach")

@@ -80,7 +80,7 @@ def build_observers(
         _check_images(station, "[objects]", where, may_record=may_record)
         moving = _who_sees_objects(station, objects, pipeline)
         schedules["objects"] = ObserverSchedule(moving, objects.every_s)
-        notes["objects"] = lambda: {"restless": moving.restless}
+        notes["objects"] = lambda: {"restless": moving.flickering}
     if station.river is not None:
         _check_images(station, "[river]", where, may_record=may_record)
         probes = river_probes(station.pipeline.probes)

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft import model
 from aerodft.conventions import LARGEST
-from aerodft.dft import PROBE_KINDS, Request, linked
+from aerodft.dft import PROBE_KINDS, Request, link_requests
 from aerodft.errors import UsageError
 from aerodft.model import FloatArray, ProbeKind
 
@@ -179,6 +179,6 @@ def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:
             on_top_of=probe.on_top_of,
         )
     try:
-        return linked(Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px) for probe in named.values())
+        return link_requests(Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px) for probe in named.values())
     except ValueError as error:
         raise UsageError("on_top_of", got=str(error), expected="the name of a height of the same image") from None

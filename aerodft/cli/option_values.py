@@ -3,14 +3,16 @@
 import math
 from dataclasses import replace
 from datetime import timedelta
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodft.adapters.config.station import Topics
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
+
+if TYPE_CHECKING:
+    from aerodft.adapters.config.station import Topics
 
 MOST_SECONDS = 1e8
 """Three years: what a wait may last at most."""
@@ -75,12 +77,14 @@ def _number(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def parse_topics(given: list[str] | None, configured: Topics | None = None) -> Topics:
+def parse_topics(given: list[str] | None, configured: "Topics | None" = None) -> "Topics":
     """What the options say, else what the configuration says.
 
     Raises:
         UsageError: An option makes no sense.
     """
+    from aerodft.adapters.config.station import Topics
+
     topics, stated = configured or Topics(), dict[str, tuple[str, ...]]()
     for text in given or ():
         role, _, topic = text.partition("=")

@@ -40,7 +40,7 @@ _LOG: Final = logging.getLogger(__name__)
 _JSON: Final = orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2
 
 FARTHEST_HEIGHTS: Final = 100.0
-"""Ground farther than so many camera heights is left out, unless it is said how far it may be.
+"""Ground farther than so many camera heights is left out where the setup has no maximum range.
 
 It lies 0.6 degrees below the horizon, where 0.3 degrees of tilt are half of the range.
 """
@@ -218,7 +218,7 @@ def write_depth(
         The JSON document that says what was written.
 
     Raises:
-        UsageError: The paper's model was asked for.
+        UsageError: The model is the paper's.
         NoAnswerError: There is no pose, or the image shows no ground.
         InputError: The step is not above 0, the image does not fit, or the folder cannot be written.
     """

@@ -5,7 +5,7 @@ import pytest
 
 from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
-from aerodft.reports.river import doubts
+from aerodft.reports.river.document import doubts
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.world import Island, furnished_world

@@ -19,7 +19,6 @@ from aerodft.app.measure.recorded_pose import Overrides, recorded_setup
 from aerodft.app.measure.scene import (
     CameraPose,
     ElevationModel,
-    GroundTerms,
     MeasuredSurface,
     PoseStd,
     Slope,

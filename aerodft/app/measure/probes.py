@@ -155,7 +155,7 @@ class RiverWidth(ImageProbe):
 
 
 PROBES: Final = {each.kind: each for each in ImageProbe.__subclasses__()}
-"""The class of each kind that can be asked for."""
+"""The class of each kind of probe."""
 
 
 def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:

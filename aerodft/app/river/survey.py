@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
 MOST_IMAGES: Final = 60
-"""Images of a recording or a video that are looked at, unless told otherwise."""
+"""Images of a recording or a video that are looked at by default."""
 
 
 @dataclass(frozen=True, slots=True)

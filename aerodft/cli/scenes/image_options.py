@@ -1,4 +1,4 @@
-"""Camera, pose, ground, probes and their standard deviations, as the commands about one image are told them."""
+"""Camera, pose, ground, probes and their standard deviations, as options of the commands about one image."""
 
 import math
 import re

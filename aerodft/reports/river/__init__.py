@@ -2,11 +2,9 @@
 
 from aerodft.reports.river.document import (
     RiverImages,
-    doubts,
     reach_document,
     refusal_document,
     river_document,
-    scatter_remarks,
 )
 from aerodft.reports.river.files import (
     COLUMNS,

@@ -239,7 +239,7 @@ def land_among(
         rows: ``(n,)`` which of its points they are.
         now: The image.
         last: The one before, in which the plane was found.
-        last_posed_s: Time of the last image with a standpoint, or of the first.
+        last_posed_s: Time of the last image with a plane pose, or of the first.
     """
     middles = [np.mean(seen.then[group.members], axis=0) for group in groups]
     places = [apply_homography(group.homography, middle) for group, middle in zip(groups, middles, strict=True)]
@@ -565,7 +565,7 @@ class _ProbeGroup:
         if self._first is None:
             why = "there was no image at the time that its pixels are of, or none within 0.2 s after it"
             return [Observation.in_image(image, probe.name, unseen=why) for probe in self._probes]
-        at_first = self._plane_poses.seen(self._first[0])
+        at_first = self._plane_poses.image_pose(self._first[0])
         if self._lock is None:  # not before, because the first image's pose may come after it
             self._first_view = self._plane_poses.view_of(at_first)
             plane_image = self._plane_image(*self._first, self._first_view, None)
@@ -573,10 +573,10 @@ class _ProbeGroup:
         if self._plane_poses.elevation_m is None and at_first is not None:
             pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevation_m
             self._plane_poses.find_plane(at_first, pixel, self._ground, elevation_m)
-            self._lock.know_first(self._plane_poses.of(at_first))
-        now = self._plane_poses.seen(image)
+            self._lock.know_first(self._plane_poses.plane_pose(at_first))
+        now = self._plane_poses.image_pose(image)
         view = self._plane_poses.view_of(now)
-        found = self._lock.follow(self._plane_image(image, small, view, self._plane_poses.of(now)))
+        found = self._lock.follow(self._plane_image(image, small, view, self._plane_poses.plane_pose(now)))
         return [self._answer(image, probe, found, view) for probe in self._probes]
 
     def _plane_image(

@@ -94,7 +94,7 @@ class PlanePose:
 
 
 def predicted_cov(then: PlanePose, now: PlanePose, unit: FloatArray) -> FloatArray:
-    """Covariance ``(8, 8)`` of what telemetry makes of the homography from one standpoint to another.
+    """Covariance ``(8, 8)`` of what telemetry makes of the homography from one plane pose to another.
 
     Camera and plane are what they are, so a homography is off in nine ways only: turned, moved, zoomed, tilted. Few
     points along one bank tell these nearly as well as many all around tell its eight elements.
@@ -176,7 +176,7 @@ class ImagePose:
 
 
 class PlanePoses:
-    """Makes standpoints of poses.
+    """Poses over the plane, from those in ENU.
 
     Args:
         camera: The camera.
@@ -190,7 +190,7 @@ class PlanePoses:
         self._camera, self._view, self._pose_of = camera, view, pose_of
         self._zoomed: dict[int, tuple[float, UndistortedView]] = {}
 
-    def seen(self, image: Image) -> ImagePose | None:
+    def image_pose(self, image: Image) -> ImagePose | None:
         """What an image was taken with; None where that is not known."""
         sample = self._pose_of(image)
         if sample is None or sample.pose is None or sample.status is not Status.OK:
@@ -211,7 +211,7 @@ class PlanePoses:
         self._zoomed[id(view)] = known
         return known[1]
 
-    def of(self, seen: ImagePose | None) -> PlanePose | None:
+    def plane_pose(self, seen: ImagePose | None) -> PlanePose | None:
         """Where an image was taken from; None where that, or how high the plane is, is not known."""
         if seen is None or self.elevation_m is None or not seen.pose.position_enu_m[2] > self.elevation_m:
             return None
@@ -345,7 +345,7 @@ class PlaneImage:
         small: ``(height, width)`` grey.
         view: Of the camera as it was zoomed.
         time_s: When it was taken.
-        standpoint: Where from, by telemetry; None where that does not tell.
+        plane_pose: Where from, by telemetry; None where that does not tell.
     """
 
     small: ImageArray

@@ -574,11 +574,11 @@ class MovingOverGround:
 
     def _held(self, image: Image, pixels: ImageArray, time_s: float) -> tuple[FloatArray | None, UndistortedView]:
         """Homography since the first image, and the view as it is zoomed; None where the ground is not held."""
-        seen = self._plane_poses.seen(image)
+        seen = self._plane_poses.image_pose(image)
         if self._lock is None and self._ground is not None and seen is not None:
             middle = np.array([pixels.shape[1] - 1, pixels.shape[0] - 1]) / 2
             self._plane_poses.find_plane(seen, middle, self._ground, 0.0)
-        plane_pose, view = self._plane_poses.of(seen), self._plane_poses.view_of(seen)
+        plane_pose, view = self._plane_poses.plane_pose(seen), self._plane_poses.view_of(seen)
         now = PlaneImage(self._small.small(pixels), view, time_s, plane_pose)
         zoomed = self._view if seen is None else self._plane_poses.zoomed(self._view, seen)
         if self._lock is None or time_s - self._held_s > _LOST_S:

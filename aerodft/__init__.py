@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from aerodft.version import VERSION
 
 if TYPE_CHECKING:
+    from aerodft.adapters.config.camera import load_camera
     from aerodft.adapters.recording.recover import Recovery
     from aerodft.app.align import VideoAlignment, align
     from aerodft.app.assembly import RunResult
@@ -17,6 +18,23 @@ if TYPE_CHECKING:
     from aerodft.app.calibrate_lens import LensCalibration, calibrate_lens, print_board
     from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
     from aerodft.app.importing import import_flight
+    from aerodft.app.measure import (
+        Area,
+        Bearing,
+        CameraPose,
+        Distance,
+        ElevationModel,
+        Height,
+        Length,
+        PoseStd,
+        Position,
+        Range,
+        RiverWidth,
+        Slope,
+        Width,
+        ground_points,
+        measure,
+    )
     from aerodft.app.recompute import RecomputeResult, recompute
     from aerodft.app.recordings import (
         ExportSummary,
@@ -27,6 +45,7 @@ if TYPE_CHECKING:
         open_recording,
         recover,
     )
+    from aerodft.app.river import RiverSurvey, survey_river
     from aerodft.app.station import Station
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined
     from replay.compare import Comparison
@@ -35,55 +54,87 @@ __version__ = VERSION
 
 _ROOM_OF: Final = {
     "AerodftError": "aerodft.errors",
+    "Area": "aerodft.app.measure",
+    "Bearing": "aerodft.app.measure",
     "CalibrationResult": "aerodft.app.calibrate",
+    "CameraPose": "aerodft.app.measure",
     "Comparison": "replay.compare",
     "ConfigError": "aerodft.errors",
     "Diagnosis": "aerodft.app.diagnose",
+    "Distance": "aerodft.app.measure",
+    "ElevationModel": "aerodft.app.measure",
     "ExportSummary": "aerodft.app.recordings",
+    "Height": "aerodft.app.measure",
     "InputError": "aerodft.errors",
+    "Length": "aerodft.app.measure",
     "LensCalibration": "aerodft.app.calibrate_lens",
     "LinkOptions": "aerodft.app.diagnose",
     "Measurements": "aerodft.app.recordings",
     "NoAnswerError": "aerodft.errors",
     "NotDetermined": "aerodft.errors",
+    "PoseStd": "aerodft.app.measure",
+    "Position": "aerodft.app.measure",
+    "Range": "aerodft.app.measure",
     "RecomputeResult": "aerodft.app.recompute",
     "Recovery": "aerodft.adapters.recording.recover",
+    "RiverSurvey": "aerodft.app.river",
+    "RiverWidth": "aerodft.app.measure",
     "RunResult": "aerodft.app.assembly",
+    "Slope": "aerodft.app.measure",
     "Station": "aerodft.app.station",
     "StationRecording": "aerodft.app.recordings",
     "VideoAlignment": "aerodft.app.align",
+    "Width": "aerodft.app.measure",
     "align": "aerodft.app.align",
     "calibrate": "aerodft.app.calibrate",
     "calibrate_lens": "aerodft.app.calibrate_lens",
     "compare": "aerodft.app.recordings",
     "diagnose": "aerodft.app.diagnose",
     "export": "aerodft.app.recordings",
+    "ground_points": "aerodft.app.measure",
     "import_flight": "aerodft.app.importing",
+    "load_camera": "aerodft.adapters.config.camera",
+    "measure": "aerodft.app.measure",
     "open_recording": "aerodft.app.recordings",
     "print_board": "aerodft.app.calibrate_lens",
     "recompute": "aerodft.app.recompute",
     "recover": "aerodft.app.recordings",
+    "survey_river": "aerodft.app.river",
 }
 
 __all__ = [
     "AerodftError",
+    "Area",
+    "Bearing",
     "CalibrationResult",
+    "CameraPose",
     "Comparison",
     "ConfigError",
     "Diagnosis",
+    "Distance",
+    "ElevationModel",
     "ExportSummary",
+    "Height",
     "InputError",
+    "Length",
     "LensCalibration",
     "LinkOptions",
     "Measurements",
     "NoAnswerError",
     "NotDetermined",
+    "PoseStd",
+    "Position",
+    "Range",
     "RecomputeResult",
     "Recovery",
+    "RiverSurvey",
+    "RiverWidth",
     "RunResult",
+    "Slope",
     "Station",
     "StationRecording",
     "VideoAlignment",
+    "Width",
     "__version__",
     "align",
     "calibrate",
@@ -91,11 +142,15 @@ __all__ = [
     "compare",
     "diagnose",
     "export",
+    "ground_points",
     "import_flight",
+    "load_camera",
+    "measure",
     "open_recording",
     "print_board",
     "recompute",
     "recover",
+    "survey_river",
 ]
 
 

@@ -108,27 +108,26 @@ def progress(what: str) -> Iterator[Progress]:
 
 
 @contextmanager
-def steps(what: str, count: int, clock: Callable[[], float] = time.monotonic) -> Iterator[Callable[[int], None]]:
+def steps(what: str, clock: Callable[[], float] = time.monotonic) -> Iterator[Progress]:
     """Progress of slow steps on stderr: a bar on a terminal, elsewhere a line every 5 s.
 
     Args:
         what: Is done.
-        count: How many steps there are.
         clock: Seconds.
 
     Yields:
-        What to call with how many steps are done.
+        What to call with how many steps are done, and how many there are.
     """
     if sys.stderr.isatty():
-        with progress_bar(what, 0, count) as advance:
+        with progress(what) as advance:
             yield advance
         return
     said_s = clock()
 
-    def line(done: int) -> None:
+    def line(done: int, total: int) -> None:
         nonlocal said_s
         if clock() - said_s >= _SAY_EVERY_S:
             said_s = clock()
-            say(f"aerodft: {what}: {done} of {count}")
+            say(f"aerodft: {what}: {done} of {total}")
 
     yield line

@@ -1,7 +1,7 @@
 """The engine: Depth from Triangulation, by the book (``dft``) and by the pinhole, with joint uncertainty."""
 
 from aerodft.dft.budget import Share, advice
-from aerodft.dft.covariance import CHI2_2D_95, Z95, dependence, ellipses95, shared_covariance
+from aerodft.dft.covariance import CHI2_2D_95, Z95, ellipses95, scalar_jacobians, shared_covariance
 from aerodft.dft.engine import ModelDifference, compare_models, explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, of_one_image
@@ -14,6 +14,7 @@ from aerodft.dft.projection import (
     PRINCIPAL_POINT,
     ROTATION,
     GroundPoints,
+    ground_frame_pose,
     lat_lon_alt,
     pixel_directions,
     pixel_rays,
@@ -21,6 +22,6 @@ from aerodft.dft.projection import (
     shared_count,
     to_ground_frame,
 )
-from aerodft.dft.quantities import Gradient, Sight, upright_height
-from aerodft.dft.request import Request, Setup, linked, zoomed
+from aerodft.dft.quantities import Gradient, RayGeometry, upright_height
+from aerodft.dft.request import Request, Setup, link_requests, zoomed
 from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline

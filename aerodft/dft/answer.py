@@ -17,9 +17,9 @@ import numpy as np
 from aerodft.dft.budget import STD_NAMES, Share, variance_budgets
 from aerodft.dft.covariance import (
     Z95,
-    dependence,
     ellipses95,
     point_covariances,
+    scalar_jacobians,
     shared_covariance,
     standard_deviations,
 )
@@ -36,7 +36,7 @@ from aerodft.dft.projection import (
     pixel_rays,
     project,
 )
-from aerodft.dft.quantities import Gradient, Sight
+from aerodft.dft.quantities import Gradient, RayGeometry
 from aerodft.dft.request import Setup
 from aerodft.model import (
     CODE_OF,
@@ -63,12 +63,12 @@ _EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
 _GRAZING_RAD: Final = math.radians(15)  # below the horizon: from here on, small angles are large errors
 _NO_DIRECTIONS: Final = np.empty((0, 3))
 
-Say: TypeAlias = Callable[[IntArray, IntArray], Iterable[tuple[str, ...]]]
+ReasonsOf: TypeAlias = Callable[[IntArray, IntArray], Iterable[tuple[str, ...]]]
 """The reasons of refused requests: of images ``(r,)`` and requests ``(r,)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class ProbedPixels:
     """``k`` pixels of each of ``n`` images, and the ground that they show.
 
     Attributes:
@@ -94,14 +94,14 @@ class View:
     rays: PixelRays
 
     @staticmethod
-    def of(
+    def project(
         setup: Setup,
         poses: PoseBatch,
         pixels_px: FloatArray,
         elevation_m: FloatArray,
         stds: tuple[FloatArray, FloatArray],
         shared_cov: FloatArray | None = None,
-    ) -> "View":
+    ) -> "ProbedPixels":
         """The ground that pixels show.
 
         Args:
@@ -120,10 +120,10 @@ class View:
         ground = project(setup.camera, poses.pose, pixels_px, elevation_m, setup.model, setup.ground, magnification)
         elevation_m = np.broadcast_to(elevation_m, ground.status.shape)
         rays = pixel_rays(setup.camera, pixels_px, magnification)
-        return View(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays)
+        return ProbedPixels(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays)
 
 
-class Judgement:
+class Answers:
     """What requests of one kind come to in all images of a view.
 
     Attributes:
@@ -142,7 +142,7 @@ class Judgement:
         columns: ``(g, q)`` which of the view's pixels.
     """
 
-    def __init__(self, view: View, kind: ProbeKind, columns: IntArray) -> None:
+    def __init__(self, view: ProbedPixels, kind: ProbeKind, columns: IntArray) -> None:
         self.kind = kind
         self._kind = PROBE_KINDS[kind]
         self._view, self._columns = view, columns
@@ -176,14 +176,14 @@ class Judgement:
 
     def std_of(self, by: Gradient) -> FloatArray:
         """Standard deviations ``(n, g)`` of scalars with these derivatives."""
-        return self._std(*dependence(by, self._ground, self._rays))
+        return self._std(*scalar_jacobians(by, self._ground, self._rays))
 
-    def shown_m(self) -> FloatArray:
+    def shown_enu_m(self) -> FloatArray:
         """``(n, g, q, 3)`` the points in ENU that come with the values; none of a ray's bearing."""
         return self._kind.shown(self._ground.points_enu_m, self.value)
 
     def numbers(self, places: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        """The numbers of a ``MeasurementColumn``, ``(n, g, ...)``, with those of the places of ``shown_m``."""
+        """The numbers of a ``MeasurementColumn``, ``(n, g, ...)``, with those of the places of ``shown_enu_m``."""
         numbers: dict[str, FloatArray] = {}
         if self._kind.scalar is not None:
             ends = np.stack([self._ends.low, self._ends.high], axis=-1)
@@ -199,13 +199,13 @@ class Judgement:
                 numbers[name] = np.where(missing.reshape(*missing.shape, *[1] * (values.ndim - 2)), np.nan, values)
         return numbers
 
-    def explained(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def variance_terms(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What one request's variance in each image follows from: ``by_shared``, what pixels add, the covariance."""
         pixel_var = self._vars[1][member] * np.sum(np.square(self.by_px[:, member]), axis=(1, 2))
         rows = np.arange(len(self.code))
         return self.by_shared[:, member], pixel_var, self._cov_of(rows, np.full(len(rows), member))
 
-    def base_up(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def base_elevation(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Height of one request's first point ``(n,)``; by the shared errors ``(n, s)``; by its pixel ``(n, 2)``."""
         ground = self._ground
         return ground.points_enu_m[:, member, 0, 2], ground.jac_shared[:, member, 0, 2], ground.jac_px[:, member, 0, 2]
@@ -247,7 +247,7 @@ class Judgement:
         """Values, standard deviations and 95 % by first order."""
         shape = self.code.shape
         self._rays: Directions | None = None
-        self.sight = Sight(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
+        self.geometry = RayGeometry(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
         first = (slice(None), slice(None), 0)
         jac = self._ground.jac_shared[first], self._ground.jac_px[first]
         self._cov = point_covariances(*jac, self._view.shared_cov, *self._vars)
@@ -257,10 +257,10 @@ class Judgement:
             return
         if self._kind.sees_rays and self.is_pinhole:
             self._rays = _directions(self._view.rays, self._columns, self._view.poses)
-            self.sight = Sight(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
+            self.geometry = RayGeometry(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
         elevation = self._view.elevation_m[:, self._columns[:, 0]]
-        self.value, by = scalars(self._kind, self._view.setup.model, self.sight, self._view.poses.pose, elevation)
-        self.by_shared, self.by_px = dependence(by, self._ground, self._rays)
+        self.value, by = scalars(self._kind, self._view.setup.model, self.geometry, self._view.poses.pose, elevation)
+        self.by_shared, self.by_px = scalar_jacobians(by, self._ground, self._rays)
         self.std = self._std(self.by_shared, self.by_px)
         low = self.value - Z95 * self.std
         self._ends = Interval(low if self._kind.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
@@ -317,7 +317,7 @@ class Judgement:
             kind=self.kind,
             pose=view.poses.pose,
             shared_cov=view.shared_cov,
-            rays=_picked(view.rays, rows[:, None], self._columns[members]),
+            rays=_select_rays(view.rays, rows[:, None], self._columns[members]),
             surface=view.setup.ground,
             image=rows,
             elevation_m=view.elevation_m[rows, self._columns[members, 0]],
@@ -325,7 +325,7 @@ class Judgement:
             std_px=self.std_px[members],
         )
 
-    def _refuse(self, where: BoolArray, code: Status | Codes, say: Say) -> None:
+    def _refuse(self, where: BoolArray, code: Status | Codes, say: ReasonsOf) -> None:
         """There is no answer ``where`` it was not refused before."""
         rows, members = np.nonzero(where & self.is_open)
         if not len(rows):
@@ -398,7 +398,7 @@ class Judgement:
         return cov
 
 
-def _saying(sentence: str, number: FloatArray | None = None) -> Say:
+def _saying(sentence: str, number: FloatArray | None = None) -> ReasonsOf:
     """One sentence, with a number ``(n, g)`` of each request where there is one."""
     if number is None:
         return lambda rows, _: [(sentence,)] * len(rows)
@@ -416,7 +416,7 @@ def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
     return f"{100 * first.share:.0f} % of the variance is from {first.source}{known}; {first.remedy}"
 
 
-def _picked(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> PixelRays:
+def _select_rays(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> PixelRays:
     """Rays of some columns of pixels, in those images where each has pixels of its own."""
     parts = rays.rays_cam, rays.by_px, rays.by_intrinsics
     if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
@@ -426,6 +426,6 @@ def _picked(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> Pixel
 
 def _directions(rays: PixelRays, columns: IntArray, poses: PoseBatch) -> Directions:
     """Directions ``(n, g, q)`` in ENU of the rays of some of a view's pixels."""
-    found = pixel_directions(_picked(rays, slice(None), columns.ravel()), poses.pose)
+    found = pixel_directions(_select_rays(rays, slice(None), columns.ravel()), poses.pose)
     parts = (found.directions_enu, found.jac_shared, found.jac_px)
     return Directions(*(part.reshape(len(poses), *columns.shape, *part.shape[2:]) for part in parts))

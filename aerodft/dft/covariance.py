@@ -66,7 +66,7 @@ def _zoomed(camera: Camera, zoom: FloatArray, intrinsics_cov: FloatArray) -> tup
     return scales, cov
 
 
-def dependence(by: Gradient, ground: GroundPoints, rays: Directions | None) -> tuple[FloatArray, FloatArray]:
+def scalar_jacobians(by: Gradient, ground: GroundPoints, rays: Directions | None) -> tuple[FloatArray, FloatArray]:
     """Derivatives of scalars ``(...)`` by the shared errors ``(..., s)`` and by the pixels ``(..., q, 2)``.
 
     Args:

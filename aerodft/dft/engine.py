@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.dft import equations
-from aerodft.dft.answer import Judgement, View
+from aerodft.dft.answer import Answers, ProbedPixels
 from aerodft.dft.budget import Share, variance_budgets
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
 from aerodft.dft.probe_kinds import PROBE_KINDS
-from aerodft.dft.projection import ELEVATION, places
+from aerodft.dft.projection import ELEVATION, place_columns
 from aerodft.dft.request import Request, Setup
 from aerodft.geometry import camera_angles
 from aerodft.model import (
@@ -57,14 +57,14 @@ def measure(
     parts: list[list[_Part]] = [[] for _ in requests]
     for first in range(0, len(rows), _AT_ONCE):
         own = rows[first : first + _AT_ONCE]
-        for found, column in zip(parts, _measured(setup, poses, requests, own), strict=True):
+        for found, column in zip(parts, _columns_of_rows(setup, poses, requests, own), strict=True):
             found.append((own, column))
     return MeasurementBatch(
         requests=requests,
         poses=poses,
         images=np.full(len(poses), NO_IMAGE) if images is None else images,
         columns=tuple(
-            _joined(MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, poses.status, {}, {}), found)
+            _join_parts(MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, poses.status, {}, {}), found)
             for request, found in zip(requests, parts, strict=True)
         ),
         model=setup.model,
@@ -81,20 +81,20 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
     poses, top = PoseBatch.of([sample]), None
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         if request.on_top_of is not None:
-            below = _below(setup, poses, request.on_top_of)
-            if not below.is_open[0, 0]:
+            support = _supporting_object(setup, poses, request.on_top_of)
+            if not support.is_open[0, 0]:
                 return ()
-            top = _Top.of(below)
+            top = _Top.from_object(support)
             view = top.view(setup, poses, (request,))
         else:
             view = _view(setup, poses, (request,))
-        judged = Judgement(view, request.probe.kind, np.arange(request.count)[None])
-        if judged.is_blocked[0, 0]:
+        answers = Answers(view, request.probe.kind, np.arange(request.count)[None])
+        if answers.is_blocked[0, 0]:
             return ()
-        by_shared, pixel_var, cov = judged.explained(0)
+        by_shared, pixel_var, cov = answers.variance_terms(0)
         if top is not None:
             pixel_var = pixel_var + np.square(by_shared[:, ELEVATION] * top.own_std_m)
-            by_shared, cov = (by_shared[:, None] @ top.follows)[:, 0], top.ground_cov
+            by_shared, cov = (by_shared[:, None] @ top.top_from_ground)[:, 0], top.ground_cov
         (budget,) = variance_budgets(by_shared, pixel_var, poses, cov)
     return tuple(replace(share, std=kind.scale * share.std) for share in budget)
 
@@ -111,38 +111,42 @@ class _Top:
     """
 
     elevation_m: FloatArray
-    follows: FloatArray
+    top_from_ground: FloatArray
     own_std_m: FloatArray
     ground_cov: FloatArray
 
     @staticmethod
-    def of(below: Judgement) -> "_Top":
+    def from_object(support: Answers) -> "_Top":
         """The tops of the one object that was judged."""
-        base_m, shared, own = below.base_up(0)
-        by_shared, _, cov = below.explained(0)
-        by_px = below.by_px[:, 0].copy()
+        base_m, shared, own = support.base_elevation(0)
+        by_shared, _, cov = support.variance_terms(0)
+        by_px = support.by_px[:, 0].copy()
         by_px[:, 0] += own
-        follows = np.zeros(cov.shape)
-        follows[:] = np.eye(cov.shape[-1])
-        follows[:, ELEVATION] = by_shared + shared
-        own_std = below.std_px[0] * np.sqrt(np.sum(np.square(by_px), axis=(1, 2)))
-        return _Top(base_m + below.value[:, 0], follows, own_std, cov)
+        top_from_ground = np.zeros(cov.shape)
+        top_from_ground[:] = np.eye(cov.shape[-1])
+        top_from_ground[:, ELEVATION] = by_shared + shared
+        own_std = support.std_px[0] * np.sqrt(np.sum(np.square(by_px), axis=(1, 2)))
+        return _Top(base_m + support.value[:, 0], top_from_ground, own_std, cov)
 
-    def view(self, setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> View:
+    def view(self, setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProbedPixels:
         """What is seen in the level planes through the tops, instead of on the ground."""
-        cov = self.follows @ self.ground_cov @ self.follows.swapaxes(-1, -2)
+        cov = self.top_from_ground @ self.ground_cov @ self.top_from_ground.swapaxes(-1, -2)
         cov[:, ELEVATION, ELEVATION] += np.square(self.own_std_m)
         counts = [request.count for request in requests]
         elevation = np.repeat(self.elevation_m[:, None], sum(counts), axis=1)
         stds = np.zeros(sum(counts)), np.repeat([request.std_px for request in requests], counts)
-        return View.of(replace(setup, ground=None), poses, _pixels(requests, len(poses)), elevation, stds, cov)
+        return ProbedPixels.project(
+            replace(setup, ground=None), poses, _pixels(requests, len(poses)), elevation, stds, cov
+        )
 
     def rows(self, rows: IntArray) -> "_Top":
         """Those in some images."""
-        return _Top(self.elevation_m[rows], self.follows[rows], self.own_std_m[rows], self.ground_cov[rows])
+        return _Top(self.elevation_m[rows], self.top_from_ground[rows], self.own_std_m[rows], self.ground_cov[rows])
 
 
-def _measured(setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], rows: IntArray) -> list[MeasurementColumn]:
+def _columns_of_rows(
+    setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], rows: IntArray
+) -> list[MeasurementColumn]:
     """What requests come to in some images, all of whose poses are ok."""
     own = tuple(request.rows(rows) for request in requests)
     poses = poses.rows(rows) if len(rows) < len(poses) else poses
@@ -158,46 +162,47 @@ def _measured(setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], row
             columns |= zip(on_ground, _columns(_view(setup, poses, standing), standing), strict=True)
         for members in on_top.values():
             lying = [own[member] for member in members]
-            columns |= zip(members, _measured_on_top(setup, poses, lying), strict=True)
+            columns |= zip(members, _measure_on_top(setup, poses, lying), strict=True)
     return [columns[member] for member in range(len(requests))]
 
 
-def _measured_on_top(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> list[MeasurementColumn]:
+def _measure_on_top(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> list[MeasurementColumn]:
     """What requests come to that all lie on top of one object, of which base and top are seen in the same image."""
     under = requests[0].on_top_of
     assert under is not None  # noqa: S101 - the caller's own condition, for the type checker
-    below = _below(setup, poses, under)
-    rows = np.flatnonzero(below.is_open[:, 0])
+    support = _supporting_object(setup, poses, under)
+    rows = np.flatnonzero(support.is_open[:, 0])
     found: list[MeasurementColumn] = []
     if len(rows):
         own = [request.rows(rows) for request in requests]
-        found = _columns(_Top.of(below).rows(rows).view(setup, poses.rows(rows), own), own)
+        found = _columns(_Top.from_object(support).rows(rows).view(setup, poses.rows(rows), own), own)
     columns = []
     for member, request in enumerate(requests):
         prefix = f"it lies on top of {request.probe.on_top_of}: "
-        reasons = {row: tuple(prefix + reason for reason in why) for row, why in below.reasons[0].items()}
-        missed = MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, below.code[:, 0], reasons, {})
-        columns.append(_joined(missed, [(rows, found[member])] if found else []))
+        reasons = {row: tuple(prefix + reason for reason in why) for row, why in support.reasons[0].items()}
+        missed = MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, support.code[:, 0], reasons, {})
+        columns.append(_join_parts(missed, [(rows, found[member])] if found else []))
     return columns
 
 
-def _below(setup: Setup, poses: PoseBatch, under: Request) -> Judgement:
+def _supporting_object(setup: Setup, poses: PoseBatch, under: Request) -> Answers:
     """An object that something lies on top of."""
-    return Judgement(_view(setup, poses, (under,)), ProbeKind.HEIGHT, np.arange(under.count)[None])
+    return Answers(_view(setup, poses, (under,)), ProbeKind.HEIGHT, np.arange(under.count)[None])
 
 
-def _columns(view: View, requests: Sequence[Request]) -> list[MeasurementColumn]:
+def _columns(view: ProbedPixels, requests: Sequence[Request]) -> list[MeasurementColumn]:
     """A column for each of the requests that have a view's pixels, one after the other."""
-    alike: dict[tuple[ProbeKind, int], list[int]] = {}
+    members_by_kind: dict[tuple[ProbeKind, int], list[int]] = {}
     for member, request in enumerate(requests):
-        alike.setdefault((request.probe.kind, request.count), []).append(member)
+        members_by_kind.setdefault((request.probe.kind, request.count), []).append(member)
     starts = np.cumsum([0, *(request.count for request in requests)])
-    judged = [
-        Judgement(view, kind, starts[members][:, None] + np.arange(count)) for (kind, count), members in alike.items()
+    answers = [
+        Answers(view, kind, starts[members][:, None] + np.arange(count))
+        for (kind, count), members in members_by_kind.items()
     ]
     columns: dict[int, MeasurementColumn] = {}
-    where = places(view.poses, [each.shown_m() for each in judged])
-    for each, members, own in zip(judged, alike.values(), where, strict=True):
+    where = place_columns(view.poses, [each.shown_enu_m() for each in answers])
+    for each, members, own in zip(answers, members_by_kind.values(), where, strict=True):
         numbers = each.numbers(own)
         ordered = {name: numbers[name] for name in NUMBERS if name in numbers}
         for at, member in enumerate(members):
@@ -207,13 +212,13 @@ def _columns(view: View, requests: Sequence[Request]) -> list[MeasurementColumn]
     return [columns[member] for member in range(len(requests))]
 
 
-def _view(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> View:
+def _view(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProbedPixels:
     """What requests see on the ground."""
     counts = [request.count for request in requests]
     elevation, elevation_std, std_px = (
         np.repeat([each(request) for request in requests], counts) for each in (_elevation_m, _elevation_std_m, _std_px)
     )
-    return View.of(setup, poses, _pixels(requests, len(poses)), elevation, (elevation_std, std_px))
+    return ProbedPixels.project(setup, poses, _pixels(requests, len(poses)), elevation, (elevation_std, std_px))
 
 
 def _elevation_m(request: Request) -> float:
@@ -236,7 +241,7 @@ def _pixels(requests: Sequence[Request], count: int) -> FloatArray:
     return np.concatenate([np.broadcast_to(each, (count, *each.shape[-2:])) for each in pixels], axis=1)
 
 
-def _joined(elsewhere: MeasurementColumn, parts: Sequence[_Part]) -> MeasurementColumn:
+def _join_parts(elsewhere: MeasurementColumn, parts: Sequence[_Part]) -> MeasurementColumn:
     """A column whose rows stand in parts, with the status and the reasons of ``elsewhere`` in all others."""
     count = len(elsewhere.status)
     if len(parts) == 1 and len(parts[0][0]) == count:

@@ -16,7 +16,7 @@ import numpy as np
 from aerodft.dft.covariance import CHI2_2D_95
 from aerodft.dft.probe_kinds import PROBE_KINDS
 from aerodft.dft.projection import ELEVATION, INTRINSICS, PixelRays
-from aerodft.dft.quantities import Sight
+from aerodft.dft.quantities import RayGeometry
 from aerodft.geometry import Ground
 from aerodft.jit import njit, njit_fused
 from aerodft.model import BoolArray, FloatArray, IntArray, Pose, ProbeKind
@@ -31,7 +31,7 @@ _NARROW: Final = 1e-6
 """Of a squared trace: a determinant that is smaller than this share of it is known to half of its digits only."""
 
 
-_Seen: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+_DrawnRays: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """What each of ``d`` draws would have seen of ``m`` probes: cameras ``(m, 3, d)``; directions and points of pixels
 ``(m, q, 3, d)``, NaN where a ray misses."""
 
@@ -129,7 +129,7 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
                 continue
             rows, seen = own.start + known, every if is_known[own].all() else tuple(part[known] for part in every)
             if kind.scalar is not None:
-                values = kind.scalar(Sight(*(np.moveaxis(part, -1, 1) for part in seen)))
+                values = kind.scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in seen)))
                 if kind.is_angle:  # on the same turn as without errors
                     middle = centre[rows, None]
                     values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
@@ -144,7 +144,7 @@ def draw_ranges(probes: Uncertain, on_ground: int, every: int) -> Interval:
     return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in _draws(probes, every)], axis=1))
 
 
-def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _Seen]]:
+def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _DrawnRays]]:
     """The draws of some probes after the other."""
     image, rays, errors = probes.image, probes.rays, probes.shared_cov.shape[-1]
     pixels = rays.rays_cam.shape[1]
@@ -269,7 +269,7 @@ def _meet(
 
 
 @njit_fused
-def _ranges(seen: _Seen, count: int) -> FloatArray:
+def _ranges(seen: _DrawnRays, count: int) -> FloatArray:
     """Slant ranges ``(m, count, d)`` of the first points."""
     cameras, _, points = seen
     found = np.empty((len(points), count, points.shape[3]))

@@ -14,15 +14,15 @@ import numpy as np
 from aerodft.dft.covariance import Z95
 from aerodft.dft.quantities import (
     Gradient,
-    Sight,
+    RayGeometry,
     area_gradient,
     bearing,
     bearing_gradient,
-    beside,
     crosses_itself,
     foot_distance,
     ground_distance,
     height_gradient,
+    lateral_offset,
     length_gradient,
     median_gradient,
     median_width,
@@ -73,13 +73,13 @@ class FirstOrder(Protocol):
     """What requests ``(n, g)`` of one kind come to: what a kind decides by whether that is an answer.
 
     Attributes:
-        sight: Camera, rays and points of each.
+        geometry: Camera, rays and points of each.
         value: ``(n, g)`` in SI units.
         std: ``(n, g)`` standard deviations of the values.
         is_pinhole: Whether rays are known; the paper's model has none.
     """
 
-    sight: Sight
+    geometry: RayGeometry
     value: FloatArray
     std: FloatArray
     is_pinhole: bool
@@ -114,8 +114,8 @@ class Kind:
 
     name: ProbeKind
     pixels: tuple[int, int]
-    scalar: Callable[[Sight], FloatArray] | None
-    gradient: Callable[[Sight], Gradient] | None
+    scalar: Callable[[RayGeometry], FloatArray] | None
+    gradient: Callable[[RayGeometry], Gradient] | None
     in_pairs: bool = False
     unit: str = "m"
     scale: float = 1.0
@@ -154,21 +154,26 @@ class Kind:
         """What has no answer although its points are known well enough, in the order in which it is said."""
         yield from ()
 
-    def by_paper(self, sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, Gradient]:  # noqa: ARG002
+    def by_paper(
+        self,
+        geometry: RayGeometry,
+        heading_rad: FloatArray,  # noqa: ARG002 - others need it
+        elevation_m: FloatArray,  # noqa: ARG002
+    ) -> tuple[FloatArray, Gradient]:
         """Values and derivatives by the paper's equations, where these look at more than points.
 
         Args:
-            sight: Camera and points.
+            geometry: Camera and points.
             heading_rad: ``(...)`` of the camera.
             elevation_m: ``(...)`` of the ground.
         """
-        return self.values(sight)
+        return self.values(geometry)
 
-    def values(self, sight: Sight) -> tuple[FloatArray, Gradient]:
+    def values(self, geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
         """Values ``(...)`` in SI units, without errors, and their derivatives; of a kind that has a scalar."""
         assert self.scalar is not None  # noqa: S101 - the callers' own condition, for the type checker
         assert self.gradient is not None  # noqa: S101
-        return self.scalar(sight), self.gradient(sight)
+        return self.scalar(geometry), self.gradient(geometry)
 
 
 class _Area(Kind):
@@ -190,26 +195,28 @@ class _UprightHeight(Kind):
 
     def needs_draws(self, found: FirstOrder) -> BoolArray:
         # From nearly above, the base may be on either side of the camera's foot.
-        away, by = foot_distance(found.sight)
+        away, by = foot_distance(found.geometry)
         return np.asarray(found.std_of(by) > NEAR_FOOT * away)
 
     def refusals(self, found: FirstOrder) -> Iterator[Refusal]:
         """What is not base and top of an upright object whose height can be told."""
-        value, sight = np.abs(found.value), found.sight
-        size = sight.camera_enu_m[..., 2] - sight.points_enu_m[..., 0, 2]
+        value, geometry = np.abs(found.value), found.geometry
+        size = geometry.camera_enu_m[..., 2] - geometry.points_enu_m[..., 0, 2]
         uncertain = ~(found.std <= MAX_RELATIVE_RANGE_STD * np.fmax(size, value)) | ~np.isfinite(found.value)
         sentence = "the object is seen from above: its height may be anything"
         yield Refusal(uncertain, Status.ILL_CONDITIONED, sentence)
         sentence = "the top is seen {:.2f} m below the base; the base comes first, then the top"
         yield Refusal(~(found.highest >= 0), Status.NOT_UPRIGHT, sentence, -found.value)
         if found.is_pinhole:  # Eq. 8 does not look at columns
-            aside_m, by = beside(sight)
+            aside_m, by = lateral_offset(geometry)
             most_m = np.maximum(value, LEANING_STDS * found.std_of(by))
             sentence = "the top is seen {:.2f} m beside the vertical through the base: base and top of one object?"
             yield Refusal(np.abs(aside_m) > most_m, Status.NOT_UPRIGHT, sentence, np.abs(aside_m))
 
-    def by_paper(self, sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, Gradient]:
-        return paper_height(sight, heading_rad, elevation_m)
+    def by_paper(
+        self, geometry: RayGeometry, heading_rad: FloatArray, elevation_m: FloatArray
+    ) -> tuple[FloatArray, Gradient]:
+        return paper_height(geometry, heading_rad, elevation_m)
 
 
 class _Bearing(Kind):
@@ -229,8 +236,13 @@ class _Bearing(Kind):
         sentence = "the direction is known to +- {:.0f} deg (95 %)"
         yield Refusal(~(found.std <= MAX_BEARING_STD_RAD), Status.ILL_CONDITIONED, sentence, half_deg)
 
-    def by_paper(self, sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, Gradient]:  # noqa: ARG002
-        return paper_bearing(sight)
+    def by_paper(
+        self,
+        geometry: RayGeometry,
+        heading_rad: FloatArray,  # noqa: ARG002 - others need it
+        elevation_m: FloatArray,  # noqa: ARG002
+    ) -> tuple[FloatArray, Gradient]:
+        return paper_bearing(geometry)
 
 
 _ONE, _TWO = (1, 1), (2, 2)
@@ -277,18 +289,18 @@ PROBE_KINDS: Final[dict[ProbeKind, Kind]] = {
 
 
 def scalars(
-    kind: Kind, model: ProjectionModel, sight: Sight, pose: Pose, elevation_m: FloatArray
+    kind: Kind, model: ProjectionModel, geometry: RayGeometry, pose: Pose, elevation_m: FloatArray
 ) -> tuple[FloatArray, Gradient]:
     """Values ``(...)`` of probes of a kind that has a scalar, in SI units and without errors, and their derivatives.
 
     Args:
         kind: What is measured.
         model: The paper's has equations of its own for what looks at rays.
-        sight: What is seen of each; directions only for kinds that see rays under the pinhole model.
+        geometry: What is seen of each; directions only for kinds that see rays under the pinhole model.
         pose: One pose, or ``(n,)`` of sights ``(n, g)``.
         elevation_m: ``(...)`` of the measured surfaces.
     """
     if model is not ProjectionModel.DFT:
-        return kind.values(sight)
+        return kind.values(geometry)
     _, _, heading = camera_angles(pose.wxyz)
-    return kind.by_paper(sight, heading[:, None] if heading.ndim else heading, elevation_m)
+    return kind.by_paper(geometry, heading[:, None] if heading.ndim else heading, elevation_m)

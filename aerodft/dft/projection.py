@@ -8,7 +8,7 @@ Columns of ``jac_shared`` (one error that all points of an image have in common)
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +19,12 @@ from aerodft.geometry import (
     PINHOLE_PARAMETERS,
     Ground,
     camera_angles,
+    from_rotation_vector,
     intrinsics_covariance,
     jacobians,
     lat_lon,
     matrix,
+    multiply,
     rays_by_intrinsics,
     rays_with_jacobian,
     rotate,
@@ -45,14 +47,31 @@ def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
     return np.stack([east * cos - north * sin, east * sin + north * cos, points_enu_m[..., 2]], axis=-1)
 
 
+def ground_frame_pose(pose: Pose) -> Pose:
+    """One pose as it is in its own ground frame: above the origin, heading 0."""
+    _, _, heading = camera_angles(pose.wxyz)
+    turn = from_rotation_vector(np.array([0.0, 0.0, heading]))
+    axes = matrix(turn)
+    both = np.eye(6)
+    both[:3, :3] = axes
+    return replace(
+        pose,
+        position_enu_m=pose.position_enu_m * [0.0, 0.0, 1.0],
+        wxyz=multiply(turn, pose.wxyz),
+        cov=both @ pose.cov @ both.T,
+        lens_cov=both @ pose.lens_cov,
+        velocity_enu_mps=axes @ pose.velocity_enu_mps,
+    )
+
+
 def lat_lon_alt(origin: GeoOrigin, points_enu_m: FloatArray) -> FloatArray:
     """Latitude, longitude (rad) and altitude (m MSL) of ENU points, ``(..., 3)``; NaN where the plane's is unknown."""
     plane = np.nan if origin.alt_msl_m is None else origin.alt_msl_m
-    places = lat_lon(origin, points_enu_m[..., :2])
-    return np.concatenate([places, (plane + points_enu_m[..., 2])[..., None]], axis=-1)
+    place_columns = lat_lon(origin, points_enu_m[..., :2])
+    return np.concatenate([place_columns, (plane + points_enu_m[..., 2])[..., None]], axis=-1)
 
 
-def places(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, FloatArray]]:
+def place_columns(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, FloatArray]]:
     """The numbers of a ``MeasurementColumn`` that say where points are, those of several groups in one go.
 
     Args:
@@ -77,12 +96,12 @@ def places(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, Flo
 
 def _geo(poses: PoseBatch, origins: Sequence[GeoOrigin | None], enu_m: FloatArray) -> FloatArray:
     """``(n, k, 3)``; NaN where the origin of an image's ENU is not known."""
-    alike: dict[GeoOrigin, list[int]] = {}
+    variants_by_origin: dict[GeoOrigin, list[int]] = {}
     for index, origin in enumerate(origins):
         if origin is not None:
-            alike.setdefault(origin, []).append(index)
+            variants_by_origin.setdefault(origin, []).append(index)
     found = np.full(enu_m.shape, np.nan)
-    for origin, variants in alike.items():
+    for origin, variants in variants_by_origin.items():
         rows = np.isin(poses.variant_index, variants)
         found[rows] = lat_lon_alt(origin, enu_m[rows])
     return found
@@ -142,7 +161,7 @@ class GroundPoints:
 
 
 @dataclass(frozen=True, slots=True)
-class _Met:
+class _GroundContact:
     """Where rays meet the ground, and what that depends on; as ``ground.GroundHits`` and ``GroundJacobians``."""
 
     points_enu_m: FloatArray
@@ -234,16 +253,18 @@ def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
     directions = rotate(rotation, rays.rays_cam)
     itself, none = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
     by = itself, none, np.zeros(directions.shape)
-    return Directions(directions, *_dependence(rotation, rays, by))
+    return Directions(directions, *_ground_jacobians(rotation, rays, by))
 
 
 def _pinhole(rays: PixelRays, pose: Pose, elevation: FloatArray, ground: Ground | None) -> GroundPoints:
     rotation, position = _per_point(pose, matrix(pose.wxyz)), _per_point(pose, pose.position_enu_m)
     direction = rotate(rotation, rays.rays_cam)
     depression = np.arctan2(-direction[..., 2], np.hypot(direction[..., 0], direction[..., 1]))
-    met = _level(position, direction, elevation) if ground is None else _uneven(position, direction, elevation, ground)
-    shared, own = _dependence(rotation, rays, (met.by_direction, met.by_position, met.by_elevation))
-    return GroundPoints(met.points_enu_m, shared, own, met.status, depression)
+    contact = (
+        _level(position, direction, elevation) if ground is None else _uneven(position, direction, elevation, ground)
+    )
+    shared, own = _ground_jacobians(rotation, rays, (contact.by_direction, contact.by_position, contact.by_elevation))
+    return GroundPoints(contact.points_enu_m, shared, own, contact.status, depression)
 
 
 def _per_point(pose: Pose, values: FloatArray) -> FloatArray:
@@ -251,7 +272,7 @@ def _per_point(pose: Pose, values: FloatArray) -> FloatArray:
     return values if pose.wxyz.ndim == 1 else values[:, None]
 
 
-def _dependence(
+def _ground_jacobians(
     rotation: FloatArray, rays: PixelRays, by: tuple[FloatArray, FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """``GroundPoints.jac_shared`` and ``jac_px`` of what depends on rays.
@@ -274,7 +295,7 @@ def _dependence(
     return shared, np.ascontiguousarray(found[..., intrinsics.stop :])
 
 
-def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -> _Met:
+def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -> _GroundContact:
     """As ``meet_level`` with its Jacobians; derivatives also where the ray goes up."""
     down = direction[..., 2]
     reach = (elevation - position[..., 2]) / down
@@ -285,13 +306,13 @@ def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -
     along_plane[..., 0, 0] = along_plane[..., 1, 1] = along_plane[..., 2, 2] = 1.0
     along_plane[..., 2] -= by_elevation
     status = _level_status(position[..., 2], elevation, -down)
-    return _Met(points, reach[..., None, None] * along_plane, along_plane, by_elevation, status)
+    return _GroundContact(points, reach[..., None, None] * along_plane, along_plane, by_elevation, status)
 
 
-def _uneven(position: FloatArray, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _Met:
+def _uneven(position: FloatArray, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _GroundContact:
     hits = ground.meet(position, direction, elevation)
     by = jacobians(position, direction, hits)
-    return _Met(hits.points_enu_m, by.by_direction, by.by_position, by.by_elevation, hits.status)
+    return _GroundContact(hits.points_enu_m, by.by_direction, by.by_position, by.by_elevation, hits.status)
 
 
 def _dft(

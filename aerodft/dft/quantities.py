@@ -1,6 +1,6 @@
 """What a probe's points amount to: one scalar, and how it depends on them. Batch-first: leading axes are samples.
 
-A sight is a camera position, and for each pixel a ray direction and the point where it meets the measured plane.
+Ray geometry is a camera position, and for each pixel a ray direction and the point where it meets the measured plane.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _EAST, _LEVEL = read_only([1.0, 0.0, 0.0]), read_only([1.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class RayGeometry:
     """What is seen of one probe.
 
     Attributes:
@@ -44,69 +44,69 @@ class Gradient:
     by_points: FloatArray
 
 
-def slant_range(sight: Sight) -> FloatArray:
+def slant_range(geometry: RayGeometry) -> FloatArray:
     """Distance ``(...)`` from the camera to the first point, m."""
-    away = sight.points_enu_m[..., 0, :] - sight.camera_enu_m
+    away = geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m
     return np.asarray(np.sqrt(_dot(away, away)))
 
 
-def ground_distance(sight: Sight) -> FloatArray:
+def ground_distance(geometry: RayGeometry) -> FloatArray:
     """Horizontal distance ``(...)`` of the first two points, m."""
-    apart = sight.points_enu_m[..., 1, :2] - sight.points_enu_m[..., 0, :2]
+    apart = geometry.points_enu_m[..., 1, :2] - geometry.points_enu_m[..., 0, :2]
     return np.asarray(np.sqrt(apart[..., 0] * apart[..., 0] + apart[..., 1] * apart[..., 1]))
 
 
-def polyline_length(sight: Sight) -> FloatArray:
+def polyline_length(geometry: RayGeometry) -> FloatArray:
     """Horizontal length ``(...)`` of the open line through all points, m."""
-    steps = np.diff(sight.points_enu_m[..., :2], axis=-2)
+    steps = np.diff(geometry.points_enu_m[..., :2], axis=-2)
     return _total(np.sqrt(steps[..., 0] * steps[..., 0] + steps[..., 1] * steps[..., 1]))
 
 
-def median_width(sight: Sight) -> FloatArray:
+def median_width(geometry: RayGeometry) -> FloatArray:
     """Median ``(...)`` of the horizontal distances of the first and second point, the third and fourth, ..., m."""
-    return np.asarray(np.median(_pair_widths(sight.points_enu_m), axis=-1))
+    return np.asarray(np.median(_pair_widths(geometry.points_enu_m), axis=-1))
 
 
-def polygon_area(sight: Sight) -> FloatArray:
+def polygon_area(geometry: RayGeometry) -> FloatArray:
     """Horizontal area ``(...)`` of the closed polygon of all points, m^2, whichever way round (shoelace formula)."""
-    return np.abs(_signed_area(sight.points_enu_m))
+    return np.abs(_signed_area(geometry.points_enu_m))
 
 
-def upright_height(sight: Sight) -> FloatArray:
+def upright_height(geometry: RayGeometry) -> FloatArray:
     """Height ``(...)`` of an upright object whose base is the first pixel and whose top the second, m.
 
     The point of the vertical through the base that is closest to the top's ray, above the base; NaN where the ray
     leads away from it, or straight down. Only the ray's
     horizontal direction decides where it passes the vertical, so that neither heading nor image column matter.
     """
-    base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
+    base, ray = geometry.points_enu_m[..., 0, :], geometry.directions_enu[..., 1, :]
     along = ray[..., :2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = _total((base - sight.camera_enu_m)[..., :2] * along) / _total(along * along)
-    top = sight.camera_enu_m[..., 2] + reach * ray[..., 2]
+        reach = _total((base - geometry.camera_enu_m)[..., :2] * along) / _total(along * along)
+    top = geometry.camera_enu_m[..., 2] + reach * ray[..., 2]
     return np.asarray(np.where(reach > 0, top - base[..., 2], np.nan))
 
 
-def bearing(sight: Sight) -> FloatArray:
+def bearing(geometry: RayGeometry) -> FloatArray:
     """Azimuth ``(...)`` from the first to the second point, or of one pixel's ray: clockwise from north, [0, 2 pi)."""
-    points, directions = sight.points_enu_m, sight.directions_enu
+    points, directions = geometry.points_enu_m, geometry.directions_enu
     away = directions[..., 0, :] if points.shape[-2] == 1 else points[..., 1, :] - points[..., 0, :]
     return np.asarray(np.arctan2(away[..., 0], away[..., 1]) % (2 * np.pi))
 
 
-def beside(sight: Sight) -> tuple[FloatArray, Gradient]:
+def lateral_offset(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
     """How far to the side of the vertical through the base the top's ray passes, m on the map, and its derivatives.
 
     0 for an object that is upright, and for one that is seen from straight above.
     """
-    base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
-    to_base, along = (base - sight.camera_enu_m) * _LEVEL, ray * _LEVEL
+    base, ray = geometry.points_enu_m[..., 0, :], geometry.directions_enu[..., 1, :]
+    to_base, along = (base - geometry.camera_enu_m) * _LEVEL, ray * _LEVEL
     square = _dot(along, along)
     seen = square > 0
     square = np.where(seen, square, 1.0)
     length = np.sqrt(square)
     off = np.where(seen, to_base[..., 0] * along[..., 1] - to_base[..., 1] * along[..., 0], 0.0) / length
-    by_points, by_directions = np.zeros_like(sight.points_enu_m), np.zeros_like(sight.directions_enu)
+    by_points, by_directions = np.zeros_like(geometry.points_enu_m), np.zeros_like(geometry.directions_enu)
     by_points[..., 0, 0], by_points[..., 0, 1] = along[..., 1] / length, -along[..., 0] / length
     across = np.stack([-to_base[..., 1], to_base[..., 0], np.zeros_like(off)], axis=-1)
     turn = across / length[..., None] - (off / square)[..., None] * along
@@ -114,56 +114,56 @@ def beside(sight: Sight) -> tuple[FloatArray, Gradient]:
     return off, Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def foot_distance(sight: Sight) -> tuple[FloatArray, Gradient]:
+def foot_distance(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
     """Horizontal distance ``(...)`` of the first point from the camera's foot, m, and its derivatives."""
-    away = (sight.points_enu_m[..., 0, :] - sight.camera_enu_m) * _LEVEL
-    by_points = np.zeros_like(sight.points_enu_m)
+    away = (geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m) * _LEVEL
+    by_points = np.zeros_like(geometry.points_enu_m)
     by_points[..., 0, :] = _unit(away, _EAST)
-    by = Gradient(-by_points[..., 0, :], np.zeros_like(sight.directions_enu), by_points)
+    by = Gradient(-by_points[..., 0, :], np.zeros_like(geometry.directions_enu), by_points)
     return np.asarray(np.sqrt(_dot(away, away))), by
 
 
-def range_gradient(sight: Sight) -> Gradient:
+def range_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``slant_range``; of a camera in the point itself, those straight down."""
-    by_points, by_directions = _no_derivatives(sight)
-    by_points[..., 0, :] = _unit(sight.points_enu_m[..., 0, :] - sight.camera_enu_m, _DOWN)
+    by_points, by_directions = _no_derivatives(geometry)
+    by_points[..., 0, :] = _unit(geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m, _DOWN)
     return Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def length_gradient(sight: Sight) -> Gradient:
+def length_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``polyline_length``, and of ``ground_distance``.
 
     Two points in one have no direction; the one away from the camera, in which points are known worst, stands in.
     """
-    points, (by_points, by_directions) = sight.points_enu_m, _no_derivatives(sight)
-    away = _unit((points[..., 0, :] - sight.camera_enu_m) * _LEVEL, _EAST)
+    points, (by_points, by_directions) = geometry.points_enu_m, _no_derivatives(geometry)
+    away = _unit((points[..., 0, :] - geometry.camera_enu_m) * _LEVEL, _EAST)
     units = _unit(np.diff(points, axis=-2) * _LEVEL, away[..., None, :])
     by_points[..., 1:, :] += units
     by_points[..., :-1, :] -= units
     return Gradient(np.zeros_like(away), by_directions, by_points)
 
 
-def median_gradient(sight: Sight) -> Gradient:
+def median_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``median_width``: those of the pair in the middle, or of the mean of the two.
 
     The others do nothing as long as their order stays. Two points in one as in ``length_gradient``.
     """
-    points, (by_points, by_directions) = sight.points_enu_m, _no_derivatives(sight)
+    points, (by_points, by_directions) = geometry.points_enu_m, _no_derivatives(geometry)
     order = np.argsort(_pair_widths(points), axis=-1, kind="stable")
     count = order.shape[-1]
     share = np.zeros(order.shape)
     for row in {(count - 1) // 2, count // 2}:
         middle = order[..., row : row + 1]
         np.put_along_axis(share, middle, np.take_along_axis(share, middle, axis=-1) + (1.0 if count % 2 else 0.5), -1)
-    away = _unit((points[..., 0, :] - sight.camera_enu_m) * _LEVEL, _EAST)
+    away = _unit((points[..., 0, :] - geometry.camera_enu_m) * _LEVEL, _EAST)
     units = _unit((points[..., 1::2, :] - points[..., ::2, :]) * _LEVEL, away[..., None, :]) * share[..., None]
     by_points[..., 1::2, :], by_points[..., ::2, :] = units, -units
     return Gradient(np.zeros_like(away), by_directions, by_points)
 
 
-def area_gradient(sight: Sight) -> Gradient:
+def area_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``polygon_area``."""
-    points, (by_points, by_directions) = sight.points_enu_m, _no_derivatives(sight)
+    points, (by_points, by_directions) = geometry.points_enu_m, _no_derivatives(geometry)
     before, after = np.roll(points, 1, axis=-2), np.roll(points, -1, axis=-2)
     by_points[..., 0] = (after[..., 1] - before[..., 1]) / 2
     by_points[..., 1] = (before[..., 0] - after[..., 0]) / 2
@@ -171,11 +171,11 @@ def area_gradient(sight: Sight) -> Gradient:
     return Gradient(np.zeros_like(points[..., 0, :]), by_directions, by_points)
 
 
-def height_gradient(sight: Sight) -> Gradient:
+def height_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``upright_height``; none where it is seen from straight above."""
-    base, ray = sight.points_enu_m[..., 0, :], sight.directions_enu[..., 1, :]
-    by_points, by_directions = _no_derivatives(sight)
-    along, to_base = ray * _LEVEL, (base - sight.camera_enu_m) * _LEVEL
+    base, ray = geometry.points_enu_m[..., 0, :], geometry.directions_enu[..., 1, :]
+    by_points, by_directions = _no_derivatives(geometry)
+    along, to_base = ray * _LEVEL, (base - geometry.camera_enu_m) * _LEVEL
     square = _dot(along, along)
     seen = (square > 0)[..., None]  # from straight above there is no height, and nothing that it depends on
     square = np.where(square > 0, square, 1.0)
@@ -185,11 +185,11 @@ def height_gradient(sight: Sight) -> Gradient:
     return Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def bearing_gradient(sight: Sight) -> Gradient:
+def bearing_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``bearing``; two points in one, and a ray straight down, have no direction."""
-    by_points, by_directions = _no_derivatives(sight)
-    one_ray, points = by_points.shape[-2] == 1, sight.points_enu_m
-    away = sight.directions_enu[..., 0, :] if one_ray else points[..., 1, :] - points[..., 0, :]
+    by_points, by_directions = _no_derivatives(geometry)
+    one_ray, points = by_points.shape[-2] == 1, geometry.points_enu_m
+    away = geometry.directions_enu[..., 0, :] if one_ray else points[..., 1, :] - points[..., 0, :]
     level = away * _LEVEL
     with np.errstate(divide="ignore", invalid="ignore"):
         turn = np.stack([away[..., 1], -away[..., 0], np.zeros_like(away[..., 0])], axis=-1)
@@ -201,19 +201,21 @@ def bearing_gradient(sight: Sight) -> Gradient:
     return Gradient(np.zeros_like(away), by_directions, by_points)
 
 
-def paper_height(sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray) -> tuple[FloatArray, Gradient]:
+def paper_height(
+    geometry: RayGeometry, heading_rad: FloatArray, elevation_m: FloatArray
+) -> tuple[FloatArray, Gradient]:
     """Eq. 8 and its derivatives; NaN unless base and top are both seen against the ground.
 
     Args:
-        sight: Base and top.
+        geometry: Base and top.
         heading_rad: ``(...)`` of the camera.
         elevation_m: ``(...)`` of the ground.
     """
     ahead = np.stack([np.sin(heading_rad), np.cos(heading_rad), np.zeros_like(heading_rad)], axis=-1)
-    away = np.sum((sight.points_enu_m - sight.camera_enu_m[..., None, :]) * ahead[..., None, :], axis=-1)
+    away = np.sum((geometry.points_enu_m - geometry.camera_enu_m[..., None, :]) * ahead[..., None, :], axis=-1)
     base, top = away[..., 0], away[..., 1]
-    height = sight.camera_enu_m[..., 2] - elevation_m
-    by_points = np.zeros_like(sight.points_enu_m)
+    height = geometry.camera_enu_m[..., 2] - elevation_m
+    by_points = np.zeros_like(geometry.points_enu_m)
     with np.errstate(divide="ignore", invalid="ignore"):  # a top straight below has no height
         by_points[..., 0, :] = (-height / top)[..., None] * ahead
         by_points[..., 1, :] = (height * base / top**2)[..., None] * ahead
@@ -224,11 +226,13 @@ def paper_height(sight: Sight, heading_rad: FloatArray, elevation_m: FloatArray)
     return value, Gradient(by_camera, np.zeros_like(by_points), by_points)
 
 
-def paper_bearing(sight: Sight) -> tuple[FloatArray, Gradient]:
+def paper_bearing(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
     """Of the ground point from the camera's foot, or of the second from the first, and derivatives."""
-    if sight.points_enu_m.shape[-2] > 1:
-        return bearing(sight), bearing_gradient(sight)
-    ray = Sight(sight.camera_enu_m, sight.points_enu_m - sight.camera_enu_m[..., None, :], sight.points_enu_m)
+    if geometry.points_enu_m.shape[-2] > 1:
+        return bearing(geometry), bearing_gradient(geometry)
+    ray = RayGeometry(
+        geometry.camera_enu_m, geometry.points_enu_m - geometry.camera_enu_m[..., None, :], geometry.points_enu_m
+    )
     by = bearing_gradient(ray).by_directions
     return bearing(ray), Gradient(-by[..., 0, :], np.zeros_like(by), by)
 
@@ -284,9 +288,9 @@ def _signs(turns: FloatArray, tiny: FloatArray) -> FloatArray:
     return np.where(np.abs(turns) <= tiny, 0.0, np.sign(turns))
 
 
-def _no_derivatives(sight: Sight) -> tuple[FloatArray, FloatArray]:
+def _no_derivatives(geometry: RayGeometry) -> tuple[FloatArray, FloatArray]:
     """Zeros by the points and by the directions."""
-    return np.zeros(sight.points_enu_m.shape), np.zeros(sight.directions_enu.shape)
+    return np.zeros(geometry.points_enu_m.shape), np.zeros(geometry.directions_enu.shape)
 
 
 def _pair_widths(points: FloatArray) -> FloatArray:

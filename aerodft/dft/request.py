@@ -91,7 +91,7 @@ def zoomed(setup: Setup, sample: PoseSample) -> tuple[Setup, PoseSample]:
     return setup, replace(sample, pose=replace(pose, lens_cov=pose.lens_cov * scales))
 
 
-def linked(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tuple[Request, ...]:
+def link_requests(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tuple[Request, ...]:
     """The requests, each with what its probe says that it lies on top of.
 
     Args:
@@ -102,19 +102,19 @@ def linked(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tupl
         ValueError: There is no such ``height`` in the image, or it lies on top of something itself.
     """
     requests = tuple(requests)
-    standing = {
+    heights_by_name = {
         request.probe.name: request
         for request in (*heights, *requests)
         if request.probe.kind == ProbeKind.HEIGHT and request.probe.on_top_of is None
     }
-    return tuple(_linked(request, standing) for request in requests)
+    return tuple(_link(request, heights_by_name) for request in requests)
 
 
-def _linked(request: Request, standing: dict[str, Request]) -> Request:
+def _link(request: Request, heights_by_name: dict[str, Request]) -> Request:
     name = request.probe.on_top_of
     if name is None:
         return request
-    if name not in standing:
-        got = f"got {', '.join(standing)}" if standing else "got none"
+    if name not in heights_by_name:
+        got = f"got {', '.join(heights_by_name)}" if heights_by_name else "got none"
         raise ValueError(f"probe {request.probe.name} lies on top of {name}: {got}, expected a height on the ground")
-    return replace(request, on_top_of=standing[name])
+    return replace(request, on_top_of=heights_by_name[name])

@@ -63,12 +63,12 @@ def meet_dense(
 
 @njit_fused
 def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: FloatArray, out_m: FloatArray) -> None:
-    """Meet the rays of ``pixels_px (n, 2)`` of a lens without distortion with level ground, into ``out_m (n, 2)``.
+    """Meet the rays of ``pixels_px (n, 2)`` of a lens without distortion with level ground, into ``out_m (n, 3)``.
 
     Args:
         pixels_px: Pixels.
         ground_from_pixel: ``(3, 3)``: homogeneous pixel to a ray whose third component is upwards, in heights.
-        foot_m: ``(2,)`` below the camera.
+        foot_m: ``(3,)`` the point of the ground below the camera.
         out_m: NaN for rays that do not go down.
     """
     m = ground_from_pixel
@@ -77,8 +77,9 @@ def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: 
         u, v = given[2 * k], given[2 * k + 1]
         up = m[2, 0] * u + m[2, 1] * v + m[2, 2]
         reach = -1.0 / up if up < 0.0 else math.nan
-        points[2 * k] = foot_m[0] + reach * (m[0, 0] * u + m[0, 1] * v + m[0, 2])
-        points[2 * k + 1] = foot_m[1] + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
+        points[3 * k] = foot_m[0] + reach * (m[0, 0] * u + m[0, 1] * v + m[0, 2])
+        points[3 * k + 1] = foot_m[1] + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
+        points[3 * k + 2] = foot_m[2] if up < 0.0 else math.nan
 
 
 @njit_fused
@@ -95,8 +96,8 @@ def meet_brown(
         pixels_px: ``(n, 2)``.
         lens: What it is.
         ground_from_ray: ``(3, 3)``: ray in camera axes to one whose third component is upwards, in heights.
-        foot_m: ``(2,)`` below the camera.
-        out_m: ``(n, 2)``; NaN for rays that do not go down, and where the model has no inverse.
+        foot_m: ``(3,)`` the point of the ground below the camera.
+        out_m: ``(n, 3)``; NaN for rays that do not go down, and where the model has no inverse.
     """
     intrinsics, coefficients, limit = lens
     size = min(_BLOCK, len(pixels_px))
@@ -225,6 +226,7 @@ def meet_fisheye(
         reach = -1.0 / up if up < 0.0 else math.nan
         out_m[k, 0] = foot_m[0] + reach * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z)
         out_m[k, 1] = foot_m[1] + reach * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z)
+        out_m[k, 2] = foot_m[2] if up < 0.0 else math.nan
 
 
 @njit_fused

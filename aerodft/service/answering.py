@@ -7,7 +7,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, Request, Setup, linked, measure
+from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, Request, Setup, link_requests, measure
 from aerodft.geometry import camera_pose
 from aerodft.model import (
     Camera,
@@ -133,7 +133,7 @@ class Answering:
         self.last_pose: PoseSample | None = None
         self._observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
         fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
-        self._fixed = linked(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
+        self._fixed = link_requests(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         self._setup = setup
         self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
         self._height_source: HeightSource | None = None
@@ -282,7 +282,7 @@ class Answering:
             measured = unseen(self._setup, part.poses, probe, observations, part.work.image)
         else:
             request = request_of(probe, observations, self._setup, part.poses)
-            measured = measure(self._setup, part.poses, linked([request], self._fixed), part.work.image)
+            measured = measure(self._setup, part.poses, link_requests([request], self._fixed), part.work.image)
         return ObservationOutputs(tick=part.tick, order=part.order, observations=observations, measurements=measured)
 
 

@@ -31,22 +31,22 @@ from aerodft.vision.common import (
     Keyframe,
     PlaneImage,
     PlanePose,
+    PlanePoses,
     PoseOf,
-    Standpoints,
     Stillness,
-    StraightView,
+    UndistortedView,
+    apply_change,
+    apply_homography,
     by_elements,
-    carried,
     change_between,
-    changed,
+    compose_cov,
     corners_of,
-    followed,
-    foretold_cov,
-    moved_on,
     nearest_px,
     place_cov_px2,
+    predicted_cov,
     share_moving,
     shift_cov,
+    track_lk,
 )
 
 _STRAY_PX: Final = 1.0  # what is farther off moves by itself, or lies on something else
@@ -59,16 +59,16 @@ _CONFIDENCE: Final = 0.999
 _LEAST_STD_PX: Final = 0.05  # no tracker is better on real images
 _ROUNDS: Final = 4
 _STUDENT: Final = 5.0  # degrees of freedom of the residuals' t distribution
-_ALIKE: Final = 3.0  # points whose windows overlap are off alike: so many say as much as one
+_OVERLAPPING: Final = 3.0  # points whose windows overlap are off alike: so many say as much as one
 _UNKNOWN: Final = 1e4  # variance of elements that nothing is known of
-_UNTOLD_S: Final = 2.0  # without telemetry for longer than this, land cannot be told from water
-_NEVER_TOLD_S: Final = 0.5  # likewise, before it has said anything
+_UNPOSED_S: Final = 2.0  # without telemetry for longer than this, land cannot be told from water
+_NEVER_POSED_S: Final = 0.5  # without it for longer than this, before it has said anything
 _STEP_STD_PX: Final = 8.0  # of going on as before, without telemetry
 _MOST_DOUBT: Final = 9.2  # squared stds of two coordinates, of which 99 % are less
 _CERTAIN: Final = 10.0  # log odds: the others are not the plane
 _LARGER: Final = 0.5  # how much for a group speaks that it has more points, by the logarithm of their number
 _AHEAD_M: Final = 0.5  # over which derivatives on the plane are taken
-_FEWEST_FORETOLD: Final = 8  # where telemetry says the rest
+_FEWEST_PREDICTED: Final = 8  # where telemetry says the rest
 _LEAST_SHARE: Final = 0.2  # of the points in view: where fewer agree, it may be another place
 _RICH: Final = 0.55  # of a keyframe's points: with fewer in view it is time for another
 _SOME: Final = 0.2  # of them: enough to return to it
@@ -91,7 +91,7 @@ class PlaneGroup:
 
     Attributes:
         homography: ``(3, 3)`` that they follow.
-        cov: ``(8, 8)`` of that, as ``keyframes.foretold_cov``.
+        cov: ``(8, 8)`` of that, as ``keyframes.predicted_cov``.
         members: ``(n,)``: which they are.
     """
 
@@ -101,12 +101,12 @@ class PlaneGroup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matched:
+class MatchedPoints:
     """Points of the plane in two images, and what is known of its homography without them.
 
     Attributes:
         then: ``(n, 2)`` straight small pixels.
-        now: ``(n, 2)`` likewise.
+        now: ``(n, 2)`` the same points in the other image.
         unit: ``(3, 3)`` intrinsics that elements are in units of.
         foretold: ``(3, 3)``.
         foretold_cov: ``(8, 8)`` of that; None where nothing is known.
@@ -115,11 +115,11 @@ class Matched:
     then: FloatArray
     now: FloatArray
     unit: FloatArray
-    foretold: FloatArray
-    foretold_cov: FloatArray | None
+    predicted: FloatArray
+    predicted_cov: FloatArray | None
 
 
-def groups_of(seen: Matched, off_px: FloatArray, fewest: int, fewest_foretold: int) -> list[PlaneGroup]:
+def groups_of(seen: MatchedPoints, off_px: FloatArray, fewest: int, fewest_predicted: int) -> list[PlaneGroup]:
     """What moves alike, at most four groups.
 
     One homography bends between land and water that has only just begun to flow away; a common step does not: first
@@ -129,12 +129,12 @@ def groups_of(seen: Matched, off_px: FloatArray, fewest: int, fewest_foretold: i
         seen: The points.
         off_px: ``(n, 2)`` how far each is off the expected.
         fewest: Points that a group has, at least.
-        fewest_foretold: Likewise, of groups that telemetry helps with.
+        fewest_predicted: Points that a group that telemetry helps with has, at least.
     """
-    if seen.foretold_cov is not None:
-        parts = _apart(off_px, fewest_foretold)
-        found = [_fitted(seen, seen.foretold, part) for part in parts]
-        found = [group for group in found if np.count_nonzero(group.members) >= fewest_foretold]
+    if seen.predicted_cov is not None:
+        parts = _split_by_step(off_px, fewest_predicted)
+        found = [_fit_group(seen, seen.predicted, part) for part in parts]
+        found = [group for group in found if np.count_nonzero(group.members) >= fewest_predicted]
         explained = sum((group.members for group in found), np.zeros(len(off_px), dtype=np.bool_))
         if np.count_nonzero(explained) >= max(_EXPLAINED * len(off_px), fewest):
             return found
@@ -147,13 +147,13 @@ def groups_of(seen: Matched, off_px: FloatArray, fewest: int, fewest_foretold: i
         if np.shape(found_h) != (3, 3) or np.count_nonzero(agreeing) < fewest or not found_h[2, 2]:
             break
         keep = agreeing[:, 0] > 0
-        groups.append(_fitted(seen, np.asarray(found_h / found_h[2, 2], dtype=np.float64), left[keep]))
+        groups.append(_fit_group(seen, np.asarray(found_h / found_h[2, 2], dtype=np.float64), left[keep]))
         left = left[~keep]
-        fewest = fewest_foretold if seen.foretold_cov is not None else fewest
-    return [group for group in groups if np.count_nonzero(group.members) >= fewest_foretold]
+        fewest = fewest_predicted if seen.predicted_cov is not None else fewest
+    return [group for group in groups if np.count_nonzero(group.members) >= fewest_predicted]
 
 
-def _apart(off_px: FloatArray, fewest: int) -> list[IntArray]:
+def _split_by_step(off_px: FloatArray, fewest: int) -> list[IntArray]:
     """Groups of points that have moved apart, each as one: the indices of each, the largest first."""
     left = np.arange(len(off_px))
     parts: list[IntArray] = []
@@ -169,29 +169,31 @@ def _apart(off_px: FloatArray, fewest: int) -> list[IntArray]:
     return parts
 
 
-def _fitted(seen: Matched, start: FloatArray, rows: IntArray) -> PlaneGroup:
+def _fit_group(seen: MatchedPoints, start: FloatArray, rows: IntArray) -> PlaneGroup:
     """The most likely homography of some points and all that agree with them."""
-    first = _refined(seen, start, rows)
+    first = _refine_group(seen, start, rows)
     near = np.flatnonzero(first.members)
-    return _refined(seen, first.homography, near) if len(near) else first
+    return _refine_group(seen, first.homography, near) if len(near) else first
 
 
-def _refined(seen: Matched, start: FloatArray, rows: IntArray) -> PlaneGroup:
-    """The most likely homography of some points, under t-distributed errors and what is foretold."""
+def _refine_group(seen: MatchedPoints, start: FloatArray, rows: IntArray) -> PlaneGroup:
+    """The most likely homography of some points, under t-distributed errors and what is predicted."""
     then, now, unit = seen.then[rows], seen.now[rows], seen.unit
-    prior = np.eye(FREE) / _UNKNOWN if seen.foretold_cov is None else np.linalg.inv(seen.foretold_cov)
+    prior = np.eye(FREE) / _UNKNOWN if seen.predicted_cov is None else np.linalg.inv(seen.predicted_cov)
     homography, cov = start, np.eye(FREE)
     for _ in range(_ROUNDS):
-        at = carried(homography, then)
+        at = apply_homography(homography, then)
         off = now - at
         std_px = max(robust_std(off) * math.sqrt(_corrected(len(then))), _LEAST_STD_PX)
-        weight = (_STUDENT + 2) / (_STUDENT + np.sum(off**2, axis=-1) / std_px**2) / (_ALIKE * std_px**2)
+        weight = (_STUDENT + 2) / (_STUDENT + np.sum(off**2, axis=-1) / std_px**2) / (_OVERLAPPING * std_px**2)
         jac = by_elements(unit, at).reshape(-1, FREE)
         weighted = (jac * np.repeat(weight, 2)[:, None]).T
         cov = np.linalg.inv(weighted @ jac + prior)
-        known = np.zeros(FREE) if seen.foretold_cov is None else prior @ change_between(homography, seen.foretold, unit)
-        homography = changed(homography, cov @ (weighted @ off.ravel() + known), unit)
-    members = np.linalg.norm(carried(homography, seen.then) - seen.now, axis=-1) < _STRAY_PX
+        known = (
+            np.zeros(FREE) if seen.predicted_cov is None else prior @ change_between(homography, seen.predicted, unit)
+        )
+        homography = apply_change(homography, cov @ (weighted @ off.ravel() + known), unit)
+    members = np.linalg.norm(apply_homography(homography, seen.then) - seen.now, axis=-1) < _STRAY_PX
     return PlaneGroup(homography, np.asarray(cov), np.asarray(members))
 
 
@@ -216,17 +218,17 @@ class Land:
     astray: BoolArray
     log_odds: float
     doubt_px: float
-    gone: GroundDrift | None
+    drift: GroundDrift | None
 
 
 def land_among(
     groups: list[PlaneGroup],
-    seen: Matched,
+    seen: MatchedPoints,
     keyframe: Keyframe,
     rows: IntArray,
     now: PlaneImage,
     last: PlaneImage,
-    last_told_s: float,
+    last_posed_s: float,
 ) -> Land | None:
     """The group that lies still, or goes on as before where telemetry does not tell; None where none is likely.
 
@@ -237,20 +239,22 @@ def land_among(
         rows: ``(n,)`` which of its points they are.
         now: The image.
         last: The one before, in which the plane was found.
-        last_told_s: Time of the last image with a standpoint, or of the first.
+        last_posed_s: Time of the last image with a plane pose, or of the first.
     """
     middles = [np.mean(seen.then[group.members], axis=0) for group in groups]
-    places = [carried(group.homography, middle) for group, middle in zip(groups, middles, strict=True)]
+    places = [apply_homography(group.homography, middle) for group, middle in zip(groups, middles, strict=True)]
     if not np.all(np.isfinite(places)):
         return None
-    gone = [_gone(keyframe, now, last, middle, place) for middle, place in zip(middles, places, strict=True)]
-    known = [each for each in gone if each is not None]
+    drift = [_drift_of(keyframe, now, last, middle, place) for middle, place in zip(middles, places, strict=True)]
+    known = [each for each in drift if each is not None]
     if len(known) < len(groups):
-        steps = [place - carried(seen.foretold, middle) for middle, place in zip(middles, places, strict=True)]
+        steps = [
+            place - apply_homography(seen.predicted, middle) for middle, place in zip(middles, places, strict=True)
+        ]
         stills = [keyframe.stillness_of(rows[group.members]) for group in groups]
-        if abs(now.time_s - last_told_s) > (_UNTOLD_S if stills[0].is_watched else _NEVER_TOLD_S):
+        if abs(now.time_s - last_posed_s) > (_UNPOSED_S if stills[0].is_watched else _NEVER_POSED_S):
             return None
-        return _as_before(groups, steps, stills, now.time_s)
+        return _land_without_telemetry(groups, steps, stills, now.time_s)
     stills = [keyframe.stillness_of(rows[group.members]) for group in groups]
     likely = [
         still.likelihood(each) + _LARGER * math.log(np.count_nonzero(group.members))
@@ -270,7 +274,7 @@ def land_among(
     return Land(groups[first], astray & ~groups[first].members, log_odds, math.hypot(*doubts_px), known[first])
 
 
-def _as_before(
+def _land_without_telemetry(
     groups: list[PlaneGroup], steps_px: list[FloatArray], stills: list[Stillness], time_s: float
 ) -> Land | None:
     """Without telemetry: what is where it was expected."""
@@ -286,27 +290,27 @@ def _as_before(
     return Land(groups[first], np.zeros_like(groups[first].members), stills[first].log_odds, doubt_px, None)
 
 
-def _gone(
+def _drift_of(
     keyframe: Keyframe, now: PlaneImage, last: PlaneImage, then_px: FloatArray, now_px: FloatArray
 ) -> GroundDrift | None:
     """Where a place of the keyframe ``(2,)`` that is seen at ``now_px (2,)`` has gone over the ground, by telemetry."""
-    before, after = keyframe.taken.standpoint, now.standpoint
+    before, after = keyframe.plane_image.plane_pose, now.plane_pose
     if before is None or after is None:
         return None
     onto = after.from_plane()
     was_m, is_m = _on_plane(before.from_plane(), then_px), _on_plane(onto, now_px)
-    ahead = carried(onto, is_m + _AHEAD_M * np.eye(2))
+    ahead = apply_homography(onto, is_m + _AHEAD_M * np.eye(2))
     px_by_m = (ahead - now_px).T / _AHEAD_M
     sweep_mps = np.zeros(2)
-    if last.standpoint is not None and now.time_s > last.time_s:
-        sweep_mps = (is_m - _on_plane(last.standpoint.from_plane(), now_px)) / (now.time_s - last.time_s)
-    gone = GroundDrift(now.time_s, is_m - was_m, px_by_m, sweep_mps, float(after.lens[0, 0]))
-    return gone if np.all(np.isfinite([*gone.by_m, *px_by_m.ravel(), *sweep_mps])) else None
+    if last.plane_pose is not None and now.time_s > last.time_s:
+        sweep_mps = (is_m - _on_plane(last.plane_pose.from_plane(), now_px)) / (now.time_s - last.time_s)
+    drift = GroundDrift(now.time_s, is_m - was_m, px_by_m, sweep_mps, float(after.lens[0, 0]))
+    return drift if np.all(np.isfinite([*drift.by_m, *px_by_m.ravel(), *sweep_mps])) else None
 
 
 def _on_plane(from_plane: FloatArray, px: FloatArray) -> FloatArray:
     """East and north ``(2,)`` of what is seen at ``px (2,)``; NaN above the horizon."""
-    return carried(np.asarray(np.linalg.inv(from_plane), dtype=np.float64), px)
+    return apply_homography(np.asarray(np.linalg.inv(from_plane), dtype=np.float64), px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -329,12 +333,12 @@ class Lock:
 
     def cov_px2(self, first: FloatArray) -> FloatArray:
         """Covariances ``(n, 2, 2)`` of where points are that were at ``first (n, 2)``; straight small pixels."""
-        return place_cov_px2(self.cov, self.unit, carried(self.homography, first))
+        return place_cov_px2(self.cov, self.unit, apply_homography(self.homography, first))
 
     def first_std_px(self, first: FloatArray) -> float:
         """How well points at ``first (n, 2)`` are held, the worst of them, in pixels of the first image."""
         back = np.linalg.inv(self.homography)
-        cov = place_cov_px2(moved_on(self.cov, np.asarray(back), self.unit), self.unit, first)
+        cov = place_cov_px2(compose_cov(self.cov, np.asarray(back), self.unit), self.unit, first)
         return math.sqrt(float(np.max(np.linalg.eigvalsh(cov))))
 
 
@@ -348,33 +352,33 @@ class PlaneLock:
     """
 
     def __init__(self, first: PlaneImage, near_px: FloatArray, reach_px: float) -> None:
-        self._near, self._reach_px = first.view.straight(near_px), reach_px
+        self._near, self._reach_px = first.view.undistort(near_px), reach_px
         self._unit = first.view.intrinsics
         self._last, self._step = np.eye(3), np.eye(3)
         self._last_image = first
-        self._told_s = first.time_s
+        self._posed_s = first.time_s
         self._images = 0
         self._astray = np.zeros((0, 2))
-        self._held = self._keyframe(first, np.eye(3), np.zeros((FREE, FREE)))
-        self._keyframes = [self._held]
+        self._keyframe_in_use = self._keyframe(first, np.eye(3), np.zeros((FREE, FREE)))
+        self._keyframes = [self._keyframe_in_use]
 
-    def know_first(self, standpoint: PlanePose | None) -> None:
+    def know_first(self, plane_pose: PlanePose | None) -> None:
         """Where the first image was taken from, which may become known after it."""
         first = self._keyframes[0]
-        if first.taken is self._last_image:
-            self._last_image = replace(first.taken, standpoint=standpoint)
-        first.taken = replace(first.taken, standpoint=standpoint)
+        if first.plane_image is self._last_image:
+            self._last_image = replace(first.plane_image, plane_pose=plane_pose)
+        first.plane_image = replace(first.plane_image, plane_pose=plane_pose)
 
     def follow(self, now: PlaneImage) -> Lock | None:
         """Find the plane in the next image; None where it is not found."""
         self._images += 1
-        if now.standpoint is not None:
-            self._told_s = now.time_s
-        for guess in self._guesses(now.standpoint):
-            for keyframe in (self._held, *self._alike(guess, now)):
+        if now.plane_pose is not None:
+            self._posed_s = now.time_s
+        for guess in self._guesses(now.plane_pose):
+            for keyframe in (self._keyframe_in_use, *self._similar_keyframes(guess, now)):
                 lock = self._fit(keyframe, guess, now)
                 if lock is not None:
-                    self._held = keyframe
+                    self._keyframe_in_use = keyframe
                     lock = self._choose(lock, now)
                     self._step, self._last = lock.homography @ np.linalg.inv(self._last), lock.homography
                     self._last_image = now
@@ -382,50 +386,56 @@ class PlaneLock:
         self._step = np.eye(3)
         return None
 
-    def _guesses(self, standpoint: PlanePose | None) -> list[FloatArray]:
+    def _guesses(self, plane_pose: PlanePose | None) -> list[FloatArray]:
         """Homographies since the first image, the likeliest first."""
-        first, last = self._keyframes[0].taken.standpoint, self._last_image.standpoint
+        first, last = self._keyframes[0].plane_image.plane_pose, self._last_image.plane_pose
         guesses = [
-            self._step @ self._last if standpoint is None or last is None else last.onto(standpoint) @ self._last
+            self._step @ self._last if plane_pose is None or last is None else last.onto(plane_pose) @ self._last
         ]
-        if standpoint is not None and first is not None:
-            guesses.append(first.onto(standpoint))
+        if plane_pose is not None and first is not None:
+            guesses.append(first.onto(plane_pose))
         return guesses
 
-    def _alike(self, homography: FloatArray, now: PlaneImage) -> list[Keyframe]:
+    def _similar_keyframes(self, homography: FloatArray, now: PlaneImage) -> list[Keyframe]:
         """Other keyframes that show what is seen now, the best known first."""
-        shown = [each for each in self._keyframes if each is not self._held and _shows(each, homography, now, _SOME)]
+        shown = [
+            each
+            for each in self._keyframes
+            if each is not self._keyframe_in_use and _shows(each, homography, now, _SOME)
+        ]
         return sorted(shown, key=lambda each: each.std_px)[:_TRIED]
 
     def _choose(self, lock: Lock, now: PlaneImage) -> Lock:
         """Hold on to the keyframe whose place is known best of those that show the view; else make this image one."""
         if self._images % _LOOK_BACK == 0:
             std_px = lock.first_std_px(self._near)
-            for keyframe in self._alike(lock.homography, now):
+            for keyframe in self._similar_keyframes(lock.homography, now):
                 better = self._fit(keyframe, lock.homography, now) if keyframe.std_px < _BETTER * std_px else None
                 if better is not None and better.first_std_px(self._near) < _BETTER * std_px:
-                    self._held, lock = keyframe, better
+                    self._keyframe_in_use, lock = keyframe, better
                     break
-        if not _shows(self._held, lock.homography, now, _RICH):
+        if not _shows(self._keyframe_in_use, lock.homography, now, _RICH):
             new = self._keyframe(now, lock.homography, lock.cov + shift_cov(_SWITCH_STD_PX, self._unit), lock)
             if len(new.corners_px) >= 2 * FEWEST:
-                self._held = new
+                self._keyframe_in_use = new
                 self._keyframes = [*self._keyframes[:1], *self._keyframes[1:][-_KEYFRAMES:], new]
         return lock
 
     def _keyframe(
-        self, taken: PlaneImage, since_first: FloatArray, cov: FloatArray, lock: Lock | None = None
+        self, plane_image: PlaneImage, since_first: FloatArray, cov: FloatArray, lock: Lock | None = None
     ) -> Keyframe:
-        near_px = taken.view.bent(carried(since_first, self._near))
-        corners = corners_of(taken.small, near_px)
+        near_px = plane_image.view.distort(apply_homography(since_first, self._near))
+        corners = corners_of(plane_image.small, near_px)
         if len(self._astray) and lock is not None:
-            astray_px = taken.view.bent(carried(since_first, self._astray))
+            astray_px = plane_image.view.distort(apply_homography(since_first, self._astray))
             corners = corners[nearest_px(corners, lock.land_px) < nearest_px(corners, astray_px)]
         near = corners[nearest_px(corners, near_px) <= self._reach_px]
         enough = near if len(near) >= MOST_CORNERS // 2 else corners
-        still = Stillness(taken.time_s, LAND_AT_FIRST if lock is None else min(lock.land.log_odds, LAND_AS_BEFORE))
+        still = Stillness(
+            plane_image.time_s, LAND_AT_FIRST if lock is None else min(lock.land.log_odds, LAND_AS_BEFORE)
+        )
         return Keyframe(
-            taken=taken,
+            plane_image=plane_image,
             corners_px=enough,
             since_first=since_first,
             cov=cov,
@@ -442,39 +452,39 @@ class PlaneLock:
         fewest = max(FEWEST, math.ceil(_LEAST_SHARE * np.count_nonzero(inside)))
         if np.count_nonzero(inside) < fewest:
             return None
-        warped = now.view.warped(keyframe.taken.small, onto, keyframe.taken.view)
-        now_px, found = followed(warped, now.small, there_px[inside], there_px[inside])
+        warped = now.view.warp(keyframe.plane_image.small, onto, keyframe.plane_image.view)
+        now_px, found = track_lk(warped, now.small, there_px[inside], there_px[inside])
         if np.count_nonzero(found) < fewest:
             return None
         rows = np.flatnonzero(inside)[found]
-        then = keyframe.taken.view.straight(keyframe.corners_px[rows])
-        seen = self._matched(keyframe.taken, now, then, now.view.straight(now_px[found]), onto)
-        few = fewest if seen.foretold_cov is None else _FEWEST_FORETOLD
-        groups = groups_of(seen, seen.now - carried(onto, then), fewest, few)
-        land = land_among(groups, seen, keyframe, rows, now, self._last_image, self._told_s) if groups else None
+        then = keyframe.plane_image.view.undistort(keyframe.corners_px[rows])
+        seen = self._matched_points(keyframe.plane_image, now, then, now.view.undistort(now_px[found]), onto)
+        few = fewest if seen.predicted_cov is None else _FEWEST_PREDICTED
+        groups = groups_of(seen, seen.now - apply_homography(onto, then), fewest, few)
+        land = land_among(groups, seen, keyframe, rows, now, self._last_image, self._posed_s) if groups else None
         if land is None or np.count_nonzero(land.group.members) < few:
             return None
-        if land.gone is not None:
-            keyframe.remember(rows[land.group.members], land.gone)
+        if land.drift is not None:
+            keyframe.remember(rows[land.group.members], land.drift)
         if np.any(land.astray):
             self._forget(keyframe, rows[land.astray])
         whole = land.group.homography @ keyframe.since_first
-        since = moved_on(keyframe.cov, land.group.homography, self._unit)
+        since = compose_cov(keyframe.cov, land.group.homography, self._unit)
         cov = since + land.group.cov + shift_cov(land.doubt_px, self._unit)
         return Lock(whole / np.linalg.norm(whole), cov, self._unit, land, now_px[found][land.group.members])
 
-    def _matched(
+    def _matched_points(
         self, before: PlaneImage, after: PlaneImage, then: FloatArray, now: FloatArray, onto: FloatArray
-    ) -> Matched:
-        if before.standpoint is None or after.standpoint is None:
-            return Matched(then, now, self._unit, onto, None)
-        cov = foretold_cov(before.standpoint, after.standpoint, self._unit)
-        return Matched(then, now, self._unit, before.standpoint.onto(after.standpoint), cov)
+    ) -> MatchedPoints:
+        if before.plane_pose is None or after.plane_pose is None:
+            return MatchedPoints(then, now, self._unit, onto, None)
+        cov = predicted_cov(before.plane_pose, after.plane_pose, self._unit)
+        return MatchedPoints(then, now, self._unit, before.plane_pose.onto(after.plane_pose), cov)
 
     def _forget(self, keyframe: Keyframe, rows: IntArray) -> None:
         """Leave corners out that do not lie still on the plane, and remember where such are."""
         back: FloatArray = np.asarray(np.linalg.inv(keyframe.since_first), dtype=np.float64)
-        away = carried(back, keyframe.taken.view.straight(keyframe.corners_px[rows]))
+        away = apply_homography(back, keyframe.plane_image.view.undistort(keyframe.corners_px[rows]))
         self._astray = np.concatenate([self._astray, away])[-_REMEMBERED:]
         keyframe.forget(rows)
 
@@ -497,12 +507,12 @@ class TrackedProbes:
 
     def __init__(self, camera: Camera, probes: tuple[Probe, ...], pose_of: PoseOf, ground: Ground | None) -> None:
         times = dict.fromkeys(probe.at_ns for probe in probes)
-        view = StraightView(camera)
+        view = UndistortedView(camera)
         self._view = view
         self._groups = [
-            _Together(
+            _ProbeGroup(
                 camera,
-                Standpoints(camera, view, pose_of, elevation_m=None),
+                PlanePoses(camera, view, pose_of, elevation_m=None),
                 view,
                 tuple(probe for probe in probes if probe.at_ns == at_ns),
                 ground,
@@ -522,18 +532,18 @@ class TrackedProbes:
         return tuple(found for group in self._groups for found in group.look(image, small))
 
 
-class _Together:
+class _ProbeGroup:
     """Probes whose pixels are those of one image."""
 
     def __init__(
         self,
         camera: Camera,
-        standpoints: Standpoints,
-        view: StraightView,
+        plane_poses: PlanePoses,
+        view: UndistortedView,
         probes: tuple[Probe, ...],
         ground: Ground | None,
     ) -> None:
-        self._camera, self._standpoints, self._probes, self._ground = camera, standpoints, probes, ground
+        self._camera, self._plane_poses, self._probes, self._ground = camera, plane_poses, probes, ground
         self._at_ns = probes[0].at_ns
         self._first: tuple[Image, ImageArray] | None = None
         self._lock: PlaneLock | None = None
@@ -555,39 +565,41 @@ class _Together:
         if self._first is None:
             why = "there was no image at the time that its pixels are of, or none within 0.2 s after it"
             return [Observation.in_image(image, probe.name, unseen=why) for probe in self._probes]
-        at_first = self._standpoints.seen(self._first[0])
+        at_first = self._plane_poses.image_pose(self._first[0])
         if self._lock is None:  # not before, because the first image's pose may come after it
-            self._first_view = self._standpoints.view_of(at_first)
-            taken = self._taken(*self._first, self._first_view, None)
-            self._lock = PlaneLock(taken, self._small_px, _REACH * small.shape[1])
-        if self._standpoints.elevation_m is None and at_first is not None:
+            self._first_view = self._plane_poses.view_of(at_first)
+            plane_image = self._plane_image(*self._first, self._first_view, None)
+            self._lock = PlaneLock(plane_image, self._small_px, _REACH * small.shape[1])
+        if self._plane_poses.elevation_m is None and at_first is not None:
             pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevation_m
-            self._standpoints.find_plane(at_first, pixel, self._ground, elevation_m)
-            self._lock.know_first(self._standpoints.of(at_first))
-        now = self._standpoints.seen(image)
-        view = self._standpoints.view_of(now)
-        found = self._lock.follow(self._taken(image, small, view, self._standpoints.of(now)))
+            self._plane_poses.find_plane(at_first, pixel, self._ground, elevation_m)
+            self._lock.know_first(self._plane_poses.plane_pose(at_first))
+        now = self._plane_poses.image_pose(image)
+        view = self._plane_poses.view_of(now)
+        found = self._lock.follow(self._plane_image(image, small, view, self._plane_poses.plane_pose(now)))
         return [self._answer(image, probe, found, view) for probe in self._probes]
 
-    def _taken(self, image: Image, small: ImageArray, view: StraightView, standpoint: PlanePose | None) -> PlaneImage:
-        return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, standpoint)
+    def _plane_image(
+        self, image: Image, small: ImageArray, view: UndistortedView, plane_pose: PlanePose | None
+    ) -> PlaneImage:
+        return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, plane_pose)
 
     def _epoch_ns(self, image: Image) -> int:
         return image.stamp_ns if self._first is None else self._first[0].stamp_ns
 
-    def _answer(self, image: Image, probe: Probe, found: Lock | None, view: StraightView) -> Observation:
+    def _answer(self, image: Image, probe: Probe, found: Lock | None, view: UndistortedView) -> Observation:
         lost = partial(Observation.in_image, image, probe.name)
         if found is None:
             return lost(unseen="the ground around it was not recognised, or what was may be water that flows")
-        first_px = self._first_view.straight(view.to_small(np.array(probe.pixels)))
-        moved = view.to_full(view.bent(carried(found.homography, first_px)))
+        first_px = self._first_view.undistort(view.to_small(np.array(probe.pixels)))
+        moved_px = view.to_full(view.distort(apply_homography(found.homography, first_px)))
         farthest = np.array([self._camera.width_px, self._camera.height_px]) - PIXEL_CENTRE_OFFSET_PX
-        if not np.all((moved >= -PIXEL_CENTRE_OFFSET_PX) & (moved <= farthest)):
+        if not np.all((moved_px >= -PIXEL_CENTRE_OFFSET_PX) & (moved_px <= farthest)):
             return lost(unseen="it is out of the image")
         cov_px2 = found.cov_px2(first_px)
-        carried_px = view.shrink * math.sqrt(float(np.max(np.linalg.eigvalsh(cov_px2))))
-        if not carried_px <= _MOST_STD_PX:
+        homography_std_px = view.shrink * math.sqrt(float(np.max(np.linalg.eigvalsh(cov_px2))))
+        if not homography_std_px <= _MOST_STD_PX:
             return lost(unseen=f"where it is in the image is known to no better than {_MOST_STD_PX:.0f} px")
-        pixels = tuple((u, v) for u, v in np.round(moved, _DECIMALS).tolist())
-        std_px = math.hypot(probe.std_px, carried_px, _STD_PX)
+        pixels = tuple((u, v) for u, v in np.round(moved_px, _DECIMALS).tolist())
+        std_px = math.hypot(probe.std_px, homography_std_px, _STD_PX)
         return Observation.in_image(image, probe.name, pixels, std_px=std_px)

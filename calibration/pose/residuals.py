@@ -23,10 +23,10 @@ from aerodft.dft import (
     PROBE_KINDS,
     ROTATION,
     GroundPoints,
-    Sight,
-    dependence,
+    RayGeometry,
     pixel_directions,
     pixel_rays,
+    scalar_jacobians,
     scalars,
     shared_count,
     vertical_angle,
@@ -150,13 +150,13 @@ def _ground(state: State, pixels: tuple[Px, ...], elevation_m: float) -> GroundP
 def _height(evidence: KnownHeight, state: State) -> Found:
     pixels = (evidence.base, evidence.top)
     pose, ground, rays = state.pose, _ground(state, pixels, 0.0), None
-    sight = Sight(state.position_m, np.empty((0, 3)), ground.points_enu_m)
+    sight = RayGeometry(state.position_m, np.empty((0, 3)), ground.points_enu_m)
     if state.model is ProjectionModel.PINHOLE:
         rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
-        sight = Sight(state.position_m, rays.directions_enu, ground.points_enu_m)
+        sight = RayGeometry(state.position_m, rays.directions_enu, ground.points_enu_m)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         value, by = scalars(PROBE_KINDS[ProbeKind.HEIGHT], state.model, sight, pose, np.array(state.elevation_m))
-        shared, own = dependence(by, ground, rays)
+        shared, own = scalar_jacobians(by, ground, rays)
     variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
     residual_m = float(value) - evidence.height_m
     return Found(np.array([residual_m]), shared[None], np.array([[variance]]), evidence.std_px)

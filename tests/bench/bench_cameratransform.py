@@ -13,14 +13,15 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+import aerodft as ad
 from aerodft.dft import Request, Setup
-from aerodft.dft.maps import GroundMap
 from aerodft.geometry import camera_pose, matrix, pixels_from_rays
 from aerodft.model import Camera, Pose, PoseSample, Probe, ProbeKind, Status
 from tests.one_image import measure
@@ -33,6 +34,7 @@ CAMERA = Camera.from_fov(
 )
 LENSES = {"straight": (0.0, 0.0, 0.0), "radial": (-0.1, 0.02, 0.0)}
 POSE = {"height_agl_m": 50.0, "tilt_deg": 60.0, "roll_deg": 3.0, "heading_deg": 40.0}
+CAMERA_POSE = ad.CameraPose(height_m=50.0, tilt_deg=60.0, roll_deg=3.0, heading_deg=40.0)
 OBJECT_M, AWAY_M, STD_PX = 2.0, 60.0, 1.0
 SCENES = [(0.0, 0.0), (0.0, 0.1), (0.0, 1.0), (0.0, 5.0), (0.0, 30.0), (45.0, 0.0), (45.0, 30.0), (90.0, 0.0)]
 """Heading of the camera, and how far the object stands to the right of its axis, in degrees."""
@@ -122,7 +124,7 @@ def main(arguments: list[str] | None = None) -> None:
     python = peer_python()
     pixels = np.random.default_rng(1).uniform([0, 0], [CAMERA.width_px, CAMERA.height_px], (args.pixels, 2))
     scenes = upright_objects(args.draws)
-    maps = {lens: GroundMap.at(camera_with(radial), pose_of(POSE)) for lens, radial in LENSES.items()}
+    cameras = {lens: camera_with(radial) for lens, radial in LENSES.items()}
     ours_s, theirs_s = dict.fromkeys(LENSES, math.inf), dict.fromkeys(LENSES, math.inf)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -130,16 +132,17 @@ def main(arguments: list[str] | None = None) -> None:
         for _ in range(args.turns):
             subprocess.run([python, HERE / "peer_cameratransform.py", folder], check=True)
             answer = json.loads((folder / "answer.json").read_text())
-            for lens, ground in maps.items():
-                ours_s[lens] = min(ours_s[lens], best_s(lambda ground=ground: ground.points_en_m(pixels), args.runs))
+            for lens, camera in cameras.items():
+                work = partial(ad.ground_points, camera, CAMERA_POSE, pixels)
+                ours_s[lens] = min(ours_s[lens], best_s(work, args.runs))
                 theirs_s[lens] = min(theirs_s[lens], answer["times_s"][lens])
         print(", ".join(f"{package} {version}" for package, version in answer["versions"].items()))
-        for lens, ground in maps.items():
+        for lens, camera in cameras.items():
             print(
                 f"{len(pixels)} pixels to ground, {lens}: aerodft {ours_s[lens] * 1e3:.2f} ms, CameraTransform"
                 f" {theirs_s[lens] * 1e3:.1f} ms, {theirs_s[lens] / ours_s[lens]:.0f} times as long"
             )
-            print_difference(ground, pixels, np.load(folder / f"{lens}.npy")[:, :2])
+            print_difference(camera, pixels, np.load(folder / f"{lens}.npy")[:, :2])
         print_heights(scenes, [np.load(folder / f"heights{index}.npy") for index in range(len(scenes))])
 
 
@@ -149,12 +152,15 @@ def camera_with(radial: tuple[float, float, float]) -> Camera:
     return replace(CAMERA, distortion=(k1, k2, 0.0, 0.0, k3) if any(radial) else ())
 
 
-def print_difference(ground: GroundMap, pixels: np.ndarray, theirs: np.ndarray) -> None:
+def print_difference(camera: Camera, pixels: np.ndarray, theirs: np.ndarray) -> None:
     """How far the answers are apart, and how far from their pixels they are seen again."""
-    answers = {"aerodft": ground.points_en_m(pixels), "CameraTransform": theirs}
+    right, ahead, _ = ad.ground_points(camera, CAMERA_POSE, pixels).T
+    sin, cos = math.sin(math.radians(POSE["heading_deg"])), math.cos(math.radians(POSE["heading_deg"]))
+    east_north = np.column_stack([cos * right + sin * ahead, cos * ahead - sin * right])
+    answers = {"aerodft": east_north, "CameraTransform": theirs}
     print(f"  at most {np.nanmax(np.linalg.norm(answers['aerodft'] - theirs, axis=-1)):.1e} m apart")
     for name, points in answers.items():
-        again = seen_at(ground.camera, pose_of(POSE), np.column_stack([points, np.zeros(len(points))]))
+        again = seen_at(camera, pose_of(POSE), np.column_stack([points, np.zeros(len(points))]))
         missed = np.count_nonzero(np.isnan(points[:, 0]))
         print(f"  {name}: {missed} missed, others seen again within {np.nanmax(np.abs(again - pixels)):.1e} px")
 

@@ -60,10 +60,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _to_ground(camera: Camera, pose: Pose, pixels: np.ndarray, runs: int) -> None:
     ground = GroundMap.at(camera, pose)
-    ground.points_en_m(pixels[:300])
-    many_s, copy_s = _best_s(runs, lambda: ground.points_en_m(pixels), pixels.copy)
+    ground.points_enu_m(pixels[:300])
+    many_s, copy_s = _best_s(runs, lambda: ground.points_enu_m(pixels), pixels.copy)
     singles = list(pixels[:SINGLES])  # no pixel twice
-    one_s = min(_each_s(ground.points_en_m, singles) for _ in range(5))
+    one_s = min(_each_s(ground.points_enu_m, singles) for _ in range(5))
     print(
         f"pixels to ground, {camera.name}: {len(pixels) / many_s / 1e6:.1f} million/s,"
         f" {many_s / copy_s:.1f} times as long as a copy; one with a known pose {one_s * 1e6:.1f} us"

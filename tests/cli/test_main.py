@@ -71,7 +71,7 @@ def test_a_bug_is_not_hidden(monkeypatch, aerodft):
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("aerodft.cli.pose_options.assumed_stds", broken)
+    monkeypatch.setattr("aerodft.app.measure.assumed_std", broken)
     with pytest.raises(ZeroDivisionError):
         aerodft("measure", "--camera", "x", "--height", 1, "--tilt", 0, "--probe", "range 1,1")
 

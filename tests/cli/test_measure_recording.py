@@ -32,8 +32,8 @@ def test_a_recording_can_be_measured_with_the_papers_model(aerodft, flight_recor
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("--at", "1e4"), 4, "--at is outside the recording: got 1e4, expected 0 to "),
-        (("--at", "2020-01-01T00:00:00Z"), 4, "--at is outside the recording"),
+        (("--at", "1e4"), 4, "the time is outside the recording: got 10000.0, expected 0 to "),
+        (("--at", "2020-01-01T00:00:00Z"), 4, "the time is outside the recording"),
         (("--at", "tomorrow"), 2, "--at: got 'tomorrow', expected ISO 8601"),
         ((), 2, "--recording and --at go together"),
         (("--at", "1", "--height", "5"), 2, "--height beside --recording"),

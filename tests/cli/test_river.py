@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.cli.river_files import COLUMNS
+from aerodft.reports.river import COLUMNS
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 

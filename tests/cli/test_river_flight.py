@@ -13,9 +13,9 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.cli.river_document import scatter_remarks
-from aerodft.cli.river_files import COLUMNS
 from aerodft.geometry import east_north
+from aerodft.reports.river import COLUMNS
+from aerodft.reports.river.document import scatter_remarks
 from aerodft.sim import default_camera
 from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases

@@ -16,24 +16,24 @@ STD = PoseStd(height_agl_m=0.5, tilt_rad=0.005)
 NEAR, FAR = ((900.0, 900.0), (960.0, 950.0), (1000.0, 1000.0)), ((900.0, 1000.0), (960.0, 10.0))
 
 
-def away_of(sight):
-    away = sight.points_enu_m - sight.camera_enu_m[..., None, :]
+def away_of(geometry):
+    away = geometry.points_enu_m - geometry.camera_enu_m[..., None, :]
     return away, np.linalg.norm(away, axis=-1)
 
 
-def mean_range(sight):
-    return away_of(sight)[1].mean(axis=-1)
+def mean_range(geometry):
+    return away_of(geometry)[1].mean(axis=-1)
 
 
-def mean_range_gradient(sight):
-    away, range_m = away_of(sight)
+def mean_range_gradient(geometry):
+    away, range_m = away_of(geometry)
     by_points = away / range_m[..., None] / away.shape[-2]
-    return Gradient(-by_points.sum(axis=-2), np.zeros_like(sight.directions_enu), by_points)
+    return Gradient(-by_points.sum(axis=-2), np.zeros_like(geometry.directions_enu), by_points)
 
 
 class MeanRange(Kind):
     def refusals(self, found):
-        spread_m = np.ptp(away_of(found.sight)[1], axis=-1)
+        spread_m = np.ptp(away_of(found.geometry)[1], axis=-1)
         yield Refusal(spread_m > found.value / 2, Status.ILL_CONDITIONED, "the ranges differ by {:.0f} m", spread_m)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aerodft.dft import Request, Setup, linked, measure
+from aerodft.dft import Request, Setup, link_requests, measure
 from aerodft.geometry import Plane, camera_pose
 from aerodft.model import (
     Camera,
@@ -57,7 +57,7 @@ def requests():
     ]
     probes.append(Probe(name="roof", kind=ProbeKind.WIDTH, pixels=PIXELS[ProbeKind.WIDTH], on_top_of="height-0"))
     probes.append(Probe(name="ray", kind=ProbeKind.BEARING, pixels=((960.0, 100.0),)))
-    return linked(
+    return link_requests(
         Request(probe=probe, pixels=probe.pixels, std_px=0.5 + 0.5 * (k % 2)) for k, probe in enumerate(probes)
     )
 

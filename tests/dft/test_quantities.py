@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft import PROBE_KINDS, Request, Setup, Sight
-from aerodft.dft.quantities import beside, crosses_itself
+from aerodft.dft import PROBE_KINDS, RayGeometry, Request, Setup
+from aerodft.dft.quantities import crosses_itself, lateral_offset
 from aerodft.geometry import camera_pose, matrix, pixels_from_rays
 from aerodft.model import Camera, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
@@ -23,7 +23,7 @@ UNIT_SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 def sight_of(points, camera=(0.0, -5.0, 10.0)):
     camera = np.array(camera)
-    return Sight(camera, np.asarray(points) - camera, np.asarray(points))
+    return RayGeometry(camera, np.asarray(points) - camera, np.asarray(points))
 
 
 def pixels_of(pose, points):
@@ -55,12 +55,12 @@ def test_gradients_are_finite_differences(kind, data):
     count = {ProbeKind.AREA: 4, ProbeKind.LENGTH: 4, ProbeKind.RANGE: 1}.get(kind, 2)
     points = (np.array(numbers[2:14]).reshape(4, 3) * [1, 1, 0] + UNIT_SQUARE * 9)[:count]
     directions = (points - camera) * 0.1 + [0.0, 0.0, 0.4]
-    sight = Sight(camera, directions, points)
-    found = PROBE_KINDS[kind].gradient(sight)
+    geometry = RayGeometry(camera, directions, points)
+    found = PROBE_KINDS[kind].gradient(geometry)
     value = PROBE_KINDS[kind].scalar
     assume(np.linalg.norm(np.diff(points, axis=0), axis=1).min(initial=1.0) > 1e-2)
-    assume(kind != ProbeKind.AREA or value(sight) > 1e-2)
-    assert_is_derivative(found, value, sight)
+    assume(kind != ProbeKind.AREA or value(geometry) > 1e-2)
+    assert_is_derivative(found, value, geometry)
 
 
 @given(st.lists(st.floats(-20, 20), min_size=8, max_size=8))
@@ -69,29 +69,29 @@ def test_how_far_a_top_is_beside_its_base_has_its_derivatives(numbers):
     camera = np.array([numbers[0], numbers[1] - 60.0, 30.0])
     points = np.array([[numbers[2], numbers[3], 0.0], [numbers[4], numbers[5], 0.0]])
     directions = (points - camera) * 0.1 + [numbers[6] / 10, numbers[7] / 10, 0.4]
-    sight = Sight(camera, directions, points)
-    off, found = beside(sight)
+    geometry = RayGeometry(camera, directions, points)
+    off, found = lateral_offset(geometry)
     ray = directions[1, :2] / np.hypot(*directions[1, :2])
     foot = camera[:2] + ray * (ray @ (points[0] - camera)[:2])
     assert_allclose(abs(off), np.hypot(*(points[0, :2] - foot)), atol=1e-9)
-    assert_is_derivative(found, lambda moved: beside(moved)[0], sight)
+    assert_is_derivative(found, lambda moved: lateral_offset(moved)[0], geometry)
 
 
-def assert_is_derivative(found, value, sight):
+def assert_is_derivative(found, value, geometry):
     step = 1e-6
     for part, by in (
         ("camera_enu_m", found.by_camera),
         ("directions_enu", found.by_directions),
         ("points_enu_m", found.by_points),
     ):
-        base = getattr(sight, part)
+        base = getattr(geometry, part)
         for index in np.ndindex(base.shape):
             ends = []
             for sign in (1, -1):
                 moved = base.copy()
                 moved[index] += sign * step
-                parts = {name: getattr(sight, name) for name in ("camera_enu_m", "directions_enu", "points_enu_m")}
-                ends.append(float(value(Sight(**{**parts, part: moved}))))
+                parts = {name: getattr(geometry, name) for name in ("camera_enu_m", "directions_enu", "points_enu_m")}
+                ends.append(float(value(RayGeometry(**{**parts, part: moved}))))
             assert_allclose(by[index], (ends[0] - ends[1]) / (2 * step), atol=1e-4, rtol=1e-4, err_msg=f"{part}{index}")
 
 

@@ -80,8 +80,8 @@ def test_inside_the_middle_column_it_is_the_next_row_up(height, tilt_deg):
     step = SMALL.vfov_rad / SMALL.height_px
     psi = tilt + (SMALL.height_px / 2 - np.arange(SMALL.height_px)) * step
     assert_allclose(depth, height / np.cos(psi), rtol=1e-9)
-    beside = np.hypot(height / np.cos(psi + step), height * np.tan(psi + step) * math.tan(SMALL.hfov_rad / 12))
-    assert_allclose(error[1:-1], (beside - depth)[1:-1], rtol=1e-9)
+    lateral_offset = np.hypot(height / np.cos(psi + step), height * np.tan(psi + step) * math.tan(SMALL.hfov_rad / 12))
+    assert_allclose(error[1:-1], (lateral_offset - depth)[1:-1], rtol=1e-9)
 
 
 def test_column_and_shapes():

@@ -9,11 +9,10 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA
 from aerodft.adapters.wire.pose import POSE_SCHEMA
+from aerodft.app.measure import recorded_setup
 from aerodft.cli.main import main
-from aerodft.cli.recorded_pose import Overrides, recorded_setup
 from aerodft.conventions import SECOND_NS
 from aerodft.model import ProbeKind, Status
 from aerodft.sim import Autopilot, default_camera
@@ -200,6 +199,6 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     assert named[0] is None
     assert named[-1].startswith("live:")
     middle = payloads(recording, POSE_SCHEMA)[60]
-    _, asked = recorded_setup(recording.folder, unix_ns_to_iso(decode_pose(middle).stamp_ns), Overrides())
+    _, asked = recorded_setup(recording.folder, at_ns=decode_pose(middle).stamp_ns)
     assert asked.calibration.startswith("live:")
     assert encode_pose(asked) == middle

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from aerodft.cli.river_document import doubts
 from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
+from aerodft.reports.river.document import doubts
 from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.world import Island, furnished_world
 from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, WaterMask, WaterPlane, find_river
 from aerodft.vision.river.centreline import Centreline
-from aerodft.vision.river.checks import otherwise_m
+from aerodft.vision.river.checks import alternative_width_delta_m
 from aerodft.vision.river.water_features import WaterFeatures
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 
@@ -40,7 +40,7 @@ def test_another_outline_is_so_much_wider_at_each_transect():
     other[:50, 120:140] = True
     found = WaterMask(mask(0), mask(0), np.empty(0), regions=(mask(80, 120), other))
     line = Centreline(np.array([[0.0, -10.0], [0.0, 0.0], [0.0, 10.0]]), 40 * 4 / metre_px)
-    wider = otherwise_m(plane, features, found, line, np.array([2.0, 5.0, 15.0, 18.0]))
+    wider = alternative_width_delta_m(plane, features, found, line, np.array([2.0, 5.0, 15.0, 18.0]))
     np.testing.assert_allclose(wider, [0.0, 0.0, 80 / metre_px, 80 / metre_px], atol=6 / metre_px)
 
 
@@ -50,7 +50,7 @@ def test_ground_that_may_be_bare_reaches_into_the_interval():
     features = copy(0.25, 100, 200)
     found = WaterMask(mask(80, 120), mask(0), np.empty(0), less=mask(80, 110))
     line = Centreline(np.array([[0.0, -10.0], [0.0, 0.0], [0.0, 10.0]]), 160 * 50.0 / camera.fx_px)
-    wider = otherwise_m(plane, features, found, line, np.array([5.0, 15.0]))
+    wider = alternative_width_delta_m(plane, features, found, line, np.array([5.0, 15.0]))
     np.testing.assert_allclose(wider, -40 * 50.0 / camera.fx_px, atol=6 * 50.0 / camera.fx_px)
 
 

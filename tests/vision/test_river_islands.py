@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from aerodft.dft import Setup
+from aerodft.model import PoseSample, Status
 from aerodft.sim import default_camera
-from aerodft.vision.river import Islands, Reach, ReachView, River, RiverQuestion, find_river, measure_reach
+from aerodft.vision.river import Islands, Reach, River, RiverQuestion, RiverView, find_river, measure_reach
 from aerodft.vision.river.observer import common_islands
 from tests.vision.river_scenes import picture, river_scene
 
@@ -42,7 +43,8 @@ def test_a_reach_leaves_its_islands_out_of_the_wetted_width():
         shift = along_m * np.array([np.sin(river.azimuth_rad), np.cos(river.azimuth_rad), 0.0])
         moved = replace(scene, pose=replace(scene.pose, position_enu_m=scene.pose.position_enu_m + shift))
         camera, image = picture(moved, width_px=960, height_px=540, seed=seed)
-        views.append(ReachView(Setup(camera=camera), moved.pose, partial(np.asarray, image)))
+        sample = PoseSample(stamp_ns=0, status=Status.OK, pose=moved.pose)
+        views.append(RiverView(seed, Setup(camera=camera), sample, partial(np.asarray, image)))
     found = measure_reach(views, RiverQuestion(spacing_m=1.0))
     assert isinstance(found, Reach)
     seen = found.found.images > 0

@@ -59,8 +59,8 @@ def test_passers_by_over_two_fifths_of_the_image_take_nothing_away(picture):
     rng, points = np.random.default_rng(7), SteadyPoints(CAMERA, reference=picture)
     for index in range(5):
         rotvec = rng.normal(scale=np.radians(0.05), size=3)
-        taken = with_passers_by(as_taken(after_turn(picture, rotvec), rng), rng)
-        turn = found_turn(points, taken, index)
+        select = with_passers_by(as_taken(after_turn(picture, rotvec), rng), rng)
+        turn = found_turn(points, select, index)
         assert turn is not None
         assert np.count_nonzero(turn.agreeing) >= 0.5 * len(turn.agreeing)
         assert np.all(np.abs(error_rad(turn.wxyz, rotvec)) < 8 * HUNDREDTH_PX_RAD)
@@ -68,9 +68,9 @@ def test_passers_by_over_two_fifths_of_the_image_take_nothing_away(picture):
 
 def test_a_bump_behind_a_truck_is_measured(picture):
     rng, rotvec = np.random.default_rng(8), np.radians([1.5, -2.0, 1.0])
-    taken = as_taken(after_turn(picture, rotvec), rng)
-    taken[:, 240:] = np.array([40, 60, 170], dtype=np.uint8) + rng.integers(0, 8, (540, 720, 3), dtype=np.uint8)
-    turn = found_turn(SteadyPoints(CAMERA, reference=picture), taken)
+    select = as_taken(after_turn(picture, rotvec), rng)
+    select[:, 240:] = np.array([40, 60, 170], dtype=np.uint8) + rng.integers(0, 8, (540, 720, 3), dtype=np.uint8)
+    turn = found_turn(SteadyPoints(CAMERA, reference=picture), select)
     assert turn is not None
     assert np.all(np.abs(error_rad(turn.wxyz, rotvec)) < 5 * np.sqrt(np.diag(turn.cov)) + 4 * HUNDREDTH_PX_RAD)
 
@@ -135,9 +135,9 @@ def test_points_that_move_by_themselves_are_dropped(picture):
     branch = (slice(300, 480), slice(500, 800))
     shaken = []
     for index in range(12):
-        taken = as_taken(picture, rng)
-        taken[branch] = np.roll(taken[branch], (0, (-3, 3)[index % 2]), axis=(0, 1))
-        then, _ = look(points, taken, index)
+        select = as_taken(picture, rng)
+        select[branch] = np.roll(select[branch], (0, (-3, 3)[index % 2]), axis=(0, 1))
+        then, _ = look(points, select, index)
         inside = (then[:, 0] > 515) & (then[:, 0] < 785) & (then[:, 1] > 315) & (then[:, 1] < 465)
         shaken.append(int(np.count_nonzero(inside)))
     assert shaken[0] >= 8

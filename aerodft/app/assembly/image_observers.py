@@ -85,7 +85,7 @@ def build_observers(
         # Before a fixed camera what changes moves; before one that flies, what changes on the held ground.
         moving = MovingObjects(camera, objects) if is_fixed else MovingOverGround(camera, objects, pose_of, ground)
         schedules["objects"] = ObserverSchedule(moving, objects.every_s)
-        notes["objects"] = lambda: {"restless": moving.restless}
+        notes["objects"] = lambda: {"restless": moving.flickering}
     if station.river is not None:
         river = RiverObserver(camera, station.river, river_probes(probes), pose_of)
         schedules["river"] = ObserverSchedule(river, station.river.every_s)

@@ -1,39 +1,41 @@
 """``aerodft measure``: one pose, some pixels, measurements; or the same pixels under both projection models."""
 
+import logging
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from aerodft.cli.option_values import TopicOption, parse_topics
-from aerodft.cli.output import say
-from aerodft.cli.pose_options import (
+from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
+from aerodft.cli.output import print_json, say
+from aerodft.cli.scenes.image_options import (
     CameraOption,
     CovarianceOption,
-    GroundOptions,
     HeadingOption,
     HeightOption,
     LatOption,
     LonOption,
-    MeasuredLevel,
-    PoseOptions,
     RollOption,
     StdOption,
-    Stds,
     TiltOption,
-    given_scene,
+    named_as_options,
+    parse_probes,
     parse_stds,
     refuse_beside,
+    scene_of_options,
 )
-from aerodft.cli.probes import parse_probes
-from aerodft.dft import Setup, tilt_warning
 from aerodft.errors import UsageError
-from aerodft.geometry import camera_angles
-from aerodft.model import Camera, PoseSample, PoseStd, ProjectionModel
+from aerodft.model import Camera, PoseSample, ProjectionModel
 
+if TYPE_CHECKING:
+    from aerodft.app.measure import MeasuredSurface
+    from aerodft.dft import Setup
+
+_LOG: Final = logging.getLogger(__name__)
 _LEVEL_RAD: Final = math.radians(0.05)
+_FIRST_UTC_NS: Final = 10**17  # a time below it counts from the recording's start
 
 
 def measure(
@@ -51,7 +53,7 @@ def measure(
     slope: Annotated[float | None, typer.Option(help="Ground that rises at this angle, through the foot, deg.")] = None,
     uphill: Annotated[float | None, typer.Option(help="Where it rises, clockwise from true north, deg.")] = None,
     terrain: Annotated[Path | None, typer.Option(help="Ground of an elevation model (GeoTIFF); needs --lat.")] = None,
-    max_range: Annotated[float | None, typer.Option(help="What is farther is refused, m.")] = None,
+    max_range: Annotated[float | None, typer.Option(help="Maximum range in metres.")] = None,
     model: Annotated[ProjectionModel | None, typer.Option(help="Projection model; else pinhole.")] = None,
     std: StdOption = None,
     covariance: CovarianceOption = None,
@@ -100,35 +102,36 @@ def measure(
         raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
     if (recording is None) != (at is None):
         raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
-    pose = PoseOptions(
-        height_m=height,
-        altitude_m=altitude,
-        tilt_deg=tilt,
-        roll_deg=roll,
-        heading_deg=heading,
-        lat_deg=lat,
-        lon_deg=lon,
-        covariance=covariance,
-    )
-    terms = GroundOptions(slope_deg=slope, uphill_deg=uphill, terrain=terrain)
+    from aerodft.app.measure import MeasuredSurface
+
+    pose: dict[str, Any] = {
+        "height": height,
+        "altitude": altitude,
+        "tilt": tilt,
+        "roll": roll or None,
+        "heading": heading or None,
+    }
+    pose |= {"lat": lat, "lon": lon, "covariance": covariance}
+    ground: dict[str, Any] = {"slope": slope, "uphill": uphill, "terrain": terrain}
+    stds = parse_stds(std)
+    with named_as_options():
+        surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
     if recording is not None and at is not None:
-        pose.refuse_all("--recording")
-        terms.refuse_all("--recording")
+        refuse_beside(pose | ground, "--recording")
         if config is not None:
             refuse_beside({"camera": camera}, "--config")
+        stds.refuse_pose("--recording", "px, elevation: the pose's are recorded")
         files = {"config": config, "calibration": calibration, "camera": camera}
-        setup, sample, stds = _recorded(recording, at, model, std, topic, files)
+        setup, sample = _recorded(recording, at, topic, files, surface)
+        setup = setup if model is None else replace(setup, model=model)
     else:
-        setup, sample, stds = given_scene(pose, terms, camera, calibration, model, std)
-    setup = MeasuredLevel.of(elevation, max_range, stds).on(setup)
+        setup, sample = scene_of_options(pose, camera, calibration, std, surface, ground=ground, model=model)
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
-        from aerodft.cli.depth import write_depth
-
-        write_depth(setup, sample, depth_map, image, as_json=json, max_range_m=max_range, step_m=step)
+        _write_depth(setup, sample, depth_map, image, step, as_json=json)
         return
-    requests = parse_probes(probe or [], stds, setup.elevation_m)
-    from aerodft.cli.measured import show_measurements, show_models
+    requests = parse_probes(probe or [], stds, elevation)
+    from aerodft.cli.scenes.measured import show_measurements, show_models
 
     if compare:
         show_models(setup, sample, requests, as_json=json)
@@ -155,24 +158,38 @@ def _check_together(probing: dict[str, object], mapping: dict[str, object]) -> N
 
 
 def _recorded(
-    recording: Path,
-    at: str,
-    model: ProjectionModel | None,
-    std: str | None,
-    topic: list[str] | None,
-    files: dict[str, Path | None],
-) -> tuple[Setup, PoseSample, Stds]:
-    from aerodft.cli.recorded_pose import Overrides, recorded_setup
+    recording: Path, at: str, topic: list[str] | None, files: dict[str, Path | None], surface: "MeasuredSurface"
+) -> "tuple[Setup, PoseSample]":
+    from aerodft.app.measure import Overrides, recorded_setup
 
-    stds = parse_stds(std) if std else Stds()
-    if stds.pose != PoseStd():
-        raise UsageError("--std of the pose beside --recording", expected="px, elevation: the pose's are recorded")
-    setup, sample = recorded_setup(recording, at, Overrides(**files, topics=parse_topics(topic)))
-    return (setup if model is None else replace(setup, model=model)), sample, stds
+    time_ns = parse_instant("--at", at, 0)
+    is_utc = time_ns >= _FIRST_UTC_NS
+    setup, sample = recorded_setup(
+        recording,
+        at_s=None if is_utc else float(at),
+        at_ns=time_ns if is_utc else None,
+        overrides=Overrides(**files, topics=parse_topics(topic)),
+    )
+    return surface.on(setup), sample
+
+
+def _write_depth(
+    setup: "Setup", sample: PoseSample, folder: Path, image: Path | None, step_m: float | None, *, as_json: bool
+) -> None:
+    """Write the depth map's files, and say what is in them."""
+    from aerodft.reports.depth import depth_sentences, write_depth
+
+    with named_as_options():
+        document = write_depth(setup, sample, folder, image, step_m)
+    if as_json:
+        print_json(document)
+    else:
+        for sentence in depth_sentences(document):
+            say(sentence)
 
 
 def _check_model(
-    setup: Setup, sample: PoseSample, model: ProjectionModel | None, roll: float, *, compare: bool
+    setup: "Setup", sample: PoseSample, model: ProjectionModel | None, roll: float, *, compare: bool
 ) -> None:
     if compare and model is not None:
         raise UsageError("--model beside --compare", expected="one of them: --compare shows both models")
@@ -185,11 +202,14 @@ def _check_model(
         option = "--compare" if compare else "--model dft"
         raise UsageError(f"--roll with {option}", got=f"{roll:g}", expected="0: the paper's camera does not roll")
     for caution in cautions(setup.camera, sample):
-        say(f"aerodft: {caution}")
+        _LOG.warning(caution)
 
 
 def cautions(camera: Camera, sample: PoseSample) -> list[str]:
     """What the paper's model cannot see of this camera and pose, a sentence each: the horizon (Eq. 1), and roll."""
+    from aerodft.dft import tilt_warning
+    from aerodft.geometry import camera_angles
+
     if sample.pose is None:
         return []
     tilt_rad, roll_rad, _ = map(float, camera_angles(sample.pose.wxyz))

@@ -1,53 +1,29 @@
 """``aerodft river``: a river's width along it, from one image with a known pose, a recording or a video."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import typer
 
-from aerodft.adapters.images import read_camera_image
 from aerodft.cli.output import print_json, say, steps
-from aerodft.cli.pose_options import (
+from aerodft.cli.scenes.image_options import (
     CameraOption,
     CovarianceOption,
-    GroundOptions,
     HeadingOption,
     HeightOption,
     LatOption,
     LonOption,
-    MeasuredLevel,
-    PoseOptions,
     RollOption,
     StdOption,
-    Stds,
     TiltOption,
-    given_scene,
+    named_as_options,
     parse_stds,
     refuse_beside,
+    scene_of_options,
 )
-from aerodft.cli.river_document import reach_document, refusal_document, refused_reach, river_document
-from aerodft.cli.river_files import check_folder, write_reach, write_river
-from aerodft.cli.river_views import View, Views, filmed_views, is_recording, recorded_views
 from aerodft.conventions import LARGEST
-from aerodft.dft import Setup
-from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.model import Pose, PoseSample
-from aerodft.vision.river import (
-    LaterLook,
-    NoRiver,
-    ReachView,
-    RiverQuestion,
-    WaterNetwork,
-    WaterPlane,
-    find_river,
-    measure_reach,
-)
-
-VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
-MOST_IMAGES: Final = 60
-"""Images that are looked at, unless told otherwise."""
+from aerodft.errors import NoAnswerError, UsageError
 
 
 def river(
@@ -78,13 +54,13 @@ def river(
         typer.Option(help="Where the river flows to, deg clockwise from north: left is then its left bank."),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="Of a recording: another station's than its own.")
+        Path | None, typer.Option("--config", "-c", help="Use this station file instead of the recorded one.")
     ] = None,
     images: Annotated[
         int | None,
         typer.Option(
             min=1,
-            help=f"Of a recording or a video: how many images are looked at, evenly spread; else {MOST_IMAGES}.",
+            help="Of a recording or a video: how many images are looked at, evenly spread; else 60.",
         ),
     ] = None,
     water_model: Annotated[
@@ -100,69 +76,56 @@ def river(
       aerodft river bend.jpg --camera cam.toml --height 40 --tilt 30 --std height=0.4,attitude=0.3 -o bend --json
       aerodft river demo/recording --spacing 2 -o reach
     """
-    given = PoseOptions(
-        height_m=height,
-        tilt_deg=tilt,
-        roll_deg=roll,
-        heading_deg=heading,
-        lat_deg=lat,
-        lon_deg=lon,
-        covariance=covariance,
+    from aerodft.app.measure import MeasuredSurface
+    from aerodft.app.river import (
+        MOST_IMAGES,
+        VIDEO_SUFFIXES,
+        filmed_images,
+        is_recording,
+        recorded_images,
+        river_question,
+        survey_images,
+        survey_still,
     )
+    from aerodft.reports.river import check_folder
+    from aerodft.vision.river import WaterNetwork
+
+    pose: dict[str, Any] = {"height": height, "tilt": tilt, "roll": roll or None, "heading": heading or None}
+    pose |= {"lat": lat, "lon": lon, "covariance": covariance}
     network = None if water_model is None else WaterNetwork.read(water_model)
     check_folder(output)
-    question = replace(_question(seed, spacing, flow, std), network=network)
-    most = MOST_IMAGES if images is None else images
+    stds, most = parse_stds(std), MOST_IMAGES if images is None else images
+    bank_std_px = stds.px if std and any(part.strip().startswith("px") for part in std.split(",")) else None
+    with named_as_options():
+        question = river_question(None if seed is None else _pixel(seed), spacing, flow, network, bank_std_px)
+        surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
     if is_recording(what):
-        given.refuse_all("a recording")
+        refuse_beside(pose, "a recording")
         refuse_beside({"camera": camera}, "a recording")
-        level = MeasuredLevel.of(elevation, max_range, parse_stds(std) if std else Stds())
-        document = _flight_document(recorded_views(what, config, calibration, most), level, question, output)
+        views = recorded_images(what, config, calibration, surface, most)
     else:
         if config is not None:
             raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
-        setup, sample, stds = given_scene(given, GroundOptions(), camera, calibration, None, std, says_exact=True)
-        level = MeasuredLevel.of(elevation, max_range, stds)
+        setup, sample = scene_of_options(pose, camera, calibration, std, surface, says_exact=True)
+        views = None
         if what.suffix.lower() in VIDEO_SUFFIXES:
-            document = _flight_document(filmed_views(what, setup, sample, most), level, question, output)
-        else:
-            if images is not None:
-                raise UsageError("--images beside one image", expected="it with a recording or a video")
-            document = _still(what, level.on(setup), sample, question, output)
-    if json:
-        print_json(document)
+            with steps("reading the video twice: seconds") as progress:
+                views = filmed_images(what, setup, sample, most, progress)
+        elif images is not None:
+            raise UsageError("--images beside one image", expected="it with a recording or a video")
+    if views is None:
+        survey = survey_still(what, setup, sample, question)
     else:
-        _say(document)
-    if document["status"] != "ok":
-        raise NoAnswerError("no river width", where=what, got=f"{document['status']}: {'; '.join(document['reasons'])}")
-
-
-def _still(
-    image: Path, setup: Setup, sample: PoseSample, question: RiverQuestion, output: Path | None
-) -> dict[str, Any]:
-    pixels = read_camera_image(image, setup.camera, "--camera has to describe this very image")
-    assert sample.pose is not None  # noqa: S101 - given poses have one, for the type checker
-    found = find_river(pixels, setup, sample.pose, question)
-    if isinstance(found, NoRiver):
-        return refusal_document(found)
-    document = river_document(found, sample)
+        with steps("looking at the river twice in each image") as progress:
+            survey = survey_images(views, question, progress)
     if output is not None:
-        write_river(output, document, found, pixels, setup, sample)
-    return document
-
-
-def _question(seed: str | None, spacing_m: float, flow_deg: float | None, std: str | None) -> RiverQuestion:
-    if not 0 < spacing_m <= LARGEST:
-        raise InputError("--spacing", got=f"{spacing_m:g}", expected="m, above 0")
-    if flow_deg is not None and not abs(flow_deg) <= 360:  # noqa: PLR2004 - one turn
-        raise InputError("--flow", got=f"{flow_deg:g}", expected="-360 to 360 deg clockwise from north")
-    told_px = std is not None and any(part.strip().startswith("px") for part in std.split(","))
-    return RiverQuestion(
-        seed_px=None if seed is None else _pixel(seed),
-        spacing_m=spacing_m,
-        flow_rad=None if flow_deg is None else math.radians(flow_deg),
-        least_std_px=parse_stds(std).px if std is not None and told_px else RiverQuestion().least_std_px,
-    )
+        survey.save(output)
+    if json:
+        print_json(survey.document)
+    else:
+        _say(survey.document)
+    if survey.status != "ok":
+        raise NoAnswerError("no river width", where=what, got=f"{survey.status}: {'; '.join(survey.reasons)}")
 
 
 def _pixel(text: str) -> tuple[float, float]:
@@ -188,36 +151,3 @@ def _say(document: dict[str, Any]) -> None:
             say(f"note: {reason}")
     for file in document["files"]:
         say(f"wrote {file}")
-
-
-def _flight_document(
-    views: Views, level: MeasuredLevel, question: RiverQuestion, output: Path | None
-) -> dict[str, Any]:
-    """Measure a river over many images; writes the folder where there is one to write.
-
-    Raises:
-        InputError: An image cannot be read, or the folder cannot be written.
-    """
-    asked = [_asked(each, level) for each in views.views]
-    with steps("looking at the river twice in each image", 2 * len(asked)) as advance:
-        found = measure_reach(asked, question, advance)
-    if isinstance(found, NoRiver):
-        return refused_reach(found, views)
-    document = reach_document(found, views)
-    if output is not None:
-        write_reach(output, document, found, views)
-    return document
-
-
-def _asked(view: View, level: MeasuredLevel) -> ReachView:
-    later = None
-    if view.later is not None:
-        setup = level.on(view.later.setup)
-        plane = WaterPlane(setup.camera, _pose(view.later.sample), setup.elevation_m, setup.max_range_m)
-        later = LaterLook(plane, view.later.copy, (view.later.sample.stamp_ns - view.sample.stamp_ns) / 1e9)
-    return ReachView(level.on(view.setup), _pose(view.sample), view.pixels, later)
-
-
-def _pose(sample: PoseSample) -> Pose:
-    assert sample.pose is not None  # noqa: S101 - views have one, for the type checker
-    return sample.pose

@@ -1,6 +1,5 @@
 """Every pixel of an image on the ground: depth, its standard deviation, orthophotos."""
 
-from aerodft.dft.maps.depth import DepthMap, Z, depth_map, measured_plane
-from aerodft.dft.maps.depth_std import range_std
-from aerodft.dft.maps.ground_points import GroundMap
+from aerodft.dft.maps.depth import DepthMap, Z, depth_map, measured_plane, range_std
+from aerodft.dft.maps.ground_points import GroundMap, ground_covariances
 from aerodft.dft.maps.orthophoto import Sampling, TopView, top_view

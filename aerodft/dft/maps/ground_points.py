@@ -1,9 +1,11 @@
-"""Many pixels, or one again and again, to points of level ground at one pose; points alone, as fast as it goes."""
+"""Many pixels, or one again and again, to points of level ground at one pose, as fast as it goes; covariances too."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from aerodft.dft.covariance import point_covariances, shared_covariance
+from aerodft.dft.projection import project
 from aerodft.geometry import (
     BrownLens,
     FisheyeLens,
@@ -15,7 +17,9 @@ from aerodft.geometry import (
     meet_straight,
     padded,
 )
-from aerodft.model import Camera, FloatArray, LensModel, Pose
+from aerodft.model import Camera, FloatArray, LensModel, Pose, ProjectionModel
+
+_AT_ONCE = 1 << 12  # pixels whose derivatives stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +29,7 @@ class GroundMap:
     Attributes:
         camera: The camera.
         ground_from_ray: ``(3, 3)``: from rays in camera axes to ENU, in camera heights.
-        foot_m: ``(2,)`` east and north below the camera.
+        foot_enu_m: ``(3,)`` the point of the ground below the camera.
         ground_from_pixel: ``(3, 3)``: the same from homogeneous pixels; None for a lens with distortion.
         brown: What a lens with Brown's distortion is; None for any other.
         fisheye: What a fisheye lens is; None for any other.
@@ -33,7 +37,7 @@ class GroundMap:
 
     camera: Camera
     ground_from_ray: FloatArray
-    foot_m: FloatArray
+    foot_enu_m: FloatArray
     ground_from_pixel: FloatArray | None
     brown: BrownLens | None = None
     fisheye: FisheyeLens | None = None
@@ -47,28 +51,49 @@ class GroundMap:
         height = float(pose.position_enu_m[2]) - elevation_m
         scale = np.array([height, height, 1.0]) if height > 0 else np.full(3, np.nan)
         ground_from_ray = scale[:, None] * matrix(pose.wxyz)
-        foot = np.array(pose.position_enu_m[:2])
+        foot = np.array([*pose.position_enu_m[:2], elevation_m])
         if _is_straight(camera):
             return cls(camera, ground_from_ray, foot, ground_from_ray @ _ray_from_pixel(camera))
         if camera.lens is LensModel.FISHEYE:
             return cls(camera, ground_from_ray, foot, None, fisheye=_fisheye_lens(camera))
         return cls(camera, ground_from_ray, foot, None, brown=_brown_lens(camera))
 
-    def points_en_m(self, pixels_px: FloatArray) -> FloatArray:
-        """East and north ``(..., 2)`` of pixels ``(..., 2)``, in the image or beside it.
+    def points_enu_m(self, pixels_px: FloatArray) -> FloatArray:
+        """Ground points ``(..., 3)`` of pixels ``(..., 2)``, in the image or beside it.
 
         NaN at and above the horizon, and beyond the valid part of the lens.
         """
         pixels = np.ascontiguousarray(pixels_px, dtype=np.float64)
-        points = np.empty_like(pixels)
-        flat, out = pixels.reshape(-1, 2), points.reshape(-1, 2)
+        points = np.empty((*pixels.shape[:-1], 3))
+        flat, out = pixels.reshape(-1, 2), points.reshape(-1, 3)
         if self.ground_from_pixel is not None:
-            meet_straight(flat, self.ground_from_pixel, self.foot_m, out)
+            meet_straight(flat, self.ground_from_pixel, self.foot_enu_m, out)
         elif self.brown is not None:
-            meet_brown(flat, self.brown, self.ground_from_ray, self.foot_m, out)
+            meet_brown(flat, self.brown, self.ground_from_ray, self.foot_enu_m, out)
         elif self.fisheye is not None:
-            meet_fisheye(flat, self.fisheye, self.ground_from_ray, self.foot_m, out)
+            meet_fisheye(flat, self.fisheye, self.ground_from_ray, self.foot_enu_m, out)
         return points
+
+
+def ground_covariances(
+    camera: Camera, pose: Pose, pixels_px: FloatArray, elevation_m: float, elevation_std_m: float, std_px: float
+) -> FloatArray:
+    """Covariances ``(..., 3, 3)`` of the points of level ground that pixels ``(..., 2)`` show, by first order.
+
+    Each is of all errors together: those of pose, intrinsics and elevation, which all points share, and its pixel's
+    own. Not known where the ray does not go down.
+    """
+    flat = pixels_px.reshape(-1, 2)
+    shared_cov = shared_covariance(camera, pose, np.array(elevation_std_m))[None]
+    found = np.empty((len(flat), 3, 3))
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for first in range(0, len(flat), _AT_ONCE):
+            own = slice(first, first + _AT_ONCE)
+            seen = project(camera, pose, flat[own], elevation_m, ProjectionModel.PINHOLE)
+            count = len(seen.status)
+            stds = np.zeros(count), np.full(count, std_px**2)
+            found[own] = point_covariances(seen.jac_shared[None], seen.jac_px[None], shared_cov, *stds)[0]
+    return found.reshape(*pixels_px.shape[:-1], 3, 3)
 
 
 def _is_straight(camera: Camera) -> bool:

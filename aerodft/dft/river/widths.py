@@ -36,7 +36,7 @@ class BankPair:
     across_px: FloatArray
     std_px: FloatArray
     common_px: float
-    otherwise_m: FloatArray
+    alternative_width_delta_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +74,8 @@ class RiverWidths:
         with np.errstate(invalid="ignore"):
             return np.asarray(np.isfinite(self.width_m) & (self.range_share <= MAX_RELATIVE_RANGE_STD))
 
-    def taken(self, which: BoolArray) -> "RiverWidths":
-        """Some of them: ``which (n,)``."""
+    def select(self, which: BoolArray) -> "RiverWidths":
+        """The widths at which ``which (n,)`` is true."""
         return RiverWidths(
             self.width_m[which],
             self.shared[which],
@@ -118,7 +118,7 @@ def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
     own = np.sqrt(np.sum(np.square(by_offset * banks.std_px), axis=-1))
     root = _root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
     common = banks.common_px * by_offset.sum(axis=-1)
-    shared = np.concatenate([by_shared @ root, common[:, None], banks.otherwise_m[:, None]], axis=-1)
+    shared = np.concatenate([by_shared @ root, common[:, None], banks.alternative_width_delta_m[:, None]], axis=-1)
     return RiverWidths(width, shared, own, _range_share(ground, pose, root), points.reshape(count, 2, 3))
 
 
@@ -132,10 +132,10 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 
 def _range_share(ground: GroundPoints, pose: Pose, root: FloatArray) -> FloatArray:
-    sight = ground.points_enu_m - pose.position_enu_m
+    geometry = ground.points_enu_m - pose.position_enu_m
     with np.errstate(invalid="ignore", divide="ignore"):
-        range_m = np.linalg.norm(sight, axis=-1)
+        range_m = np.linalg.norm(geometry, axis=-1)
         moved = ground.jac_shared.copy()
         moved[..., :3] -= np.eye(3)  # the camera's own motion is not seen from the ground point
-        by = np.einsum("nki,nkis->nks", sight / range_m[..., None], moved) @ root
+        by = np.einsum("nki,nkis->nks", geometry / range_m[..., None], moved) @ root
         return np.asarray(np.max(np.linalg.norm(by, axis=-1) / range_m, axis=-1))

@@ -26,11 +26,11 @@ from aerodft.geometry import (
 from aerodft.model import STEADY, BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation
 from aerodft.vision.common import (
     between_nodes,
-    followed,
     grey_of,
     local_contrast,
     nodes_px,
     spread_corners,
+    track_lk,
     well_inside,
 )
 
@@ -51,9 +51,9 @@ _RECOGNISED_PX: Final = 4.0  # descriptors are no more precise
 _LEAST_RECOGNISED: Final = 12
 _LOST: Final = 0.2  # of the points in view: where fewer than these agree, the camera may look elsewhere
 _MOST_MATCHES: Final = 200
-_RESTLESS_PX: Final = 1.0  # between two looks, beside what the camera's turn explains
+_FLICKER_PX: Final = 1.0  # between two looks, beside what the camera's turn explains
 _FADING: Final = 0.2
-_UNREST: Final = 0.5
+_MOST_FLICKER: Final = 0.5
 _DECIMALS: Final = 3  # of a pixel; trackers have not two
 
 _Pairs = tuple[FloatArray, FloatArray]
@@ -73,7 +73,7 @@ class Features:
 
 
 def features_of(local_contrast: ImageArray, allowed: BoolArray | None = None) -> Features:
-    """Features of an evened image, where ``allowed (height, width)`` lets them lie."""
+    """Features of an image's local contrast, where ``allowed (height, width)`` lets them lie."""
     small = cv2.resize(local_contrast, None, fx=_HALF, fy=_HALF, interpolation=cv2.INTER_AREA)
     mask = None
     if allowed is not None:
@@ -85,7 +85,7 @@ def features_of(local_contrast: ImageArray, allowed: BoolArray | None = None) ->
     return Features((pixels + 0.5) / _HALF - 0.5, np.asarray(descriptors, dtype=np.uint8))
 
 
-def matched(old: Features, new: Features) -> tuple[FloatArray, FloatArray]:
+def match_features(old: Features, new: Features) -> tuple[FloatArray, FloatArray]:
     """Pixels ``(n, 2)`` of what is likely the same in both, old and new."""
     if min(len(old.descriptors), len(new.descriptors)) < 2:  # noqa: PLR2004 - a best and a second best
         return np.zeros((0, 2)), np.zeros((0, 2))
@@ -153,17 +153,17 @@ class FirstGoodImage:
         old, self._candidate = self._candidate, new if new.is_rich else None
         if old is None or self._candidate is None:
             return None
-        found = followed(old.local_contrast, new.local_contrast, old.points_px, old.points_px)[1]
+        found = track_lk(old.local_contrast, new.local_contrast, old.points_px, old.points_px)[1]
         return old if np.count_nonzero(found) >= _FOUND_AGAIN * len(found) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class TurnedReference:
     """A reference as it is seen after a turn.
 
     Attributes:
         wxyz: ``(4,)`` ``now_SO3_reference``.
-        evened: ``(height, width)``.
+        local_contrast: ``(height, width)``.
         points_px: ``(n, 2)``: where the reference's points are in it.
         inside: ``(n,)``: which of them are far enough from its edges.
     """
@@ -174,7 +174,7 @@ class View:
     inside: BoolArray
 
 
-def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxyz: FloatArray) -> View:
+def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxyz: FloatArray) -> TurnedReference:
     """The view of a camera that has turned since it took the reference.
 
     Args:
@@ -184,14 +184,14 @@ def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxy
         wxyz: ``(4,)`` ``now_SO3_reference``.
     """
     if np.linalg.norm(to_rotation_vector(wxyz)) < _SAME_RAD:
-        return View(wxyz, local_contrast(reference), points_px, well_inside(camera, points_px, _MARGIN_PX))
+        return TurnedReference(wxyz, local_contrast(reference), points_px, well_inside(camera, points_px, _MARGIN_PX))
     size = camera.width_px, camera.height_px
     rays = rays_from_pixels(camera, nodes_px(*size, _NODE_PX)) @ matrix(inverse(wxyz)).T
     columns_px, rows_px = between_nodes(pixels_from_rays(camera, rays), *size, _NODE_PX)
     seen = cv2.remap(reference, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
     points_now_px = rotated_pixels(camera, wxyz, points_px)
     inside = well_inside(camera, points_now_px, _MARGIN_PX)
-    return View(wxyz, local_contrast(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
+    return TurnedReference(wxyz, local_contrast(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
 
 
 class SteadyPoints:
@@ -210,9 +210,9 @@ class SteadyPoints:
         self._camera = camera
         allowed = allowed_outside(ignore, camera.width_px, camera.height_px)
         self._first = FirstGoodImage(allowed)
-        self._held: _Held | None = None
+        self._held: _HeldReference | None = None
         if reference is not None:
-            self._held = _Held(camera, reference_of(reference, allowed))
+            self._held = _HeldReference(camera, reference_of(reference, allowed))
 
     @property
     def corners(self) -> int | None:
@@ -229,13 +229,13 @@ class SteadyPoints:
             return ()
         pixels = image.pixels()
         if self._held is None and (reference := self._first.offer(pixels)) is not None:
-            self._held = _Held(self._camera, reference)
+            self._held = _HeldReference(self._camera, reference)
         then_px, now_px = self._held.look(local_contrast(pixels)) if self._held is not None else _no_pairs()
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
         return (Observation.in_image(image, STEADY, tuple((u, v) for u, v in flat)),)
 
 
-class _Held:
+class _HeldReference:
     """A reference, and how the camera has turned since."""
 
     def __init__(self, camera: Camera, reference: Reference) -> None:
@@ -243,56 +243,56 @@ class _Held:
         self._reference = reference
         self._points_px = reference.points_px
         self._wxyz = _NO_TURN
-        self._view = self._seen_after(_NO_TURN)
+        self._view = self._view_after(_NO_TURN)
         self._last_off_px = np.full_like(self._points_px, np.nan)
-        self._unrest = np.zeros(len(self._points_px))
+        self._flicker = np.zeros(len(self._points_px))
 
     @property
     def corners(self) -> int:
         return len(self._points_px)
 
     def look(self, now: ImageArray) -> _Pairs:
-        """What is found of the reference in an evened image ``(height, width)``: pixels ``(n, 2)`` then and now."""
+        """Pixels ``(n, 2)`` then and now of what is found of the reference in an image's local contrast."""
         found, now_px, turn = self._follow(now)
         if turn is None or np.count_nonzero(turn.agreeing) < self._least_agreeing():
-            then_px, new_px = matched(self._reference.features, features_of(now))
+            then_px, new_px = match_features(self._reference.features, features_of(now))
             known = find_turn(self._camera, then_px, new_px, tolerance_px=_RECOGNISED_PX)
             if known is None or np.count_nonzero(known.agreeing) < _LEAST_RECOGNISED:
                 return then_px[:_MOST_MATCHES], new_px[:_MOST_MATCHES]
-            self._wxyz, self._view = known.wxyz, self._seen_after(known.wxyz)
+            self._wxyz, self._view = known.wxyz, self._view_after(known.wxyz)
             found, now_px, turn = self._follow(now)
         elif self._is_another_view(turn):
-            self._wxyz, self._view = turn.wxyz, self._seen_after(turn.wxyz)
+            self._wxyz, self._view = turn.wxyz, self._view_after(turn.wxyz)
             found, now_px, turn = self._follow(now)
         if turn is not None:
             self._learn(found, turn)
-        calm = self._unrest[found] < _UNREST
-        return self._points_px[found][calm], now_px[calm]
+        is_stable = self._flicker[found] < _MOST_FLICKER
+        return self._points_px[found][is_stable], now_px[is_stable]
 
     def _least_agreeing(self) -> float:
-        in_view = np.count_nonzero(self._view.inside & (self._unrest < _UNREST))
+        in_view = np.count_nonzero(self._view.inside & (self._flicker < _MOST_FLICKER))
         return max(_LOST * in_view, LEAST_POINTS)
 
     def _follow(self, now: ImageArray) -> tuple[IntArray, FloatArray, Turn | None]:
         """Indices ``(k,)`` of the points that were found, where, and the turn that most of them agree on."""
         guess_px = rotated_pixels(self._camera, self._wxyz, self._points_px)
         tried = np.flatnonzero(self._view.inside & np.isfinite(guess_px[:, 0]))
-        there_px, ok = followed(self._view.local_contrast, now, self._view.points_px[tried], guess_px[tried])
+        there_px, ok = track_lk(self._view.local_contrast, now, self._view.points_px[tried], guess_px[tried])
         found, now_px = tried[ok], there_px[ok]
         return found, now_px, find_turn(self._camera, self._points_px[found], now_px)
 
     def _learn(self, found: IntArray, turn: Turn) -> None:
         """Go on from where the camera looks now, and remember which points move by themselves."""
         self._wxyz = turn.wxyz
-        moved = np.max(np.abs(turn.off_px - self._last_off_px[found]), axis=-1) > _RESTLESS_PX
-        self._unrest[found] += _FADING * (moved - self._unrest[found])
+        moved = np.max(np.abs(turn.off_px - self._last_off_px[found]), axis=-1) > _FLICKER_PX
+        self._flicker[found] += _FADING * (moved - self._flicker[found])
         self._last_off_px[found] = turn.off_px
 
     def _is_another_view(self, turn: Turn) -> bool:
         step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))
         return bool(np.linalg.norm(step) > _ANOTHER_VIEW_RAD)
 
-    def _seen_after(self, wxyz: FloatArray) -> View:
+    def _view_after(self, wxyz: FloatArray) -> TurnedReference:
         return view_after(self._camera, self._reference.grey, self._points_px, wxyz)
 
 

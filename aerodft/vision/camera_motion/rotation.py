@@ -26,7 +26,7 @@ from aerodft.geometry import (
     to_rotation_vector,
 )
 from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, IntArray
-from aerodft.vision.common import StraightView, followed
+from aerodft.vision.common import UndistortedView, track_lk
 
 _WIDEST_TANGENT = 2.0  # farther from the axis a pixel says little about a plane ahead
 _CELLS = (6, 8)  # rows and columns of the grid over which points are spread
@@ -62,7 +62,7 @@ class Matches:
 
     Attributes:
         earlier: ``(n, 2)`` rays at unit depth in the earlier camera's axes.
-        later: ``(n, 2)`` the same points' in the later one's.
+        later: ``(n, 2)`` rays of these points in the later camera's axes.
         px: ``(n,)`` size of a tracked pixel in the later one, in the same unit.
     """
 
@@ -73,8 +73,8 @@ class Matches:
     def __len__(self) -> int:
         return len(self.px)
 
-    def where(self, keep: BoolArray) -> "Matches":
-        """Some of them."""
+    def select(self, keep: BoolArray) -> "Matches":
+        """The matches at which ``keep (n,)`` is true."""
         return Matches(earlier=self.earlier[keep], later=self.later[keep], px=self.px[keep])
 
 
@@ -116,7 +116,7 @@ class PlaneTracker:
     def __init__(self, camera: Camera) -> None:
         self.pairs: list[ImagePair] = []
         self._camera = camera
-        self._view = StraightView(camera)
+        self._view = UndistortedView(camera)
         self._last: tuple[int, ImageArray] | None = None
         self._pause_ns = _PAUSE_NS
 
@@ -136,7 +136,7 @@ class PlaneTracker:
 
     def _follow(self, start_ns: int, before: ImageArray, end_ns: int, after: ImageArray) -> None:
         corners = _corners(before)
-        there, found = followed(before, after, corners, corners)
+        there, found = track_lk(before, after, corners, corners)
         earlier, later = corners[found], there[found]
         moved_px = float(np.median(np.linalg.norm(later - earlier, axis=-1))) if len(later) else np.inf
         share = moved_px / (_MOVED * before.shape[1]) * (_PAUSE_NS / (end_ns - start_ns))
@@ -242,7 +242,7 @@ def plane_motion(pairs: Iterable[ImagePair]) -> PlaneMotion:
         if start is not None:
             near = _off_px(start, pair.matches) < 2 * STRAY_PX
             if np.count_nonzero(near) >= FEWEST:
-                fits.append((pair, pair.matches.where(near), start))
+                fits.append((pair, pair.matches.select(near), start))
     return motion_of(fits)
 
 
@@ -252,7 +252,7 @@ def motion_of(fits: Sequence[tuple[ImagePair, Matches, FloatArray]]) -> PlaneMot
     Args:
         fits: Pairs, those of their points that move together, and about what homography they follow.
     """
-    found = [_refined(start, matches) for _, matches, start in fits]
+    found = [_refine_homography(start, matches) for _, matches, start in fits]
     return PlaneMotion(
         start_ns=np.array([pair.start_ns for pair, _, _ in fits], dtype=np.int64),
         end_ns=np.array([pair.end_ns for pair, _, _ in fits], dtype=np.int64),
@@ -270,14 +270,14 @@ def _consensus(matches: Matches) -> FloatArray | None:
 
 
 def _off_px(homography: FloatArray, matches: Matches) -> FloatArray:
-    at, _ = _carried(homography, matches.earlier)
+    at, _ = _apply_with_jacobian(homography, matches.earlier)
     return np.asarray(np.linalg.norm(at - matches.later, axis=-1) / matches.px)
 
 
-def _refined(h: FloatArray, matches: Matches) -> tuple[FloatArray, FloatArray]:
+def _refine_homography(h: FloatArray, matches: Matches) -> tuple[FloatArray, FloatArray]:
     """The homography ``(3, 3)``, and the covariance ``(8, 8)`` of its free elements."""
     for _ in range(_ROUNDS):
-        at, by = _carried(h, matches.earlier)
+        at, by = _apply_with_jacobian(h, matches.earlier)
         off_px = (matches.later - at) / matches.px[:, None]
         std_px = max(robust_std(off_px), _NOISE_PX)
         weight = (_STUDENT + 2) / (_STUDENT + np.sum(off_px**2, axis=-1) / std_px**2)
@@ -288,7 +288,7 @@ def _refined(h: FloatArray, matches: Matches) -> tuple[FloatArray, FloatArray]:
     return h, np.linalg.inv(information) * std_px**2
 
 
-def _carried(h: FloatArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _apply_with_jacobian(h: FloatArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points ``(n, 2)`` under a homography, and their derivatives ``(n, 2, 8)`` by its free elements."""
     one = np.column_stack([xy, np.ones(len(xy))])
     moved = one @ h.T
@@ -317,8 +317,8 @@ def layered_motion(pairs: Sequence[ImagePair], rotvec_rad: FloatArray, normal_ca
             found = _layer(left, back, normal, draws) if len(left) >= fewest else None
             if found is None or np.count_nonzero(found[0]) < fewest:
                 break
-            fits.append((pair, left.where(found[0]), found[1]))
-            left = left.where(~found[0])
+            fits.append((pair, left.select(found[0]), found[1]))
+            left = left.select(~found[0])
     return motion_of(fits)
 
 

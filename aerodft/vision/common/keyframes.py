@@ -29,7 +29,7 @@ from aerodft.model import (
     Status,
     read_only,
 )
-from aerodft.vision.common.tracking import StraightView, well_inside
+from aerodft.vision.common.tracking import UndistortedView, well_inside
 
 FREE: Final = 8
 """Numbers that a homography is known by."""
@@ -47,7 +47,7 @@ _JITTER_RAD: Final = 0.002  # what telemetry is off by anew in every image, ...
 _DRIFT_RADPS: Final = 0.0025  # ... by how much that changes in a second, ...
 _DRIFT_MPS: Final = 0.1  # ... and the same of its position, ...
 _DRIFT_S: Final = 12.0  # ... for no longer than this
-_LATE_S: Final = 0.1  # it may be early or late by so much, always by the same
+_STAMP_OFFSET_S: Final = 0.1  # it may be early or late by so much, always by the same
 _FLOW_MPS: Final = 1.0  # of water, in each direction
 _COMMIT_S: Final = 1.0  # evidence of so long is remembered, and new evidence begun
 _SURE: Final = 10.0  # log odds: no evidence is beyond doubt
@@ -93,8 +93,8 @@ class PlanePose:
         return np.asarray(later.from_plane() @ np.linalg.inv(self.from_plane()))
 
 
-def foretold_cov(then: PlanePose, now: PlanePose, unit: FloatArray) -> FloatArray:
-    """Covariance ``(8, 8)`` of what telemetry makes of the homography from one standpoint to another.
+def predicted_cov(then: PlanePose, now: PlanePose, unit: FloatArray) -> FloatArray:
+    """Covariance ``(8, 8)`` of what telemetry makes of the homography from one plane pose to another.
 
     Camera and plane are what they are, so a homography is off in nine ways only: turned, moved, zoomed, tilted. Few
     points along one bank tell these nearly as well as many all around tell its eight elements.
@@ -117,7 +117,7 @@ def foretold_cov(then: PlanePose, now: PlanePose, unit: FloatArray) -> FloatArra
     return np.asarray(columns @ columns.T + np.eye(FREE) * _FLAT**2)
 
 
-def moved_on(cov: FloatArray, by: FloatArray, unit: FloatArray) -> FloatArray:
+def compose_cov(cov: FloatArray, by: FloatArray, unit: FloatArray) -> FloatArray:
     """Covariance ``(8, 8)`` of a homography after another one ``(3, 3)`` that is exact."""
     inside = np.linalg.inv(unit) @ by @ unit
     whole = np.kron(inside, np.linalg.inv(inside).T)  # of all nine elements, row by row
@@ -149,7 +149,7 @@ def shift_cov(std_px: float, unit: FloatArray) -> FloatArray:
     return cov
 
 
-def changed(homography: FloatArray, by: FloatArray, unit: FloatArray) -> FloatArray:
+def apply_change(homography: FloatArray, by: FloatArray, unit: FloatArray) -> FloatArray:
     """A homography ``(3, 3)`` that is off by these eight elements; in front of the camera stays in front of it."""
     change = np.append(by, 0.0).reshape(3, 3)
     moved = unit @ (_EYE + change) @ np.linalg.inv(unit) @ homography
@@ -168,15 +168,15 @@ def _free(change: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class ImagePose:
     """A pose, and by how much the camera is zoomed."""
 
     pose: Pose
     magnification: float
 
 
-class Standpoints:
-    """Makes standpoints of poses.
+class PlanePoses:
+    """Poses over the plane, from those in ENU.
 
     Args:
         camera: The camera.
@@ -185,25 +185,25 @@ class Standpoints:
         elevation_m: Of the plane above ENU 0; None until it is known.
     """
 
-    def __init__(self, camera: Camera, view: StraightView, pose_of: PoseOf, elevation_m: float | None = 0.0) -> None:
+    def __init__(self, camera: Camera, view: UndistortedView, pose_of: PoseOf, elevation_m: float | None = 0.0) -> None:
         self.elevation_m = elevation_m
         self._camera, self._view, self._pose_of = camera, view, pose_of
-        self._zoomed: dict[int, tuple[float, StraightView]] = {}
+        self._zoomed: dict[int, tuple[float, UndistortedView]] = {}
 
-    def seen(self, image: Image) -> Seen | None:
+    def image_pose(self, image: Image) -> ImagePose | None:
         """What an image was taken with; None where that is not known."""
         sample = self._pose_of(image)
         if sample is None or sample.pose is None or sample.status is not Status.OK:
             return None
-        return Seen(sample.pose, 1.0 if sample.zoom is None else sample.zoom.magnification)
+        return ImagePose(sample.pose, 1.0 if sample.zoom is None else sample.zoom.magnification)
 
-    def view_of(self, seen: Seen | None) -> StraightView:
+    def view_of(self, seen: ImagePose | None) -> UndistortedView:
         """Where zooming changes what the lens bends: by the last zoom that is known."""
         if seen is not None:
             return self.zoomed(self._view, seen)
         return self._zoomed[id(self._view)][1] if id(self._view) in self._zoomed else self._view
 
-    def zoomed(self, view: StraightView, seen: Seen) -> StraightView:
+    def zoomed(self, view: UndistortedView, seen: ImagePose) -> UndistortedView:
         """A view as the camera is zoomed."""
         known = self._zoomed.get(id(view), (1.0, view))
         if known[0] != seen.magnification:
@@ -211,7 +211,7 @@ class Standpoints:
         self._zoomed[id(view)] = known
         return known[1]
 
-    def of(self, seen: Seen | None) -> PlanePose | None:
+    def plane_pose(self, seen: ImagePose | None) -> PlanePose | None:
         """Where an image was taken from; None where that, or how high the plane is, is not known."""
         if seen is None or self.elevation_m is None or not seen.pose.position_enu_m[2] > self.elevation_m:
             return None
@@ -221,7 +221,7 @@ class Standpoints:
         place_m = seen.pose.position_enu_m - np.array([0.0, 0.0, self.elevation_m])
         return PlanePose(lens, matrix(seen.pose.wxyz), place_m)
 
-    def find_plane(self, seen: Seen, pixel: FloatArray, ground: Ground | None, elevation_m: float) -> None:
+    def find_plane(self, seen: ImagePose, pixel: FloatArray, ground: Ground | None, elevation_m: float) -> None:
         """How high the plane is at a pixel ``(2,)``, which is on the ground or so high above it.
 
         It stays unknown where the pixel shows no ground, or the camera is below it.
@@ -282,24 +282,24 @@ class Stillness:
         """Of other points of that keyframe, of which nothing is known yet."""
         return Stillness(self._begun_s, LAND_AT_FIRST)
 
-    def with_evidence(self, gone: GroundDrift) -> float:
+    def with_evidence(self, drift: GroundDrift) -> float:
         """The log odds that they lie still, with what an image says of them."""
-        elapsed_s = gone.time_s - self._since_s
-        still2 = self._still_px(gone) ** 2
-        flowing2 = still2 + (_FLOW_MPS * elapsed_s) ** 2 * abs(float(np.linalg.det(gone.px_by_m)))
-        step = gone.px_by_m @ (gone.by_m - self._by_m)
+        elapsed_s = drift.time_s - self._since_s
+        still2 = self._still_px(drift) ** 2
+        flowing2 = still2 + (_FLOW_MPS * elapsed_s) ** 2 * abs(float(np.linalg.det(drift.px_by_m)))
+        step = drift.px_by_m @ (drift.by_m - self._by_m)
         gain = math.log(flowing2 / still2) - float(step @ step) / 2 * (1 / still2 - 1 / flowing2)
         return float(np.clip(self.log_odds + gain, -_SURE, _SURE))
 
-    def remember(self, gone: GroundDrift) -> bool:
+    def remember(self, drift: GroundDrift) -> bool:
         """Take an image's evidence for good, once there is enough of it; whether there was."""
         if self._sweep_mps is None:
-            self._sweep_mps = gone.sweep_mps
-        self._last = gone
-        if abs(gone.time_s - self._since_s) < _COMMIT_S:
+            self._sweep_mps = drift.sweep_mps
+        self._last = drift
+        if abs(drift.time_s - self._since_s) < _COMMIT_S:
             return False
-        self.log_odds = self.with_evidence(gone)
-        self._since_s, self._by_m, self._sweep_mps = gone.time_s, gone.by_m, gone.sweep_mps
+        self.log_odds = self.with_evidence(drift)
+        self._since_s, self._by_m, self._sweep_mps = drift.time_s, drift.by_m, drift.sweep_mps
         return True
 
     @property
@@ -314,20 +314,22 @@ class Stillness:
         scale = math.sqrt(abs(float(np.linalg.det(self._last.px_by_m))))
         return _FLOW_MPS * abs(time_s - self._last.time_s) * scale * math.sqrt(share_moving(self.log_odds))
 
-    def likelihood(self, gone: GroundDrift) -> float:
+    def likelihood(self, drift: GroundDrift) -> float:
         """The logarithm of how likely its points seem to have gone there if they lie still, but for a constant."""
-        step = gone.px_by_m @ (gone.by_m - self._by_m)
-        return -float(step @ step) / (2 * self._still_px(gone) ** 2)
+        step = drift.px_by_m @ (drift.by_m - self._by_m)
+        return -float(step @ step) / (2 * self._still_px(drift) ** 2)
 
-    def _still_px(self, gone: GroundDrift) -> float:
+    def _still_px(self, drift: GroundDrift) -> float:
         """How far points that lie still may seem to have gone, a standard deviation in each coordinate."""
-        elapsed_s = abs(gone.time_s - self._since_s)
+        elapsed_s = abs(drift.time_s - self._since_s)
         metres = math.hypot(
             _DRIFT_MPS * min(elapsed_s, _DRIFT_S),
-            0.0 if self._sweep_mps is None else _LATE_S * float(np.linalg.norm(gone.sweep_mps - self._sweep_mps)),
+            0.0
+            if self._sweep_mps is None
+            else _STAMP_OFFSET_S * float(np.linalg.norm(drift.sweep_mps - self._sweep_mps)),
         )
         turned = math.hypot(_JITTER_RAD, _DRIFT_RADPS * min(elapsed_s, _DRIFT_S))
-        return math.hypot(turned * gone.focal_px, metres * math.sqrt(abs(float(np.linalg.det(gone.px_by_m)))))
+        return math.hypot(turned * drift.focal_px, metres * math.sqrt(abs(float(np.linalg.det(drift.px_by_m)))))
 
 
 def share_moving(log_odds: float) -> float:
@@ -343,13 +345,13 @@ class PlaneImage:
         small: ``(height, width)`` grey.
         view: Of the camera as it was zoomed.
         time_s: When it was taken.
-        standpoint: Where from, by telemetry; None where that does not tell.
+        plane_pose: Where from, by telemetry; None where that does not tell.
     """
 
     small: ImageArray
-    view: StraightView
+    view: UndistortedView
     time_s: float
-    standpoint: PlanePose | None
+    plane_pose: PlanePose | None
 
 
 @dataclass(slots=True, eq=False)
@@ -360,14 +362,14 @@ class Keyframe:
         taken: The image.
         corners_px: ``(n, 2)`` small pixels of what can be found again.
         since_first: ``(3, 3)`` its homography since the first image.
-        cov: ``(8, 8)`` of that, see ``foretold_cov``.
+        cov: ``(8, 8)`` of that, see ``predicted_cov``.
         std_px: What that makes of the probes' places in the first image.
         stillness: Of those of its points that were taken for land so far: of all, before any were.
         are_known: ``(n,)``: which these are.
-        strangeness: Of the others.
+        others_stationarity: Of the others.
     """
 
-    taken: PlaneImage
+    plane_image: PlaneImage
     corners_px: FloatArray
     since_first: FloatArray
     cov: FloatArray
@@ -380,13 +382,13 @@ class Keyframe:
         """That of some points: what was found of one group says nothing of another."""
         return self.stillness if 2 * np.count_nonzero(self.are_known[rows]) >= len(rows) else self.others_stationarity
 
-    def remember(self, rows: IntArray, gone: GroundDrift) -> None:
+    def remember(self, rows: IntArray, drift: GroundDrift) -> None:
         """These points were taken for land again."""
         if self.stillness_of(rows) is self.others_stationarity:
             self.stillness, self.others_stationarity = self.others_stationarity, self.others_stationarity.again()
             self.are_known = np.zeros_like(self.are_known)
             self.are_known[rows] = True
-        if self.stillness.remember(gone):
+        if self.stillness.remember(drift):
             self.are_known = np.zeros_like(self.are_known)
             self.are_known[rows] = True
 
@@ -395,18 +397,18 @@ class Keyframe:
         self.corners_px = np.delete(self.corners_px, rows, axis=0)
         self.are_known = np.delete(self.are_known, rows)
 
-    def seen_px(self, view: StraightView, onto: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def seen_px(self, view: UndistortedView, onto: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Small pixels ``(n, 2)`` of its corners in a view that a homography leads to, and which are well inside."""
-        there_px = view.moved(onto, self.corners_px, self.taken.view)
+        there_px = view.map_from(onto, self.corners_px, self.plane_image.view)
         return there_px, well_inside(view.camera, there_px, _MARGIN_PX)
 
-    def is_shown(self, view: StraightView, onto: FloatArray, least_share: float) -> bool:
+    def is_shown(self, view: UndistortedView, onto: FloatArray, least_share: float) -> bool:
         """Whether at least that share of its corners is in a view that a homography leads to, in about its size."""
         if len(self.corners_px) < 2 * FEWEST:
             return False
         _, inside = self.seen_px(view, onto)
         middle = np.mean(self.corners_px, axis=0) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        ends = view.moved(onto, middle, self.taken.view)
+        ends = view.map_from(onto, middle, self.plane_image.view)
         if np.mean(inside) < least_share or np.count_nonzero(inside) < FEWEST or not np.all(np.isfinite(ends)):
             return False
         scale = math.sqrt(abs(float(np.linalg.det(ends[1:] - ends[0]))))

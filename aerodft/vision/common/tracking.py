@@ -1,4 +1,4 @@
-"""Points of one image found again in another: images evened out, corners spread over them, followed there and back.
+"""Points of one image found again in another: local contrast of images, corners spread over them, tracked to and fro.
 
 Images are made small and grey, and their pixels are where a lens without distortion would show them: there planes move
 by homographies.
@@ -22,8 +22,8 @@ NODE_PX: Final = 16
 OUTSIDE_PX: Final = -1e4
 """Of what the lens does not show."""
 
-_Plane = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
-_EVENED_PX: Final = 31
+_Float32Plane = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+_CONTRAST_WINDOW_PX: Final = 31
 _NOISE: Final = 4.0  # grey levels: what is flatter is not made to look structured
 _GAIN: Final = 42.0  # grey levels for one standard deviation
 _MIDDLE: Final = 128.5  # halves are rounded up
@@ -31,16 +31,16 @@ _COLUMNS: Final = 12
 _IN_A_CELL: Final = 2
 _BLOCK_PX: Final = 7
 _APART_PX: Final = 15
-_LEAST_STRENGTH: Final = 5e-4  # of evened images: grass seen from 10 m has 1e-3, plain walls and the sky less than 1e-4
+_LEAST_STRENGTH: Final = 5e-4  # grass seen from 10 m has 1e-3, plain walls and the sky less than 1e-4
 _WINDOW_PX: Final = 21
 _LEVELS: Final = 3
 _STOP: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.005)
-_RETURNED_PX: Final = 0.3  # how far from where it started a point may come back
-_ALIKE: Final = 0.6  # correlation of the two templates: what covers a point is not taken for it
+_MOST_ROUND_TRIP_PX: Final = 0.3  # how far from where it started a point may come back
+_LEAST_CORRELATION: Final = 0.6  # correlation of the two templates: what covers a point is not taken for it
 _PATCH: Final = np.stack(np.meshgrid(np.arange(-7, 8), np.arange(-7, 8)), axis=-1).reshape(1, -1, 2)
 
 
-class StraightView:
+class UndistortedView:
     """A camera's images made small, and their pixels with and without distortion.
 
     Args:
@@ -61,8 +61,8 @@ class StraightView:
             cx_px=(camera.cx_px - shift) / self.shrink,
             cy_px=(camera.cy_px - shift) / self.shrink,
         )
-        self._bends = any(camera.distortion)
-        self._nodes = self.straight(nodes_px(self.camera.width_px, self.camera.height_px))
+        self._is_distorted = any(camera.distortion)
+        self._nodes = self.undistort(nodes_px(self.camera.width_px, self.camera.height_px))
 
     @property
     def intrinsics(self) -> FloatArray:
@@ -70,15 +70,15 @@ class StraightView:
         lens = self.camera
         return np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1.0]])
 
-    def zoomed(self, magnification: float) -> "StraightView":
+    def zoomed(self, magnification: float) -> "UndistortedView":
         """That of the same camera at another focal length; it bends other pixels by other amounts."""
-        return StraightView(self._whole.zoomed(magnification, 0.0), self._about_px) if self._bends else self
+        return UndistortedView(self._whole.zoomed(magnification, 0.0), self._about_px) if self._is_distorted else self
 
     def small(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width, 3)`` BGR, grey and small."""
-        return self.shrunken(grey_of(pixels))
+        return self.shrunk_image(grey_of(pixels))
 
-    def shrunken(self, pixels: ImageArray) -> ImageArray:
+    def shrunk_image(self, pixels: ImageArray) -> ImageArray:
         """An image ``(height, width)`` or ``(height, width, 3)``, small."""
         if self.shrink == 1:
             return pixels
@@ -91,32 +91,32 @@ class StraightView:
         return (pixels_px - (self.shrink - 1) / 2) / self.shrink
 
     def to_full(self, small_px: FloatArray) -> FloatArray:
-        """The way back."""
+        """Pixels of the camera's image."""
         return small_px * self.shrink + (self.shrink - 1) / 2
 
-    def straight(self, small_px: FloatArray) -> FloatArray:
+    def undistort(self, small_px: FloatArray) -> FloatArray:
         """Small pixels ``(..., 2)`` where they were without distortion; NaN beyond the lens model."""
-        if not self._bends:
+        if not self._is_distorted:
             return small_px
         rays, lens = rays_from_pixels(self.camera, small_px), self.camera
         return rays[..., :2] / rays[..., 2:] * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px]
 
-    def bent(self, straight_px: FloatArray) -> FloatArray:
-        """The way back; NaN where the lens shows nothing."""
-        if not self._bends:
+    def distort(self, straight_px: FloatArray) -> FloatArray:
+        """Undistorted pixels ``(..., 2)`` where the lens shows them; NaN where it shows nothing."""
+        if not self._is_distorted:
             return straight_px
         lens = self.camera
         flat = (straight_px - [lens.cx_px, lens.cy_px]) / [lens.fx_px, lens.fy_px]
         return pixels_from_rays(lens, np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1))
 
-    def moved(self, homography: FloatArray, small_px: FloatArray, then: "StraightView") -> FloatArray:
+    def map_from(self, homography: FloatArray, small_px: FloatArray, then: "UndistortedView") -> FloatArray:
         """Small pixels ``(..., 2)`` of another view, under a homography from its straight ones to those of this."""
-        return self.bent(carried(homography, then.straight(small_px)))
+        return self.distort(apply_homography(homography, then.undistort(small_px)))
 
-    def warped(self, small: ImageArray, homography: FloatArray, then: "StraightView") -> ImageArray:
+    def warp(self, small: ImageArray, homography: FloatArray, then: "UndistortedView") -> ImageArray:
         """What a small image ``(height, width)`` of another view shows, as this one sees it; its border is repeated."""
         inverse: FloatArray = np.asarray(np.linalg.inv(homography), dtype=np.float64)
-        nodes = then.bent(carried(inverse, self._nodes))
+        nodes = then.distort(apply_homography(inverse, self._nodes))
         columns_px, rows_px = between_nodes(nodes, self.camera.width_px, self.camera.height_px)
         seen = cv2.remap(small, columns_px, rows_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(seen, dtype=np.uint8)
@@ -135,7 +135,9 @@ def nodes_px(width_px: int, height_px: int, apart_px: int = NODE_PX) -> FloatArr
     return np.stack([u, v], axis=-1)
 
 
-def between_nodes(at_px: FloatArray, width_px: int, height_px: int, apart_px: int = NODE_PX) -> tuple[_Plane, _Plane]:
+def between_nodes(
+    at_px: FloatArray, width_px: int, height_px: int, apart_px: int = NODE_PX
+) -> tuple[_Float32Plane, _Float32Plane]:
     """Columns and rows ``(height, width)`` for ``cv2.remap``, of a map ``(down, across, 2)`` that was made at nodes.
 
     NaN shows nothing.
@@ -147,12 +149,12 @@ def between_nodes(at_px: FloatArray, width_px: int, height_px: int, apart_px: in
     return np.asarray(columns_px, dtype=np.float32), np.asarray(rows_px, dtype=np.float32)
 
 
-def carried(homography: FloatArray, straight_px: FloatArray) -> FloatArray:
+def apply_homography(homography: FloatArray, straight_px: FloatArray) -> FloatArray:
     """Points ``(..., 2)`` under a homography ``(3, 3)``; NaN behind the camera."""
-    moved = straight_px @ homography[:, :2].T + homography[:, 2]
-    depth = moved[..., 2:]
+    mapped = straight_px @ homography[:, :2].T + homography[:, 2]
+    depth = mapped[..., 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(depth > 0, moved[..., :2] / depth, np.nan)
+        return np.where(depth > 0, mapped[..., :2] / depth, np.nan)
 
 
 def local_contrast(pixels: ImageArray) -> ImageArray:
@@ -164,7 +166,7 @@ def local_contrast(pixels: ImageArray) -> ImageArray:
     Returns:
         ``(height, width)``; 128 where there is nothing but the mean.
     """
-    grey, size, depth = grey_of(pixels), (_EVENED_PX, _EVENED_PX), cv2.CV_32F
+    grey, size, depth = grey_of(pixels), (_CONTRAST_WINDOW_PX, _CONTRAST_WINDOW_PX), cv2.CV_32F
     mean = cv2.boxFilter(grey, depth, size)
     variance = cv2.subtract(cv2.sqrBoxFilter(grey, depth, size), cv2.multiply(mean, mean))
     spread = cv2.sqrt(np.maximum(variance, 0.0)) + _NOISE
@@ -200,7 +202,7 @@ def well_inside(camera: Camera, points_px: FloatArray, margin_px: float) -> Bool
     return np.asarray(np.all((points_px >= margin_px) & (points_px <= farthest), axis=-1))
 
 
-def followed(
+def track_lk(
     old: ImageArray, new: ImageArray, points_px: FloatArray, guess_px: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Find points again.
@@ -218,8 +220,8 @@ def followed(
         return points_px, np.zeros(0, dtype=np.bool_)
     there, found = _flow(old, new, points_px, guess_px)
     back, returned = _flow(new, old, there, points_px)
-    same = found & returned & np.all(np.abs(back - points_px) <= _RETURNED_PX, axis=-1)
-    return there, same & (_likeness(old, new, points_px, there) >= _ALIKE)
+    same = found & returned & np.all(np.abs(back - points_px) <= _MOST_ROUND_TRIP_PX, axis=-1)
+    return there, same & (_patch_correlation(old, new, points_px, there) >= _LEAST_CORRELATION)
 
 
 def _flow(
@@ -239,7 +241,7 @@ def _flow(
     return there.astype(np.float64), np.asarray(status[:, 0] > 0)
 
 
-def _likeness(old: ImageArray, new: ImageArray, old_px: FloatArray, new_px: FloatArray) -> FloatArray:
+def _patch_correlation(old: ImageArray, new: ImageArray, old_px: FloatArray, new_px: FloatArray) -> FloatArray:
     """Correlation ``(n,)`` of the patches around points."""
     patches = []
     for image, points_px in ((old, old_px), (new, new_px)):

@@ -21,30 +21,30 @@ from aerodft.dft import (
     ELEVATION,
     MAX_RELATIVE_RANGE_STD,
     GroundPoints,
+    RayGeometry,
     Setup,
     project,
     upright_height,
 )
-from aerodft.dft import Sight as Rays
 from aerodft.geometry import matrix, rays_from_pixels
 from aerodft.model import FloatArray, Observation, Pose
 from aerodft.service import ObjectSettings, standing_of
 
 _TOP_STD_PX = 3.0
-_HEIGHT_SHARE = 0.05  # of its height: heads bow, and sights differ by as much
+_HEIGHT_SHARE = 0.05  # of its height: heads bow, and footprints differ by as much
 _LEAST_STD_M = 0.03  # a step is longer than a shoe: where somebody stands is not better defined
 GATE: Final = 13.815510557964274
 """99.9 % quantile of chi-square with two degrees of freedom: what is farther off is another object."""
-_SIZES: Final = 15  # sights that tell how large an object is
+_SIZES: Final = 15  # footprints that tell how large an object is
 _SHRUNK: Final = 0.75  # lower than this share of itself: its foot is hidden; narrower: one of its sides is
 _PART: Final = 0.15  # a smaller share of it is nothing to know it by
 _GROWN: Final = 1.4  # wider: there is somebody beside it
-_ALIKE: Final = 0.2
+_SAME_HEIGHT: Final = 0.2
 _ASTRAY: Final = 4.0  # times the gate: what nobody else has claimed, and what is as high, is the one that was lost
 _BESIDE: Final = 0.1  # of its height
 _FAR: Final = 1e6
 _AT_LEAST_NS: Final = SECOND_NS
-_CARRIED: Final = 2  # times as long as it was seen
+_COASTED: Final = 2  # times as long as it was seen
 _STILL_M: Final = 1e-6  # a fixed camera moves by less
 _TALLEST_M: Final = 4.0  # of what stands about
 _RAGGED_M: Final = 0.5  # of what is seen of it
@@ -52,12 +52,12 @@ _RAGGED_M: Final = 0.5  # of what is seen of it
 Place = tuple[FloatArray, FloatArray]
 """East and north ``(2,)`` with their covariance ``(2, 2)``."""
 
-Match = Callable[["GroundTrack", "Sight"], Place | None]
-Below = Callable[["Sight", float], Place | None]
+Match = Callable[["GroundTrack", "ObjectFootprint"], Place | None]
+Below = Callable[["ObjectFootprint", float], Place | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class ObjectFootprint:
     """One object on the ground.
 
     Attributes:
@@ -68,8 +68,8 @@ class Sight:
         top_px: ``(2,)``; the foot where it is not known.
         across_px: ``(2,)`` unit vector to the right where the vertical is down.
         height_m: NaN where it is not known.
-        width_m: Likewise.
-        width_px: Likewise.
+        width_m: NaN where it is not known.
+        width_px: NaN where it is not known.
     """
 
     place_en_m: FloatArray
@@ -93,25 +93,27 @@ def ground_at(setup: Setup, pose: Pose, pixels_px: FloatArray) -> GroundPoints:
     return project(setup.camera, pose, pixels_px, setup.elevation_m, setup.model, setup.ground)
 
 
-def sights(setup: Setup, pose: Pose, observations: tuple[Observation, ...]) -> list[Sight]:
+def footprints(setup: Setup, pose: Pose, observations: tuple[Observation, ...]) -> list[ObjectFootprint]:
     """The objects of one image that stand on the ground, in a range that is known."""
-    found = (_sight(setup, pose, observation) for observation in observations)
-    return [sight for sight in found if sight is not None]
+    found = (_footprint(setup, pose, observation) for observation in observations)
+    return [footprint for footprint in found if footprint is not None]
 
 
-def below_top(setup: Setup, pose: Pose, sight: Sight, height_m: float) -> tuple[FloatArray, FloatArray] | None:
+def below_top(
+    setup: Setup, pose: Pose, footprint: ObjectFootprint, height_m: float
+) -> tuple[FloatArray, FloatArray] | None:
     """Where an object stands of which the top is seen: east and north ``(2,)``, and their covariance ``(2, 2)``.
 
     Args:
         setup: The station's circumstances.
         pose: Of the image.
-        sight: Of its upper part.
+        footprint: Of its upper part.
         height_m: How high it is.
     """
     if not math.isfinite(height_m):
         return None
     raised = replace(setup, elevation_m=setup.elevation_m + height_m)
-    top = ground_at(raised, pose, sight.top_px[None])
+    top = ground_at(raised, pose, footprint.top_px[None])
     if top.status[0]:
         return None
     by_px, by_height = top.jac_px[0, :2], top.jac_shared[0, :2, ELEVATION] * _HEIGHT_SHARE * height_m
@@ -119,7 +121,7 @@ def below_top(setup: Setup, pose: Pose, sight: Sight, height_m: float) -> tuple[
     return top.points_enu_m[0, :2], cov
 
 
-def _sight(setup: Setup, pose: Pose, observation: Observation) -> Sight | None:
+def _footprint(setup: Setup, pose: Pose, observation: Observation) -> ObjectFootprint | None:
     std_px = observation.std_px or EDGE_STD_PX
     if not observation.has_outline:
         if not observation.pixels:
@@ -144,7 +146,7 @@ def _placed(
     cov_px2: FloatArray,
     pixels: tuple[FloatArray, FloatArray, FloatArray],
     size: tuple[float, float, float] = (math.nan, math.nan, math.nan),
-) -> Sight | None:
+) -> ObjectFootprint | None:
     if ground.status[0]:
         return None
     by_px = ground.jac_px[0, :2]
@@ -154,13 +156,13 @@ def _placed(
         return None
     if not math.sqrt(float(np.max(np.linalg.eigvalsh(cov)))) <= MAX_RELATIVE_RANGE_STD * range_m:
         return None
-    return Sight(ground.points_enu_m[0, :2], cov, by_px, *pixels, *size)
+    return ObjectFootprint(ground.points_enu_m[0, :2], cov, by_px, *pixels, *size)
 
 
 def _height_m(setup: Setup, pose: Pose, ground: GroundPoints, top_px: FloatArray) -> float:
     ray = rays_from_pixels(setup.camera, top_px) @ matrix(pose.wxyz).T
     foot = ground.points_enu_m[0]
-    return float(upright_height(Rays(pose.position_enu_m, np.stack([ray, ray]), np.stack([foot, foot]))))
+    return float(upright_height(RayGeometry(pose.position_enu_m, np.stack([ray, ray]), np.stack([foot, foot]))))
 
 
 def _width_m(ground: GroundPoints) -> float:
@@ -192,8 +194,8 @@ class GroundState:
         return self.mean[2:]
 
 
-def begun(place_en_m: FloatArray, cov_m2: FloatArray, speed_mps: float) -> GroundState:
-    """The state after the first sight.
+def initial_state(place_en_m: FloatArray, cov_m2: FloatArray, speed_mps: float) -> GroundState:
+    """The state after the first footprint.
 
     Args:
         place_en_m: ``(2,)``.
@@ -205,7 +207,7 @@ def begun(place_en_m: FloatArray, cov_m2: FloatArray, speed_mps: float) -> Groun
     return GroundState(np.array([*place_en_m, 0.0, 0.0]), cov)
 
 
-def predicted(state: GroundState, elapsed_s: float, acceleration_mps2: float) -> GroundState:
+def predict(state: GroundState, elapsed_s: float, acceleration_mps2: float) -> GroundState:
     """The state some time later.
 
     Args:
@@ -223,13 +225,13 @@ def predicted(state: GroundState, elapsed_s: float, acceleration_mps2: float) ->
 
 
 def distance2(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> float:
-    """Squared Mahalanobis distance of a sight ``(2,)`` with covariance ``(2, 2)``."""
+    """Squared Mahalanobis distance of a footprint ``(2,)`` with covariance ``(2, 2)``."""
     off = place_en_m - state.place_en_m
     return float(off @ np.linalg.solve(state.cov[:2, :2] + cov_m2, off))
 
 
-def updated(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> GroundState:
-    """The state with a sight ``(2,)`` of covariance ``(2, 2)``; Joseph's form, whose covariance stays one.
+def update(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> GroundState:
+    """The state with a footprint ``(2,)`` of covariance ``(2, 2)``; Joseph's form, whose covariance stays one.
 
     What is farther off than 95 of 100 are counts less, as much as makes it one of these: outlines have fringes.
     """
@@ -245,8 +247,8 @@ def updated(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> G
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Begun:
-    """The first sight of an object.
+class FirstSighting:
+    """The first footprint of an object.
 
     Attributes:
         stamp_ns: When.
@@ -267,7 +269,7 @@ class GroundTrack:
         state: Where it is.
         seen_ns: Stamp of the last image in which its foot was seen.
         shown_ns: Stamp of the last image in which anything of it was seen.
-        sight: What was seen in the last image with its foot.
+        footprint: What was seen in the last image with its foot.
         looks: In how many its foot was seen.
         number: From 1, once it is confirmed; 0 before.
         hidden: Why it is not seen in the newest image; empty where it is.
@@ -277,11 +279,11 @@ class GroundTrack:
     state: GroundState
     seen_ns: int
     shown_ns: int
-    sight: Sight
+    footprint: ObjectFootprint
     looks: int = 1
     number: int = 0
     hidden: str = ""
-    begun: Begun = field(kw_only=True)
+    initial_state: FirstSighting = field(kw_only=True)
     heights_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
     widths_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
 
@@ -290,38 +292,38 @@ class GroundTrack:
         """What its measurements are called."""
         return f"object-{self.number}"
 
-    def shrunk(self, sight: Sight) -> bool:
+    def shrunk(self, footprint: ObjectFootprint) -> bool:
         """Whether only the upper part of it can be seen."""
-        return sight.height_m < _SHRUNK * self.height_m
+        return footprint.height_m < _SHRUNK * self.height_m
 
-    def may_show(self, sight: Sight) -> bool:
+    def may_show(self, footprint: ObjectFootprint) -> bool:
         """Whether that may be its upper part, and is enough of it."""
-        return self.shrunk(sight) and sight.height_m > _PART * self.height_m
+        return self.shrunk(footprint) and footprint.height_m > _PART * self.height_m
 
-    def is_like(self, sight: Sight) -> bool:
+    def is_like(self, footprint: ObjectFootprint) -> bool:
         """Whether it is as high as this."""
-        return abs(sight.height_m / self.height_m - 1) < _ALIKE
+        return abs(footprint.height_m / self.height_m - 1) < _SAME_HEIGHT
 
-    def aside_px(self, sight: Sight) -> float:
+    def aside_px(self, footprint: ObjectFootprint) -> float:
         """By how much the middle of what is seen may be beside its middle, px."""
-        if not self.widths_m or not sight.width_m > 0:
+        if not self.widths_m or not footprint.width_m > 0:
             return 0.0
-        share = float(np.median(self.widths_m)) / sight.width_m
-        return abs(share - 1) / 2 * sight.width_px if not 1 / _GROWN < share < 1 / _SHRUNK else 0.0
+        share = float(np.median(self.widths_m)) / footprint.width_m
+        return abs(share - 1) / 2 * footprint.width_px if not 1 / _GROWN < share < 1 / _SHRUNK else 0.0
 
-    def shows(self, sight: Sight, other: Sight) -> bool:
-        """Whether it, seen with its top where ``sight`` has it, is what the other one is a piece of as well."""
-        if other is sight:
+    def shows(self, footprint: ObjectFootprint, other: ObjectFootprint) -> bool:
+        """Whether it, seen with its top where ``footprint`` has it, is what the other one is a piece of as well."""
+        if other is footprint:
             return True
-        up = self.sight.top_px - self.sight.foot_px
+        up = self.footprint.top_px - self.footprint.foot_px
         size_px = float(np.linalg.norm(up))
         if not size_px > 0 or not self.shrunk(other):
             return False
         for point in (other.foot_px, other.top_px):
-            off = sight.top_px - point
+            off = footprint.top_px - point
             along = float(off @ up) / size_px
             aside = abs(float(off @ np.array([up[1], -up[0]]))) / size_px
-            if not -_BESIDE * size_px < along < (1 + _BESIDE) * size_px or aside > self.sight.width_px:
+            if not -_BESIDE * size_px < along < (1 + _BESIDE) * size_px or aside > self.footprint.width_px:
                 return False
         return True
 
@@ -335,28 +337,28 @@ class GroundTrack:
 
         That seems to go the other way over the ground, by the share ``h / (H - h)`` of the camera's way.
         """
-        way = (camera_enu_m - self.begun.camera_enu_m)[:2]
+        way = (camera_enu_m - self.initial_state.camera_enu_m)[:2]
         way2 = float(way @ way)
         if way2 < _STILL_M**2:
             return True
-        off = self.state.place_en_m - self.begun.place_en_m
+        off = self.state.place_en_m - self.initial_state.place_en_m
         below_m = float(camera_enu_m[2]) - _TALLEST_M
         most = min(_TALLEST_M / below_m, 1.0) if below_m > 0 else 1.0
         rest = off + float(np.clip(-(off @ way) / way2, 0.0, most)) * way
         spread = self.state.cov[:2, :2] + np.eye(2) * _RAGGED_M**2
         return bool(rest @ np.linalg.solve(spread, rest) > GATE)
 
-    def see(self, sight: Sight, stamp_ns: int) -> None:
-        """Take a sight for its own, foot and all."""
-        if self.aside_px(sight) == 0.0:
-            self.remember_size(sight)
-        self.sight, self.seen_ns, self.hidden = sight, stamp_ns, ""
+    def see(self, footprint: ObjectFootprint, stamp_ns: int) -> None:
+        """Take a footprint for its own, foot and all."""
+        if self.aside_px(footprint) == 0.0:
+            self.remember_size(footprint)
+        self.footprint, self.seen_ns, self.hidden = footprint, stamp_ns, ""
         self.looks += 1
 
-    def remember_size(self, sight: Sight) -> None:
-        """Learn from a sight of the whole object."""
-        self.heights_m.extend([sight.height_m] if math.isfinite(sight.height_m) else [])
-        self.widths_m.extend([sight.width_m] if math.isfinite(sight.width_m) else [])
+    def remember_size(self, footprint: ObjectFootprint) -> None:
+        """Learn from a footprint of the whole object."""
+        self.heights_m.extend([footprint.height_m] if math.isfinite(footprint.height_m) else [])
+        self.widths_m.extend([footprint.width_m] if math.isfinite(footprint.width_m) else [])
 
 
 class GroundTracks:
@@ -378,12 +380,12 @@ class GroundTracks:
         """The objects that are followed, in the order in which they came."""
         return tuple(track for track in self._tracks if track.number)
 
-    def advance(self, stamp_ns: int, sights: list[Sight], below: Below, camera_enu_m: FloatArray) -> bool:
+    def advance(self, stamp_ns: int, footprints: list[ObjectFootprint], below: Below, camera_enu_m: FloatArray) -> bool:
         """Follow into the next image.
 
         Args:
             stamp_ns: Its stamp.
-            sights: What is seen in it.
+            footprints: What is seen in it.
             below: Where an object stands of which only the top is seen, by its height; None where that is not known.
             camera_enu_m: ``(3,)`` where the camera is.
 
@@ -395,9 +397,9 @@ class GroundTracks:
         elapsed_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / SECOND_NS
         self._stamp_ns, self._camera_enu_m = stamp_ns, camera_enu_m
         for track in self._tracks:
-            track.state = predicted(track.state, elapsed_s, self._settings.acceleration_mps2)
+            track.state = predict(track.state, elapsed_s, self._settings.acceleration_mps2)
         open_tracks = [track for track in self._tracks if track.seen_ns != stamp_ns]
-        self._begin(self._assign(open_tracks, sights, stamp_ns, below), stamp_ns)
+        self._begin(self._assign(open_tracks, footprints, stamp_ns, below), stamp_ns)
         self._end(stamp_ns)
         return True
 
@@ -405,48 +407,60 @@ class GroundTracks:
         """Give tracks up."""
         self._tracks = [track for track in self._tracks if track not in gone]
 
-    def _assign(self, tracks: list[GroundTrack], sights: list[Sight], stamp_ns: int, below: Below) -> list[Sight]:
-        """Let every track take the sight that is its own, if there is one; what is left belongs to nobody."""
+    def _assign(
+        self, tracks: list[GroundTrack], footprints: list[ObjectFootprint], stamp_ns: int, below: Below
+    ) -> list[ObjectFootprint]:
+        """Let every track take the footprint that is its own, if there is one; what is left belongs to nobody."""
         for track in tracks:
             track.hidden = "not seen"
 
-        def whole(track: GroundTrack, sight: Sight) -> Place | None:
-            return None if track.shrunk(sight) else (sight.place_en_m, sight.blurred_aside(track.aside_px(sight)))
+        def whole(track: GroundTrack, footprint: ObjectFootprint) -> Place | None:
+            return (
+                None
+                if track.shrunk(footprint)
+                else (footprint.place_en_m, footprint.blurred_aside(track.aside_px(footprint)))
+            )
 
-        def upper_part(track: GroundTrack, sight: Sight) -> Place | None:
-            return below(sight, track.height_m) if track.number and track.may_show(sight) else None
+        def upper_part(track: GroundTrack, footprint: ObjectFootprint) -> Place | None:
+            return below(footprint, track.height_m) if track.number and track.may_show(footprint) else None
 
-        def astray(track: GroundTrack, sight: Sight) -> Place | None:
-            return whole(track, sight) if track.number and track.is_like(sight) else None
+        def astray(track: GroundTrack, footprint: ObjectFootprint) -> Place | None:
+            return whole(track, footprint) if track.number and track.is_like(footprint) else None
 
         for match, gate in ((whole, GATE), (upper_part, GATE), (astray, _ASTRAY * GATE)):
             left = [track for track in tracks if track.hidden == "not seen"]
-            shown: list[tuple[GroundTrack, Sight]] = []
-            for row, column, place in _pairs(left, sights, match, gate):
-                if any(track.shows(first, sights[column]) for track, first in shown):
+            shown: list[tuple[GroundTrack, ObjectFootprint]] = []
+            for row, column, place in _pairs(left, footprints, match, gate):
+                if any(track.shows(first, footprints[column]) for track, first in shown):
                     continue
-                self._take(left[row], sights[column], place, stamp_ns, has_foot=match is not upper_part)
-                shown.append((left[row], sights[column]))
-            sights = [sight for sight in sights if not any(track.shows(first, sight) for track, first in shown)]
-        return sights
+                self._take(left[row], footprints[column], place, stamp_ns, has_foot=match is not upper_part)
+                shown.append((left[row], footprints[column]))
+            footprints = [
+                footprint
+                for footprint in footprints
+                if not any(track.shows(first, footprint) for track, first in shown)
+            ]
+        return footprints
 
-    def _take(self, track: GroundTrack, sight: Sight, place: Place, stamp_ns: int, *, has_foot: bool) -> None:
-        track.state, track.shown_ns = updated(track.state, *place), stamp_ns
+    def _take(
+        self, track: GroundTrack, footprint: ObjectFootprint, place: Place, stamp_ns: int, *, has_foot: bool
+    ) -> None:
+        track.state, track.shown_ns = update(track.state, *place), stamp_ns
         if not has_foot:
             track.hidden = "its foot is hidden"
             return
-        track.see(sight, stamp_ns)
+        track.see(footprint, stamp_ns)
         is_known = bool(track.number) or track.looks < self._settings.confirm_looks
         if not is_known and track.has_moved(self._camera_enu_m):
             self._count += 1
             track.number = self._count
 
-    def _begin(self, sights: list[Sight], stamp_ns: int) -> None:
-        for sight in sights:
-            state = begun(sight.place_en_m, sight.cov_m2, self._settings.speed_mps)
-            first = Begun(stamp_ns, sight.place_en_m, self._camera_enu_m)
-            track = GroundTrack(state, stamp_ns, stamp_ns, sight, begun=first)
-            track.remember_size(sight)
+    def _begin(self, footprints: list[ObjectFootprint], stamp_ns: int) -> None:
+        for footprint in footprints:
+            state = initial_state(footprint.place_en_m, footprint.cov_m2, self._settings.speed_mps)
+            first = FirstSighting(stamp_ns, footprint.place_en_m, self._camera_enu_m)
+            track = GroundTrack(state, stamp_ns, stamp_ns, footprint, initial_state=first)
+            track.remember_size(footprint)
             self._tracks.append(track)
 
     def _end(self, stamp_ns: int) -> None:
@@ -460,18 +474,20 @@ class GroundTracks:
             or (
                 track.number
                 and stamp_ns - track.shown_ns
-                <= min(max(_CARRIED * (track.shown_ns - track.begun.stamp_ns), least_ns), most_ns)
+                <= min(max(_COASTED * (track.shown_ns - track.initial_state.stamp_ns), least_ns), most_ns)
             )
         ]
 
 
-def _pairs(tracks: list[GroundTrack], sights: list[Sight], match: Match, gate: float) -> list[tuple[int, int, Place]]:
-    """Tracks and sights paired as near as they can be, all together: indices, and the sight's place; best first."""
-    costs = np.full((len(tracks), len(sights)), _FAR)
+def _pairs(
+    tracks: list[GroundTrack], footprints: list[ObjectFootprint], match: Match, gate: float
+) -> list[tuple[int, int, Place]]:
+    """Tracks and footprints paired as near as can be, all together: indices, and the footprint's place; best first."""
+    costs = np.full((len(tracks), len(footprints)), _FAR)
     places: dict[tuple[int, int], Place] = {}
     for row, track in enumerate(tracks):
-        for column, sight in enumerate(sights):
-            place = match(track, sight)
+        for column, footprint in enumerate(footprints):
+            place = match(track, footprint)
             if place is not None and (off := distance2(track.state, *place)) <= gate:
                 costs[row, column] = off + math.log(np.linalg.det(track.state.cov[:2, :2] + place[1]))
                 places[row, column] = place

@@ -18,7 +18,16 @@ from aerodft.geometry import Ground
 from aerodft.model import BoolArray, Camera, FloatArray, Image, ImageArray, Observation
 from aerodft.service import OBJECTS, ObjectSettings
 from aerodft.vision.camera_motion import allowed_outside
-from aerodft.vision.common import NODE_PX, OUTSIDE_PX, PlaneImage, PoseOf, Standpoints, StraightView, carried, nodes_px
+from aerodft.vision.common import (
+    NODE_PX,
+    OUTSIDE_PX,
+    PlaneImage,
+    PlanePoses,
+    PoseOf,
+    UndistortedView,
+    apply_homography,
+    nodes_px,
+)
 from aerodft.vision.plane_lock import PlaneLock
 
 _SLACK_PX: Final = 0.3  # staircases of a mask are no corners
@@ -45,8 +54,8 @@ MOST_OUTLINES: Final = 30
 
 TOO_MANY: Final = "more seems to move than persons or vehicles do: water, leaves, another light? ignore says where"
 _REMEMBERED_S: Final = 10.0
-_RESTLESS: Final = 0.1  # changes an image: two persons in a second that walk past change a place as often
-_CALM_LOOKS: Final = 25.0  # that are taken for granted
+_MOST_FLICKER: Final = 0.1  # changes an image: two persons in a second that walk past change a place as often
+_STABLE_LOOKS: Final = 25.0  # that are taken for granted
 _AROUND_PX: Final = 17
 
 Planes = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -118,7 +127,7 @@ def shadows(image: ImageArray, background: ImageArray, labelled: BoolArray) -> B
 
     Args:
         image: ``(height, width, 3)`` BGR.
-        background: The same place without objects, likewise.
+        background: ``(height, width, 3)`` BGR of the place without objects.
         labelled: ``(height, width)``: where somebody else sees a shadow.
 
     Returns:
@@ -157,7 +166,7 @@ def without_shadows(
 
     Args:
         pixels: ``(height, width, 3)`` BGR.
-        background: The same place without objects, likewise.
+        background: ``(height, width, 3)`` BGR of the place without objects.
         new: ``(height, width)``.
         labelled: ``(height, width)``: where somebody else sees a shadow.
         least_px: What covers fewer pixels is noise.
@@ -194,7 +203,7 @@ def is_ghost(pixels: ImageArray, background: Background, new: BoolArray, outline
 
     Args:
         pixels: ``(height, width, 3)`` BGR.
-        background: What was learned, likewise.
+        background: ``(height, width, 3)`` BGR that was learned.
         new: ``(height, width)`` where the two differ.
         outline: ``(n, 2)`` of what may be one.
     """
@@ -240,21 +249,21 @@ def remember_changes(
 
     Args:
         share: Of the images, in which it changed; changed in place.
-        last: What was new in the image before; likewise.
+        last: What was new in the image before; changed in place.
         new: What is new in this one.
         seen: What this one shows.
         looks: How often each place was seen.
         elapsed_s: Since the last one.
     """
     later = min(1 - math.exp(-elapsed_s / _REMEMBERED_S), 0.1)
-    rate = np.maximum(np.float32(1) / (looks + np.float32(_CALM_LOOKS)), np.float32(later))
+    rate = np.maximum(np.float32(1) / (looks + np.float32(_STABLE_LOOKS)), np.float32(later))
     share += (cv2.absdiff(new, last) - share) * (seen * rate)
     last += (new - last) * seen
 
 
-def calm(share: Planes) -> BoolArray:
+def stable_mask(share: Planes) -> BoolArray:
     """Where who moves can be told ``(height, width)``."""
-    return np.asarray(cv2.blur(share, (_AROUND_PX, _AROUND_PX)) < _RESTLESS)
+    return np.asarray(cv2.blur(share, (_AROUND_PX, _AROUND_PX)) < _MOST_FLICKER)
 
 
 class GroundCanvas:
@@ -265,7 +274,7 @@ class GroundCanvas:
         since_first: ``(3, 3)`` homography since the first image, of straight pixels of such views.
     """
 
-    def __init__(self, view: StraightView, since_first: FloatArray) -> None:
+    def __init__(self, view: UndistortedView, since_first: FloatArray) -> None:
         width, height = view.camera.width_px, view.camera.height_px
         self._margin_px = np.array([round(_MARGIN * width), round(_MARGIN * height)], dtype=np.float64)
         self.shape = height + 2 * int(self._margin_px[1]), width + 2 * int(self._margin_px[0])
@@ -281,7 +290,7 @@ class GroundCanvas:
     def window(self, onto: FloatArray) -> Window:
         """The part of the canvas that an image can show."""
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (self._size_px - 1)
-        at = carried(np.asarray(np.linalg.inv(onto), dtype=np.float64), corners)
+        at = apply_homography(np.asarray(np.linalg.inv(onto), dtype=np.float64), corners)
         if not np.all(np.isfinite(at)):
             return slice(0, self.shape[0]), slice(0, self.shape[1])
         low = np.clip(np.floor(np.min(at, axis=0)), 0, None).astype(int)
@@ -292,21 +301,21 @@ class GroundCanvas:
         """Whether an image lies within the canvas, in about its size."""
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]]) * (self._size_px - 1)
         back: FloatArray = np.asarray(np.linalg.inv(onto), dtype=np.float64)
-        at = carried(back, corners)
+        at = apply_homography(back, corners)
         if not np.all(np.isfinite(at)):
             return False
         inside = np.all((at > -0.1 * self._size_px) & (at < [self.shape[1], self.shape[0]] + 0.1 * self._size_px))
-        ends = carried(back, corners[4] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        ends = apply_homography(back, corners[4] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
         scale = np.sqrt(abs(float(np.linalg.det(ends[1:] - ends[0]))))
         return bool(inside and _SCALES[0] <= scale <= _SCALES[1])
 
-    def laid(
-        self, pixels: ImageArray, view: StraightView, onto: FloatArray, window: Window
+    def warp(
+        self, pixels: ImageArray, view: UndistortedView, onto: FloatArray, window: Window
     ) -> tuple[ImageArray, BoolArray]:
         """An image of a view as the canvas shows it, and where it does; of the window only."""
         rows, columns = window
         height, width = rows.stop - rows.start, columns.stop - columns.start
-        nodes = view.bent(carried(onto, nodes_px(width, height) + [columns.start, rows.start]))
+        nodes = view.distort(apply_homography(onto, nodes_px(width, height) + [columns.start, rows.start]))
         nodes = np.nan_to_num(nodes, nan=OUTSIDE_PX).astype(np.float32)
         size = nodes.shape[1] * NODE_PX, nodes.shape[0] * NODE_PX
         columns_px, rows_px = (  # one by one: as a pair they would be rounded otherwise
@@ -318,7 +327,7 @@ class GroundCanvas:
         is_seen = (columns_px >= 1) & (columns_px <= farthest[0]) & (rows_px >= 1) & (rows_px <= farthest[1])
         return np.asarray(seen, dtype=np.uint8), np.asarray(is_seen)
 
-    def moved_here(self, planes: np.ndarray, other: "GroundCanvas") -> np.ndarray:
+    def warp_from(self, planes: np.ndarray, other: "GroundCanvas") -> np.ndarray:
         """What lies on another canvas ``(h, w, ...)`` as it lies on this one; 0 where there is nothing."""
         back = np.eye(3)
         back[:2, 2] = -self._margin_px
@@ -350,28 +359,28 @@ class GroundBackground:
         mean, variance = np.zeros((*shape, 3), dtype=np.float32), np.full(shape, _FIRST_VARIANCE, dtype=np.float32)
         return cls(mean, variance, *(np.zeros(shape, dtype=np.float32) for _ in range(3)))
 
-    def begin(self, laid: list[tuple[ImageArray, BoolArray]]) -> None:
+    def begin(self, warped: list[tuple[ImageArray, BoolArray]]) -> None:
         """Take the medians of some images of the whole canvas: who walks is nowhere in most of them."""
-        seen = np.all([is_seen for _, is_seen in laid], axis=0)
+        seen = np.all([is_seen for _, is_seen in warped], axis=0)
         rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
         if not len(rows):
             return
         part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        ordered = np.sort(np.stack([each[part] for each, _ in laid]), axis=0)
+        ordered = np.sort(np.stack([each[part] for each, _ in warped]), axis=0)
         inside = seen[part]
-        self.mean[part][inside] = ordered[len(laid) // 2][inside]
-        spread = (ordered[3 * len(laid) // 4].astype(np.float32) - ordered[len(laid) // 4]) / _QUARTILES
+        self.mean[part][inside] = ordered[len(warped) // 2][inside]
+        spread = (ordered[3 * len(warped) // 4].astype(np.float32) - ordered[len(warped) // 4]) / _QUARTILES
         self.variance[part][inside] = np.mean(spread * spread, axis=-1)[inside]
-        self.looks[part][inside] = len(laid)
+        self.looks[part][inside] = len(warped)
 
-    def on(self, canvas: GroundCanvas, old: GroundCanvas) -> "GroundBackground":
-        """The same on another canvas."""
-        looks = canvas.moved_here(self.looks, old)
+    def on_canvas(self, canvas: GroundCanvas, old: GroundCanvas) -> "GroundBackground":
+        """The background on another canvas."""
+        looks = canvas.warp_from(self.looks, old)
         edge = cv2.erode((looks > 0).astype(np.uint8), _RING) == 0  # half of what is there beside nothing
         looks[edge] = 0
-        variance = canvas.moved_here(self.variance, old)
+        variance = canvas.warp_from(self.variance, old)
         variance[edge] = _FIRST_VARIANCE
-        mean, changes, last = (canvas.moved_here(each, old) for each in (self.mean, self.changes, self.last))
+        mean, changes, last = (canvas.warp_from(each, old) for each in (self.mean, self.changes, self.last))
         return GroundBackground(mean, variance, looks, changes, last)
 
     def new_in(
@@ -386,7 +395,7 @@ class GroundBackground:
         is_new = (_mean_square(off) > _NEW_STD**2 * allowed) & (self.looks[window] >= _LEAST_LOOKS) & is_seen
         now, shown = is_new.astype(np.float32), is_seen.astype(np.float32)
         remember_changes(self.changes[window], self.last[window], now, shown, self.looks[window], elapsed_s)
-        is_new &= calm(self.changes[window])
+        is_new &= stable_mask(self.changes[window])
         colours, then = seen[is_new].astype(np.float32), mean[is_new]
         gain = np.einsum("nk,nk->n", colours, then) / np.maximum(np.einsum("nk,nk->n", then, then), 1.0)
         rest = colours - gain[:, None] * then
@@ -436,7 +445,7 @@ class MovingObjects:
         self._allowed = allowed_outside(settings.ignore, camera.width_px, camera.height_px)
         self._subtractor = cv2.createBackgroundSubtractorMOG2(_HISTORY, _APART, detectShadows=True)
         self._background: ImageArray | None = None
-        self.restless = 0
+        self.flickering = 0
         self._changes: tuple[Planes, Planes] | None = None
         self._looks = 0
         self._last_ns: int | None = None
@@ -452,7 +461,7 @@ class MovingObjects:
         last_ns, self._last_ns = self._last_ns, image.stamp_ns
         elapsed_s = 0.0 if last_ns is None else max(image.stamp_ns - last_ns, 0) / SECOND_NS
         seen = observations_of(self.outlines(image.pixels(), elapsed_s), image, self._settings.std_px)
-        self.restless += bool(seen[0].unseen)
+        self.flickering += bool(seen[0].unseen)
         return seen
 
     def outlines(self, pixels: ImageArray, elapsed_s: float = 0.1) -> list[FloatArray]:
@@ -468,12 +477,12 @@ class MovingObjects:
         new = np.asarray(labels > 0) & self._allowed
         if self._looks <= _LEARNED:
             return []
-        calm = self._calm(new, elapsed_s)
+        stable_mask = self._stable_mask(new, elapsed_s)
         if np.count_nonzero(new) > _ANOTHER_VIEW * new.size:
             self._subtractor = cv2.createBackgroundSubtractorMOG2(_HISTORY, _APART, detectShadows=True)
             self._background, self._looks = None, 0
             return []
-        mask = new = np.asarray(new & calm)
+        mask = new = np.asarray(new & stable_mask)
         if self._background is None or self._looks % _BACKGROUND_LOOKS == 0:
             self._background = np.asarray(self._subtractor.getBackgroundImage(), dtype=np.uint8)
         background = self._background
@@ -483,14 +492,16 @@ class MovingObjects:
         found = objects_in(mask, self._settings.min_area_px)
         return [outline for outline in found if not is_ghost(pixels, background, new, outline)]
 
-    def _calm(self, new: BoolArray, elapsed_s: float) -> BoolArray:
+    def _stable_mask(self, new: BoolArray, elapsed_s: float) -> BoolArray:
         """Where who moves can be told ``(height, width)``, with what is new in the next image."""
         size = new.shape[1] // _COARSE, new.shape[0] // _COARSE
         now = np.asarray(cv2.resize(new.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
         if self._changes is None:
             self._changes = np.zeros_like(now), now.copy()
         remember_changes(*self._changes, now, np.ones_like(now), self._looks, elapsed_s)
-        mask = cv2.resize(calm(self._changes[0]).astype(np.uint8), new.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        mask = cv2.resize(
+            stable_mask(self._changes[0]).astype(np.uint8), new.shape[::-1], interpolation=cv2.INTER_NEAREST
+        )
         return np.asarray(mask > 0)
 
 
@@ -519,12 +530,12 @@ class MovingOverGround:
     """
 
     def __init__(self, camera: Camera, settings: ObjectSettings, pose_of: PoseOf, ground: Ground | None = None) -> None:
-        self.restless = 0
+        self.flickering = 0
         self._settings, self._ground = settings, ground
         self._allowed = allowed_outside(settings.ignore, camera.width_px, camera.height_px)
         self._all_allowed = bool(np.all(self._allowed))
-        self._small, self._view = StraightView(camera), StraightView(camera, _ABOUT_PX)
-        self._standpoints = Standpoints(camera, self._small, pose_of)
+        self._small, self._view = UndistortedView(camera), UndistortedView(camera, _ABOUT_PX)
+        self._plane_poses = PlanePoses(camera, self._small, pose_of)
         self._to_view = self._view.intrinsics @ np.linalg.inv(self._small.intrinsics)
         self._lock: PlaneLock | None = None
         self._canvas: GroundCanvas | None = None
@@ -545,7 +556,7 @@ class MovingOverGround:
         time_s = (image.stamp_ns - self._epoch_ns) / SECOND_NS
         outlines = self._outlines(image, image.pixels(), time_s)
         seen = observations_of(outlines, image, self._settings.std_px)
-        self.restless += bool(seen[0].unseen)
+        self.flickering += bool(seen[0].unseen)
         return seen
 
     def _outlines(self, image: Image, pixels: ImageArray, time_s: float) -> list[FloatArray]:
@@ -557,21 +568,21 @@ class MovingOverGround:
             self._background, self._first = GroundBackground.of(self._canvas.shape), []
         elif not self._canvas.holds(self._canvas.onto(since_first)):
             canvas = GroundCanvas(self._view, since_first)
-            self._background, self._canvas = self._background.on(canvas, self._canvas), canvas
+            self._background, self._canvas = self._background.on_canvas(canvas, self._canvas), canvas
         elapsed_s, self._last_s = time_s - self._last_s, time_s
-        return self._new_on(self._canvas, self._view.shrunken(pixels), view, since_first, elapsed_s)
+        return self._new_on(self._canvas, self._view.shrunk_image(pixels), view, since_first, elapsed_s)
 
-    def _held(self, image: Image, pixels: ImageArray, time_s: float) -> tuple[FloatArray | None, StraightView]:
+    def _held(self, image: Image, pixels: ImageArray, time_s: float) -> tuple[FloatArray | None, UndistortedView]:
         """Homography since the first image, and the view as it is zoomed; None where the ground is not held."""
-        seen = self._standpoints.seen(image)
+        seen = self._plane_poses.image_pose(image)
         if self._lock is None and self._ground is not None and seen is not None:
             middle = np.array([pixels.shape[1] - 1, pixels.shape[0] - 1]) / 2
-            self._standpoints.find_plane(seen, middle, self._ground, 0.0)
-        standpoint, view = self._standpoints.of(seen), self._standpoints.view_of(seen)
-        now = PlaneImage(self._small.small(pixels), view, time_s, standpoint)
-        zoomed = self._view if seen is None else self._standpoints.zoomed(self._view, seen)
+            self._plane_poses.find_plane(seen, middle, self._ground, 0.0)
+        plane_pose, view = self._plane_poses.plane_pose(seen), self._plane_poses.view_of(seen)
+        now = PlaneImage(self._small.small(pixels), view, time_s, plane_pose)
+        zoomed = self._view if seen is None else self._plane_poses.zoomed(self._view, seen)
         if self._lock is None or time_s - self._held_s > _LOST_S:
-            if standpoint is None:
+            if plane_pose is None:
                 return None, zoomed
             size = self._small.camera
             middle_px = np.array([[size.width_px / 2, size.height_px / 2]])
@@ -584,19 +595,19 @@ class MovingOverGround:
         return self._to_view @ lock.homography @ np.linalg.inv(self._to_view), zoomed
 
     def _new_on(
-        self, canvas: GroundCanvas, pixels: ImageArray, view: StraightView, since_first: FloatArray, elapsed_s: float
+        self, canvas: GroundCanvas, pixels: ImageArray, view: UndistortedView, since_first: FloatArray, elapsed_s: float
     ) -> list[FloatArray]:
         """Outlines in the image, of what is new on the canvas."""
         onto = canvas.onto(since_first)
         if self._first is not None:
             whole = slice(0, canvas.shape[0]), slice(0, canvas.shape[1])
-            self._first.append(canvas.laid(pixels, view, onto, whole))
+            self._first.append(canvas.warp(pixels, view, onto, whole))
             if len(self._first) == _FIRST_LOOKS:
                 self._background.begin(self._first)
                 self._first = None
             return []
         window = canvas.window(onto)
-        seen, is_seen = canvas.laid(pixels, view, onto, window)
+        seen, is_seen = canvas.warp(pixels, view, onto, window)
         if not seen.size:
             return []
         is_new, shade = self._background.new_in(seen, is_seen, window, elapsed_s)
@@ -611,7 +622,7 @@ class MovingOverGround:
         outlines = self._without_ghosts(seen, is_new, objects_in(mask, least_px), window)
         self._background.learn(seen, is_seen, is_new, window, elapsed_s)
         corner = np.array([window[1].start, window[0].start], dtype=np.float64)
-        found = [view.to_full(view.bent(carried(onto, outline + corner))) for outline in outlines]
+        found = [view.to_full(view.distort(apply_homography(onto, outline + corner))) for outline in outlines]
         return [outline for outline in found if self._is_whole(outline)]
 
     def _without_ghosts(

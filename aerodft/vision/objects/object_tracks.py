@@ -31,14 +31,14 @@ from aerodft.dft import (
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import FloatArray, Observation, PixelSource, Pose, PoseSample, Probe, ProbeKind, Status
 from aerodft.service import ObjectSettings
-from aerodft.vision.objects.ground_tracks import GroundTrack, GroundTracks, below_top, ground_at, sights
+from aerodft.vision.objects.ground_tracks import GroundTrack, GroundTracks, below_top, footprints, ground_at
 
 _AHEAD_S: Final = 0.5  # over which a velocity's dependence on the pose is taken
 _STILL_MPS: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Placed:
+class _PlacedTrack:
     """A track in one image.
 
     Attributes:
@@ -90,7 +90,7 @@ class ObjectTracks:
             return self._answers(setup, sample, image, missed)
         setup, sample = zoomed(setup, sample)
         below = partial(below_top, setup, pose)
-        if not self._tracks.advance(sample.stamp_ns, sights(setup, pose, observations), below, pose.position_enu_m):
+        if not self._tracks.advance(sample.stamp_ns, footprints(setup, pose, observations), below, pose.position_enu_m):
             return None
         placed = [_placed(setup, pose, track, self._settings.std_px) for track in self._tracks.confirmed]
         gone = [track for track, at in zip(self._tracks.confirmed, placed, strict=True) if at is None]
@@ -102,10 +102,10 @@ class ObjectTracks:
         found += [(self._pair_request(pair), _distance_answer(pair, sample, pose, shared)) for pair in pairs]
         return self._answers(setup, sample, image, found)
 
-    def _track_request(self, at: _Placed) -> Request:
+    def _track_request(self, at: _PlacedTrack) -> Request:
         return _request(at.track.name, ProbeKind.TRACK, (at.pixel_px,), self._settings.std_px)
 
-    def _pair_request(self, pair: tuple[_Placed, _Placed]) -> Request:
+    def _pair_request(self, pair: tuple[_PlacedTrack, _PlacedTrack]) -> Request:
         name = "-".join(at.track.name for at in pair)
         return _request(name, ProbeKind.DISTANCE, (pair[0].pixel_px, pair[1].pixel_px), self._settings.std_px)
 
@@ -123,7 +123,7 @@ def _request(name: str, kind: ProbeKind, pixels: tuple[FloatArray, ...], std_px:
     return Request(probe=probe, pixels=tuple((u, v) for u, v in (each.tolist() for each in pixels)), std_px=std_px)
 
 
-def _placed(setup: Setup, pose: Pose, track: GroundTrack, edge_std_px: float) -> _Placed | None:
+def _placed(setup: Setup, pose: Pose, track: GroundTrack, edge_std_px: float) -> _PlacedTrack | None:
     """A track where it is now; None where that is out of the image, or anywhere."""
     state = track.state
     places = np.stack([state.place_en_m, state.place_en_m + _AHEAD_S * state.velocity_en_mps])
@@ -138,7 +138,7 @@ def _placed(setup: Setup, pose: Pose, track: GroundTrack, edge_std_px: float) ->
     if not np.all(np.isfinite(turn)):
         turn = np.zeros_like(turn)
     enu = np.append(state.place_en_m, ground.points_enu_m[0, 2])
-    return _Placed(track, pixels[0], enu, ground.jac_shared[0], turn, own)
+    return _PlacedTrack(track, pixels[0], enu, ground.jac_shared[0], turn, own)
 
 
 def _is_astray(ground: GroundPoints, pose: Pose, cov_m2: FloatArray) -> bool:
@@ -154,7 +154,7 @@ def _pixels_of(setup: Setup, pose: Pose, places_en_m: FloatArray) -> FloatArray:
     return pixels_from_rays(setup.camera, (points - pose.position_enu_m) @ matrix(pose.wxyz))
 
 
-def _track_answer(at: _Placed, sample: PoseSample, pose: Pose, shared: FloatArray) -> MeasurementColumn:
+def _track_answer(at: _PlacedTrack, sample: PoseSample, pose: Pose, shared: FloatArray) -> MeasurementColumn:
     velocity = at.track.state.velocity_en_mps
     speed = float(np.linalg.norm(velocity))
     cov = at.track.state.cov[2:, 2:] + at.velocity_by_shared @ shared @ at.velocity_by_shared.T
@@ -170,7 +170,7 @@ def _track_answer(at: _Placed, sample: PoseSample, pose: Pose, shared: FloatArra
 
 
 def _distance_answer(
-    pair: tuple[_Placed, _Placed], sample: PoseSample, pose: Pose, shared: FloatArray
+    pair: tuple[_PlacedTrack, _PlacedTrack], sample: PoseSample, pose: Pose, shared: FloatArray
 ) -> MeasurementColumn:
     """Both points are moved alike by what they share: that is in the difference of how they depend on it."""
     first, second = pair
@@ -186,7 +186,7 @@ def _distance_answer(
     return _column("m", sample, hidden, numbers, (distance, std))
 
 
-def _apart_m(pair: tuple[_Placed, _Placed]) -> float:
+def _apart_m(pair: tuple[_PlacedTrack, _PlacedTrack]) -> float:
     return float(np.linalg.norm((pair[1].enu_m - pair[0].enu_m)[:2]))
 
 

@@ -3,10 +3,10 @@
 from aerodft.vision.river.banks import ONE_SIDED, Islands, hidden_per_metre
 from aerodft.vision.river.observer import (
     Reach,
-    ReachView,
     River,
     RiverObserver,
     RiverQuestion,
+    RiverView,
     find_river,
     measure_reach,
 )

@@ -97,7 +97,7 @@ def _step_at(profiles: FloatArray, half: float) -> tuple[FloatArray, FloatArray,
     wet, dry = offsets <= -half, offsets >= half
     profile = _steps(profiles, wet, dry)
     spread_wet, spread_dry = (np.sqrt(np.var(profile[:, side], axis=-1) + _LEAST_SPREAD**2) for side in (wet, dry))
-    news = 1.0 / _alike(profile, wet, dry)
+    news = 1.0 / _correlation_length(profile, wet, dry)
     places = np.arange(-half, half + _PLACE_PX / 2, _PLACE_PX)
     score = news * _likelihood(profile, offsets, places, spread_wet, spread_dry)
     score -= 0.5 * np.square(places / (_NEAR_SHARE * half))
@@ -123,7 +123,7 @@ def _steps(profiles: FloatArray, wet: BoolArray, dry: BoolArray) -> FloatArray:
     return np.asarray((values - zero[:, None]) / length[:, None])
 
 
-def _alike(profile: FloatArray, wet: BoolArray, dry: BoolArray) -> float:
+def _correlation_length(profile: FloatArray, wet: BoolArray, dry: BoolArray) -> float:
     """How many neighbouring samples tell no more than one."""
     products, squares = 0.0, 0.0
     for side in (wet, dry):

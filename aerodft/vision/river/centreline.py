@@ -62,7 +62,7 @@ class Centreline:
         directions = np.stack([np.interp(stations_m, own, along[:, axis]) for axis in range(2)], axis=-1)
         return places, directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
-    def turned(self) -> "Centreline":
+    def reversed(self) -> "Centreline":
         """The same line from its other end."""
         return Centreline(self.places_en_m[::-1].copy(), self.width_m)
 
@@ -138,10 +138,10 @@ def _grid(plane: WaterPlane, features: WaterFeatures, channel: BoolArray, finer:
     cells = np.stack(np.broadcast_arrays(east[None], (north - step * np.arange(height))[:, None]), axis=-1)
     pixels = plane.pixels_px(cells)
     seen = plane.in_view(cells, pixels)
-    return WaterMap(west, north, step, looked_up(channel, features.to_small(pixels)) & seen, seen)
+    return WaterMap(west, north, step, sample_mask(channel, features.to_small(pixels)) & seen, seen)
 
 
-def looked_up(mask: BoolArray, at_px: FloatArray) -> BoolArray:
+def sample_mask(mask: BoolArray, at_px: FloatArray) -> BoolArray:
     """A mask ``(height, width)`` at the pixels nearest to ``(..., 2)``; False beside it and at NaN."""
     nearest = np.rint(np.clip(np.nan_to_num(at_px, nan=-1e6), -1e6, 1e6)).astype(np.int64)
     inside = np.all((nearest >= 0) & (nearest < [mask.shape[1], mask.shape[0]]), axis=-1)
@@ -311,9 +311,9 @@ def transects(
     pixels = plane.pixels_px(places)
     seen = plane.in_view(places, pixels)
     small = features.to_small(pixels)
-    channel = looked_up(masks[0], small) & seen
-    water = looked_up(masks[1], small)
-    told = looked_up(_well_inside(masks[2]), small)
+    channel = sample_mask(masks[0], small) & seen
+    water = sample_mask(masks[1], small)
+    told = sample_mask(_well_inside(masks[2]), small)
     left, right = np.full(len(centres), np.nan), np.full(len(centres), np.nan)
     owners, stretches = [], []
     for row in range(len(centres)):

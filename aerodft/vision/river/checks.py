@@ -224,7 +224,7 @@ def _has_two_banks(plane: WaterPlane, half: WaterFeatures, found: Outline, groun
     return int(np.count_nonzero(np.isfinite(across.left_m + across.right_m))) >= _LEAST_TRANSECTS
 
 
-def otherwise_m(
+def alternative_width_delta_m(
     plane: WaterPlane, features: WaterFeatures, water: WaterMask, line: Centreline, stations_m: FloatArray
 ) -> FloatArray:
     """How much wider the river is if another region is it, at transects ``(n,)``; 0 where it is the same.

@@ -36,11 +36,11 @@ from aerodft.vision.river.centreline import (
     Transects,
     WaterMap,
     centreline,
-    looked_up,
     middle_line,
+    sample_mask,
     transects,
 )
-from aerodft.vision.river.checks import like_a_road, likeliest_water, no_light, no_river, otherwise_m
+from aerodft.vision.river.checks import alternative_width_delta_m, like_a_road, likeliest_water, no_light, no_river
 from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
 from aerodft.vision.river.water import WaterMask, WaterNetwork, with_islands
 from aerodft.vision.river.water_features import WaterFeatures, WaterPlane, ground_of, water_features
@@ -131,7 +131,7 @@ def find_river(
         question: What is asked.
         later: A look at the same place soon afterwards: what does not move is no water, unless there is a seed.
     """
-    plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+    plane = WaterPlane.from_setup(setup, pose)
     features = water_features(image)
     ground = ground_of(plane, features)
     seed = features.to_small(np.array(question.seed_px)) if question.seed_px else _default_seed(features)
@@ -175,7 +175,7 @@ def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: Flo
     if not ground.any():
         up = "the image shows no water plane near enough: it looks too far up, or --max-range is too short"
         return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
-    if not looked_up(ground, seed_px):
+    if not sample_mask(ground, seed_px):
         return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")
     return None
 
@@ -186,14 +186,14 @@ def river_across(
     """Measure a river that was found in an image at the transects of another line: that of a reach of many images.
 
     Args:
-        image: As for ``find_river``; so are ``setup``, ``pose`` and ``question``.
-        setup: Likewise.
-        pose: Likewise.
-        question: Likewise.
+        image: ``(height, width, 3)`` BGR, of the camera's size.
+        setup: As for ``find_river``.
+        pose: One pose.
+        question: What is asked.
         seen: What was found.
         line: The centreline, in the direction in which left and right are meant.
     """
-    plane = WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+    plane = WaterPlane.from_setup(setup, pose)
     ground = ground_of(plane, seen.features)
     masks = with_islands(seen.water.water, ground), seen.water.water, ground
     found = transects(plane, seen.features, masks, line, stations_along(line, question.spacing_m))
@@ -214,11 +214,11 @@ def oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Cen
     """Downstream where that is known; else up in the image, or to the right where the river runs across it."""
     ends = line.places_en_m[[0, -1]]
     if flow_rad is not None:
-        return line if float((ends[1] - ends[0]) @ [math.sin(flow_rad), math.cos(flow_rad)]) >= 0 else line.turned()
+        return line if float((ends[1] - ends[0]) @ [math.sin(flow_rad), math.cos(flow_rad)]) >= 0 else line.reversed()
     middle = line.places_en_m[len(line.places_en_m) // 4 :: max(1, len(line.places_en_m) // 2)][:2]
     first, last = plane.pixels_px(middle)
     right, up = last[0] - first[0], first[1] - last[1]
-    return line if (up > 0 if abs(up) >= abs(right) else right > 0) else line.turned()
+    return line if (up > 0 if abs(up) >= abs(right) else right > 0) else line.reversed()
 
 
 def stations_along(line: Centreline, spacing_m: float) -> FloatArray:
@@ -241,7 +241,7 @@ def _measured(
 ) -> River | NoRiver:
     features, water, line, found = seen
     edges, status = locate_banks(image, plane, found, _by_motion(plane, features, water, found))
-    other_m = otherwise_m(plane, features, water, line, found.stations_m)
+    other_m = alternative_width_delta_m(plane, features, water, line, found.stations_m)
     for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
         status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
     rows = np.flatnonzero([each is RiverStatus.OK for each in status])
@@ -288,7 +288,7 @@ def _by_motion(plane: WaterPlane, features: WaterFeatures, water: WaterMask, fou
         return np.zeros((len(found.stations_m), 2), dtype=bool)
     near = cv2.dilate(water.stayed.astype(np.uint8), _NEAR_PX) > 0
     sides = [plane.pixels_px(found.places_en_m(offsets)) for offsets in (found.left_m, found.right_m)]
-    return np.stack([looked_up(near, features.to_small(side)) for side in sides], axis=-1)
+    return np.stack([sample_mask(near, features.to_small(side)) for side in sides], axis=-1)
 
 
 def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_m: float) -> BoolArray:
@@ -349,7 +349,7 @@ class _Votes:
         pixels = view.plane.pixels_px(cells)
         seen = view.plane.in_view(cells, pixels)
         self._seen[rows, columns] += seen
-        self._water[rows, columns] += looked_up(view.channel, view.features.to_small(pixels)) & seen
+        self._water[rows, columns] += sample_mask(view.channel, view.features.to_small(pixels)) & seen
 
     def water_map(self) -> WaterMap:
         """What most images hold to be water, where any looked."""
@@ -384,7 +384,7 @@ def seed_on(line: Centreline, plane: WaterPlane) -> tuple[float, float] | None:
     return float(near[0]), float(near[1])
 
 
-class _Sight(NamedTuple):
+class _IslandSample(NamedTuple):
     """What one image shows of one transect."""
 
     islands: int
@@ -397,47 +397,60 @@ def common_islands(looks: Sequence[River], count: int) -> Islands:
 
     Where images disagree on how many islands there are, that is one error of all of them, and does not average out.
     """
-    sights: list[list[_Sight]] = [[] for _ in range(count)]
+    samples: list[list[_IslandSample]] = [[] for _ in range(count)]
     for look in looks:
         islands = look.islands
         for row in look.rows[look.used].tolist():
-            sight = _Sight(int(islands.count[row]), float(islands.dry_m[row]), float(islands.std_m[row]))
-            sights[row].append(sight)
-    common = [_common(each) for each in sights]
+            sample = _IslandSample(int(islands.count[row]), float(islands.dry_m[row]), float(islands.std_m[row]))
+            samples[row].append(sample)
+    common = [_common(each) for each in samples]
     counts, dry, std = (np.array(column) for column in zip(*common, strict=True))
     return Islands(counts.astype(np.int64), dry, std)
 
 
-def _common(sights: Sequence[_Sight]) -> _Sight:
+def _common(samples: Sequence[_IslandSample]) -> _IslandSample:
     """What most images show; the more islands where as many show more."""
-    if not sights:
-        return _Sight(0, 0.0, 0.0)
-    counts = np.array([each.islands for each in sights])
+    if not samples:
+        return _IslandSample(0, 0.0, 0.0)
+    counts = np.array([each.islands for each in samples])
     most = max(counts.tolist(), key=lambda one: (int(np.sum(counts == one)), one))
-    agree = [each for each in sights if each.islands == most]
+    agree = [each for each in samples if each.islands == most]
     dry = np.array([each.dry_m for each in agree])
     stated = np.sqrt(np.mean(np.square([each.std_m for each in agree])))
     scatter = np.std(dry, ddof=1) if len(agree) > 1 else 0.0
-    others = [each.dry_m - dry.mean() for each in sights if each.islands != most]
-    doubt = np.sqrt(np.sum(np.square(others)) / len(sights))
-    return _Sight(most, float(dry.mean()), float(np.hypot(max(stated, scatter) / np.sqrt(len(agree)), doubt)))
+    others = [each.dry_m - dry.mean() for each in samples if each.islands != most]
+    doubt = np.sqrt(np.sum(np.square(others)) / len(samples))
+    return _IslandSample(most, float(dry.mean()), float(np.hypot(max(stated, scatter) / np.sqrt(len(agree)), doubt)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReachView:
-    """One image of a flight, or of a fixed camera.
+class RiverView:
+    """One image that a river is looked for in.
 
     Attributes:
-        setup: As for ``find_river``.
-        pose: Its pose; all views in one ENU frame.
+        index: Running number of the image.
+        setup: As for ``find_river``; the camera zoomed as it was.
+        sample: Its pose, which is ok; all views of a reach in one ENU frame.
         pixels: Reads the image, ``(height, width, 3)`` BGR.
         later: The same place soon afterwards, where there is such an image.
     """
 
+    index: int
     setup: Setup
-    pose: Pose
+    sample: PoseSample
     pixels: Callable[[], ImageArray]
     later: LaterLook | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """The pose of the sample."""
+        assert self.sample.pose is not None  # noqa: S101 - a view's own condition, for the type checker
+        return self.sample.pose
+
+    @property
+    def plane(self) -> WaterPlane:
+        """The water's plane."""
+        return WaterPlane.from_setup(self.setup, self.pose)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -460,7 +473,7 @@ class Reach:
 
 
 def measure_reach(
-    views: Sequence[ReachView], question: RiverQuestion, advance: Callable[[int], None] = lambda _: None
+    views: Sequence[RiverView], question: RiverQuestion, advance: Callable[[int], None] = lambda _: None
 ) -> Reach | NoRiver:
     """Measure a river over many images.
 
@@ -479,7 +492,7 @@ def measure_reach(
     line = middle_line(_Votes(waters).water_map()) if waters else None
     if line is None:
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
-    line = oriented(_plane(views[0]), line, question.flow_rad)
+    line = oriented(views[0].plane, line, question.flow_rad)
     for row, view in enumerate(views):
         looks[row] = _looked_across(view, looks[row], line, question, rough)
         advance(len(views) + row + 1)
@@ -491,29 +504,25 @@ def measure_reach(
     return Reach(line=line, stations_m=stations, found=found, islands=islands, looks=tuple(looks))
 
 
-def _plane(view: ReachView) -> WaterPlane:
-    return WaterPlane(view.setup.camera, view.pose, view.setup.elevation_m, view.setup.max_range_m)
-
-
 def _slim(look: River | NoRiver) -> River | NoRiver:
     """Without what only finding the water needs: a flight has many images."""
     return look if isinstance(look, NoRiver) else replace(look, features=look.features.without_planes())
 
 
-def _water(view: ReachView, look: River) -> WaterView:
-    plane = _plane(view)
+def _water(view: RiverView, look: River) -> WaterView:
+    plane = view.plane
     return WaterView(plane, look.features, channel_of(plane, look), look.line.width_m)
 
 
 def _looked_across(
-    view: ReachView, look: River | NoRiver, line: Centreline, question: RiverQuestion, rough: RiverQuestion
+    view: RiverView, look: River | NoRiver, line: Centreline, question: RiverQuestion, rough: RiverQuestion
 ) -> River | NoRiver:
     """The reach's transects in one image, whose water is looked for anew where it is not that of the reach."""
-    plane, image = _plane(view), view.pixels()
+    plane, image = view.plane, view.pixels()
     seed = seed_on(line, plane)
     if seed is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "the image does not show the reach")
-    if isinstance(look, NoRiver) or not looked_up(look.water.water, look.features.to_small(np.array([seed])))[0]:
+    if isinstance(look, NoRiver) or not sample_mask(look.water.water, look.features.to_small(np.array([seed])))[0]:
         look = _slim(find_river(image, view.setup, view.pose, replace(rough, seed_px=seed), view.later))
     if isinstance(look, NoRiver):
         return look
@@ -524,7 +533,7 @@ def _usable(look: River | NoRiver) -> SeenWidths:
     if isinstance(look, NoRiver):
         nothing = RiverWidths(np.empty(0), np.empty((0, 0)), np.empty(0), np.empty(0), np.empty((0, 2, 3)))
         return SeenWidths(np.empty(0, dtype=np.int64), nothing)
-    return SeenWidths(look.rows[look.used], look.widths.taken(look.used))
+    return SeenWidths(look.rows[look.used], look.widths.select(look.used))
 
 
 def _most_said(refusals: Sequence[NoRiver]) -> NoRiver:

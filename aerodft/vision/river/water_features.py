@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
+from aerodft.dft import Setup
 from aerodft.dft.maps import GroundMap
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, IntArray, Pose
@@ -254,6 +255,11 @@ class WaterPlane:
     elevation_m: float = 0.0
     max_range_m: float | None = None
 
+    @staticmethod
+    def from_setup(setup: Setup, pose: Pose) -> "WaterPlane":
+        """The level plane that a setup measures on."""
+        return WaterPlane(setup.camera, pose, setup.elevation_m, setup.max_range_m)
+
     @property
     def height_m(self) -> float:
         """Of the camera above the plane; not above 0 where it is below."""
@@ -275,7 +281,7 @@ class WaterPlane:
 
     def places_en_m(self, pixels_px: FloatArray) -> FloatArray:
         """East and north ``(..., 2)`` of pixels ``(..., 2)``; NaN at and above the horizon and out of reach."""
-        places = self._map.points_en_m(pixels_px)
+        places = self._map.points_enu_m(pixels_px)[..., :2]
         with np.errstate(invalid="ignore"):
             near = np.linalg.norm(places - self.pose.position_enu_m[:2], axis=-1) <= self.reach_m
         return np.where(near[..., None], places, np.nan)

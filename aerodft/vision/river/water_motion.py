@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from aerodft.model import BoolArray, FloatArray, ImageArray
-from aerodft.vision.common import followed, local_contrast, spread_corners
+from aerodft.vision.common import local_contrast, spread_corners, track_lk
 from aerodft.vision.river.water import GLITTER, WaterMask, around_seed
 from aerodft.vision.river.water_features import LIGHT, Float32Image, WaterFeatures, WaterPlane, outline_contrast
 
@@ -166,7 +166,7 @@ def _laid(
     at = planes[1].pixels_px(planes[0].places_en_m((points + 0.5) / scale - 0.5))
     guess = (at + 0.5) * scale - 0.5
     told = np.isfinite(guess[:, 0])
-    there, again = followed(old, new, points[told], guess[told])
+    there, again = track_lk(old, new, points[told], guess[told])
     if np.count_nonzero(again) < _FEWEST:
         return None
     start, end = points[told][again], there[again]

@@ -12,7 +12,7 @@ from aerodft.adapters.wire.measurement import MEASUREMENTS_SCHEMA, encode_batch,
 from aerodft.adapters.wire.packed_json import encode_payloads
 from aerodft.adapters.wire.payload import Json, dump_payload
 from aerodft.adapters.wire.pose import encode_poses
-from aerodft.dft import NO_IMAGE, Request, Setup, linked, measure
+from aerodft.dft import NO_IMAGE, Request, Setup, link_requests, measure
 from aerodft.errors import InputError
 from aerodft.geometry import camera_pose
 from aerodft.model import (
@@ -106,7 +106,7 @@ def test_poses() -> None:
 def test_measurements(limit_m: float | None) -> None:
     """Answers and refusals, of images with numbers and of stamps alone; any part of a batch as the whole."""
     probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
-    requests = linked(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
+    requests = link_requests(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
     images = np.array([NO_IMAGE if k % 7 == 0 else 10**15 * k - 1 for k in range(150)])
     batch = measure(Setup(camera=CAMERA, max_range_m=limit_m), PoseBatch.of(samples(150)), requests, images)
     assert len({each.status for image in batch for each in image}) > 2

@@ -102,7 +102,7 @@ class CameraTable(Table):
             raise impossible("distortion_std", got=got, expected=f"{len(self.distortion)}, as many as in distortion")
 
 
-def load_camera(path: Path) -> Camera:
+def load_camera(path: str | Path) -> Camera:
     """Read a camera file.
 
     Args:
@@ -111,8 +111,13 @@ def load_camera(path: Path) -> Camera:
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
+
+    Example:
+        >>> import aerodft as ad
+        >>> ad.load_camera("configs/cameras/canon-1000d.toml").width_px
+        3888
     """
-    return camera_from(validated(CameraTable, parse_toml(read_bytes(path), str(path)), str(path)), str(path))
+    return camera_from(validated(CameraTable, parse_toml(read_bytes(Path(path)), str(path)), str(path)), str(path))
 
 
 def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:

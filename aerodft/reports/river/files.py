@@ -1,27 +1,25 @@
-"""The folder that ``aerodft river`` writes: document, table, map (GeoJSON in WGS84, or in metres) and plate."""
+"""A river's folder: document, table of transects, map (GeoJSON in WGS84, or in metres) and plate."""
 
 import csv
 import errno
 import io
+import logging
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import cv2
 import numpy as np
+import orjson
 
 from aerodft.adapters.atomic_file import output_folder, writable
-from aerodft.cli.output import json_bytes, say
-from aerodft.cli.river_document import SIDES
-from aerodft.cli.river_plate import draw_plate, draw_reach_plate
-from aerodft.cli.river_views import Views
-from aerodft.dft import Setup
 from aerodft.geometry import lat_lon
 from aerodft.model import FloatArray, ImageArray, PoseSample
-from aerodft.vision.river import Reach, River, WaterPlane, ground_of, water_likeness
+from aerodft.reports.river.document import SIDES, RiverImages
+from aerodft.reports.river.plate import draw_plate, draw_reach_plate
+from aerodft.vision.river import Reach, River, RiverView, WaterPlane, ground_of, water_likeness
 
 COLUMNS: Final = (
     "station_m", "status", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "bound",
@@ -31,39 +29,24 @@ COLUMNS: Final = (
 )  # fmt: skip
 """Empty where not known: pixels are of one image, scatter is of several, places are of a known station."""
 
+_LOG: Final = logging.getLogger(__name__)
+_JSON: Final = orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2
 _LOCAL: Final = {"schema": "aerodft.river_local/1", "unit": "m", "axes": "east, north, as points_enu_m"}
 _FACTS: Final = ("station_m", "width_m", "std", "ci95", "wetted_m", "channels", "images")
 
 
-@dataclass(frozen=True, slots=True)
-class RiverMap:
-    """A file for the map.
-
-    Attributes:
-        name: Of the file.
-        document: What it holds.
-        note: What a person should be told about it; empty for nothing.
-    """
-
-    name: str
-    document: dict[str, Any]
-    note: str = ""
-
-
-def map_of_still(document: dict[str, Any], found: River, setup: Setup, sample: PoseSample) -> RiverMap:
-    """Centreline, banks, transects and water of one image."""
-    assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
-    plane = WaterPlane(setup.camera, sample.pose, setup.elevation_m, setup.max_range_m)
+def map_of_still(document: dict[str, Any], found: River, view: RiverView) -> tuple[str, dict[str, Any]]:
+    """Name and content of a map with centreline, banks, transects and water of one image."""
     banks = []
     for side in range(2):
         pixels = found.edges.pixels_px[:, side]
-        bank = plane.places_en_m(pixels[np.isfinite(pixels[:, 0])])
+        bank = view.plane.places_en_m(pixels[np.isfinite(pixels[:, 0])])
         banks.append(bank[np.isfinite(bank[:, 0])])
-    return _map(document, found.line.places_en_m, banks, _outline(plane, found), sample)
+    return _map(document, found.line.places_en_m, banks, _outline(view.plane, found), view.sample)
 
 
-def map_of_reach(document: dict[str, Any], found: Reach, sample: PoseSample) -> RiverMap:
-    """Centreline, banks, transects and the water between them, of many images."""
+def map_of_reach(document: dict[str, Any], found: Reach, sample: PoseSample) -> tuple[str, dict[str, Any]]:
+    """Name and content of a map with centreline, banks, transects and the water between them, of many images."""
     points = found.found.widths.points_enu_m[found.found.images > 0]
     water = np.concatenate([points[:, 0, :2], points[::-1, 1, :2], points[:1, 0, :2]])
     banks = [points[:, side, :2] for side in range(2)]
@@ -76,7 +59,7 @@ def _map(
     banks_en_m: Sequence[FloatArray],
     rings_en_m: Sequence[FloatArray],
     sample: PoseSample,
-) -> RiverMap:
+) -> tuple[str, dict[str, Any]]:
     features = [_line("centreline", _places(sample, line_en_m), {"width_m": document["width_m"]})]
     for side, bank in zip(SIDES, banks_en_m, strict=True):
         features.append(_line(f"bank-{side}", _places(sample, bank), {}))
@@ -89,9 +72,8 @@ def _map(
         features.append({"type": "Feature", "properties": {"name": "water"}, "geometry": geometry})
     kept = [each for each in features if each is not None]
     if sample.origin is None:
-        note = "no --lat and --lon: the map is river_local.json, in metres, in place of river.geojson"
-        return RiverMap("river_local.json", {**_LOCAL, "features": kept}, note)
-    return RiverMap("river.geojson", {"type": "FeatureCollection", "features": kept})
+        return "river_local.json", {**_LOCAL, "features": kept}
+    return "river.geojson", {"type": "FeatureCollection", "features": kept}
 
 
 def _places(sample: PoseSample, points_en_m: FloatArray) -> list[list[float]]:
@@ -124,13 +106,9 @@ def _outline(plane: WaterPlane, found: River) -> list[FloatArray]:
     return rings
 
 
-def table(document: dict[str, Any]) -> str:
-    """A row for each transect of a document."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(dict(_cells(each)) for each in document["transects"])
-    return text.getvalue()
+def transect_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each transect of a document, by ``COLUMNS``; None where something is not known."""
+    return [dict(_cells(each)) for each in document["transects"]]
 
 
 def _cells(transect: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -145,47 +123,62 @@ def _cells(transect: dict[str, Any]) -> Iterator[tuple[str, Any]]:
         yield from ((f"{side}_u", u), (f"{side}_v", v), (f"{side}_std_px", transect["bank_std_px"][row]))
 
 
-def write_river(
-    folder: Path, document: dict[str, Any], found: River, image: ImageArray, setup: Setup, sample: PoseSample
-) -> None:
+def transect_map(document: dict[str, Any], sample: PoseSample) -> dict[str, Any]:
+    """The measured transects as lines with the columns of their rows, in degrees or, without a place, in metres."""
+    features = []
+    for each, row in zip(document["transects"], transect_rows(document), strict=True):
+        if each["points_enu_m"] is not None:
+            places = _places(sample, np.array(each["points_enu_m"])[:, :2])
+            geometry = {"type": "LineString", "coordinates": places}
+            features.append({"type": "Feature", "properties": row, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
+
+
+def write_river(folder: Path, document: dict[str, Any], found: River, view: RiverView) -> None:
     """Write result.json, transects.csv, a map, plate.png and likeness.png; enters their names into the document.
 
     Raises:
         InputError: The folder cannot be written.
     """
-    with _writing_river(folder, document, map_of_still(document, found, setup, sample), ("likeness.png",)):
-        draw_plate(folder / "plate.png", document, found, image, setup, sample)
-        (folder / "likeness.png").write_bytes(_likeness(found, setup, sample, image.shape[:2]))
+    image = view.pixels()
+    with _writing_river(folder, document, map_of_still(document, found, view), ("likeness.png",)):
+        draw_plate(folder / "plate.png", document, found, image, view)
+        (folder / "likeness.png").write_bytes(_likeness(found, view, image))
 
 
-def write_reach(folder: Path, document: dict[str, Any], found: Reach, views: Views) -> None:
+def write_reach(folder: Path, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
     """Write result.json, transects.csv, a map and plate.png; enters their names into the document.
 
     Raises:
         InputError: The folder cannot be written, or the image of the plate cannot be read.
     """
-    with _writing_river(folder, document, map_of_reach(document, found, views.views[0].sample)):
-        draw_reach_plate(folder / "plate.png", document, found, views)
+    with _writing_river(folder, document, map_of_reach(document, found, images.views[0].sample)):
+        draw_reach_plate(folder / "plate.png", document, found, images)
 
 
 @contextmanager
 def _writing_river(
-    folder: Path, document: dict[str, Any], drawn: RiverMap, more: tuple[str, ...] = ()
+    folder: Path, document: dict[str, Any], drawn: tuple[str, dict[str, Any]], more: tuple[str, ...] = ()
 ) -> Iterator[None]:
     """A folder with what every river has but for its plate, which is to be drawn, and what ``more`` names.
 
     Raises:
         InputError: It cannot be written.
     """
-    names = ("result.json", "transects.csv", drawn.name, "plate.png", *more)
+    map_name, on_map = drawn
+    names = ("result.json", "transects.csv", map_name, "plate.png", *more)
     document["files"] = [str(folder / name) for name in names]
+    rows = io.StringIO()
+    writer = csv.DictWriter(rows, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(transect_rows(document))
     with output_folder(folder, "the river"):
-        (folder / "result.json").write_bytes(json_bytes(document))
-        (folder / "transects.csv").write_text(table(document), encoding="utf-8")
-        (folder / drawn.name).write_bytes(json_bytes(drawn.document))
+        (folder / "result.json").write_bytes(orjson.dumps(document, option=_JSON))
+        (folder / "transects.csv").write_text(rows.getvalue(), encoding="utf-8")
+        (folder / map_name).write_bytes(orjson.dumps(on_map, option=_JSON))
         yield
-    if drawn.note:
-        say(f"aerodft: {drawn.note}")
+    if on_map.keys() >= _LOCAL.keys():
+        _LOG.warning("no --lat and --lon: the map is river_local.json, in metres, in place of river.geojson")
 
 
 def check_folder(folder: Path | None) -> None:
@@ -203,10 +196,9 @@ def check_folder(folder: Path | None) -> None:
             raise OSError(number, os.strerror(number))
 
 
-def _likeness(found: River, setup: Setup, sample: PoseSample, size: tuple[int, ...]) -> bytes:
+def _likeness(found: River, view: RiverView, image: ImageArray) -> bytes:
     """Grey of the image's size: white where a pixel looks like the water, black where it looks like land."""
-    assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
-    plane = WaterPlane(setup.camera, sample.pose, setup.elevation_m, setup.max_range_m)
-    share = water_likeness(found.features.planes, found.water.water, ground_of(plane, found.features))
-    grey = cv2.resize(np.rint(255 * share).astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST)
+    share = water_likeness(found.features.planes, found.water.water, ground_of(view.plane, found.features))
+    size = image.shape[1], image.shape[0]
+    grey = cv2.resize(np.rint(255 * share).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     return bytes(cv2.imencode(".png", grey)[1])

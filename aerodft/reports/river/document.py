@@ -1,16 +1,16 @@
-"""What ``aerodft river`` found in one image or in many, as its JSON document."""
+"""What a river's width came to in one image or in many, as a JSON document."""
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from aerodft.cli.river_views import Views
 from aerodft.conventions import SECOND_NS
 from aerodft.dft.river import RiverWidths
 from aerodft.geometry import lat_lon
-from aerodft.model import BoolArray, FloatArray, Pose, PoseSample
+from aerodft.model import BoolArray, FloatArray, PoseSample
 from aerodft.vision.river import (
     ONE_SIDED,
     WHY,
@@ -19,6 +19,7 @@ from aerodft.vision.river import (
     Reach,
     River,
     RiverStatus,
+    RiverView,
     WaterMask,
     hidden_per_metre,
 )
@@ -33,30 +34,43 @@ _TELLS: Final = 2.0  # standard deviations between an outline's two sides, from 
 _MUCH: Final = 1.5
 """Times as much as they state, from which images' scatter is told."""
 _FAR_TOO_MUCH: Final = 10.0
-"""Likewise, from which poses are not those of these images: stamps that are 2 s off come to 85."""
+"""Times as much, from which poses are not those of these images: stamps that are 2 s off come to 85."""
 
 
-def refusal_document(found: NoRiver) -> dict[str, Any]:
-    """The document of an image without an answer."""
-    return river_frame(found.status, [found.reason], 0.0)
+@dataclass(frozen=True, slots=True)
+class RiverImages:
+    """The images of a recording or a video that a river is looked for in.
 
-
-def river_document(found: River, sample: PoseSample) -> dict[str, Any]:
-    """The document of a river.
-
-    Args:
-        found: The river.
-        sample: The pose that it was seen from.
+    Attributes:
+        views: Those to look at.
+        with_pixels: How many images with pixels there are.
+        without_pose: How many of them have no pose, by status.
+        is_utc: Whether their stamps are; else they count from the first image.
     """
+
+    views: tuple[RiverView, ...]
+    with_pixels: int
+    without_pose: dict[str, int]
+    is_utc: bool
+
+
+def refusal_document(found: NoRiver, images: RiverImages | None = None) -> dict[str, Any]:
+    """The document of one image, or of many, without an answer."""
+    document = river_frame(found.status, [found.reason], 0.0)
+    return document if images is None else document | {"images": _counts(images)}
+
+
+def river_document(found: River, view: RiverView) -> dict[str, Any]:
+    """The document of a river in one image."""
     used = found.used
-    status, reasons = RiverStatus.OK, list(sample.reasons)
+    status, reasons = RiverStatus.OK, list(view.sample.reasons)
     if not used.any():
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
     document = river_frame(status, reasons, outline_confidence(found.water))
     reasons += [*found.remarks, *doubts([found.water])]
     document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(SIDES)}
-    document["transects"] = list(_transects(found, sample))
+    document["transects"] = list(_transects(found, view))
     reasons += bounds(document["transects"])
     if used.any():
         document["width_m"] = width_summary(found.widths, used)
@@ -153,8 +167,8 @@ def measured_transect(
     """What a transect with a width has.
 
     Args:
-        widths: Widths, and which of them it is.
-        row: Likewise.
+        widths: Widths.
+        row: Which of them it is.
         islands: What is dry, and which of them it is.
         hidden: ``(2,)`` metres of water that a metre of growth hides on the left and on the right bank.
         sample: Whose place the points are from.
@@ -174,15 +188,14 @@ def measured_transect(
     }
 
 
-def _transects(found: River, sample: PoseSample) -> Iterable[dict[str, Any]]:
+def _transects(found: River, view: RiverView) -> Iterable[dict[str, Any]]:
     measured = {int(row): index for index, row in enumerate(found.rows)}
-    assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
-    hidden = hidden_per_metre(sample.pose, found.widths.points_enu_m)
+    hidden = hidden_per_metre(view.pose, found.widths.points_enu_m)
     for row, status in enumerate(found.status):
         index = measured.get(row)
         each = blank_transect(float(found.transects.stations_m[row]), status, WHY.get(status))
         if index is not None and status is RiverStatus.OK:
-            each |= measured_transect(found.widths, index, (found.islands, row), hidden[index], sample)
+            each |= measured_transect(found.widths, index, (found.islands, row), hidden[index], view.sample)
             each["images"] = 1
         for column, side in enumerate(SIDES):
             pixel = found.edges.pixels_px[row, column]
@@ -199,17 +212,12 @@ def geo_of(sample: PoseSample, points_enu_m: FloatArray) -> list[dict[str, float
     return [{"lat_deg": float(lat), "lon_deg": float(lon)} for lat, lon in places]
 
 
-def refused_reach(found: NoRiver, views: Views) -> dict[str, Any]:
-    """The document of images without an answer."""
-    return river_frame(found.status, [found.reason], 0.0) | {"images": _counts(views)}
-
-
-def reach_document(found: Reach, views: Views) -> dict[str, Any]:
+def reach_document(found: Reach, images: RiverImages) -> dict[str, Any]:
     """The document of a river over many images."""
     used = found.found.images > 0
     seen = [look for look in found.looks if isinstance(look, River)]
     document = river_frame(RiverStatus.OK, [], float(np.median([outline_confidence(look.water) for look in seen])))
-    hidden, origin = _hidden(found, views), views.views[0].sample
+    hidden, origin = _hidden(found, images), images.views[0].sample
     document["transects"] = [_transect(found, row, hidden[row], origin) for row in range(len(used))]
     document["width_m"] = width_summary(found.found.widths, used)
     ratio = found.found.scatter_ratio
@@ -218,8 +226,8 @@ def reach_document(found: Reach, views: Views) -> dict[str, Any]:
         *doubts([look.water for look in seen]),
         *bounds(document["transects"]),
     ]
-    counted = _counts(views) | {"used": len(seen), "used_share": len(seen) / len(views.views), "scatter_ratio": ratio}
-    document["images"] = counted | {"each": [_image(found, views, row) for row in range(len(views.views))]}
+    counted = _counts(images) | {"used": len(seen), "used_share": len(seen) / len(images.views), "scatter_ratio": ratio}
+    document["images"] = counted | {"each": [_image(found, images, row) for row in range(len(images.views))]}
     return document
 
 
@@ -231,8 +239,8 @@ def scatter_remarks(ratio: float) -> list[str]:
     return [f"images scatter {ratio:.1f} times as much as they state: the stds contain it{far}"]
 
 
-def _counts(views: Views) -> dict[str, Any]:
-    return {"looked_at": len(views.views), "with_pixels": views.images, "without_pose": views.refused}
+def _counts(images: RiverImages) -> dict[str, Any]:
+    return {"looked_at": len(images.views), "with_pixels": images.with_pixels, "without_pose": images.without_pose}
 
 
 def _transect(found: Reach, row: int, hidden: FloatArray, origin: PoseSample) -> dict[str, Any]:
@@ -248,22 +256,17 @@ def _transect(found: Reach, row: int, hidden: FloatArray, origin: PoseSample) ->
     }
 
 
-def _hidden(found: Reach, views: Views) -> FloatArray:
+def _hidden(found: Reach, images: RiverImages) -> FloatArray:
     """Water that a metre of growth on each bank hides, ``(n, 2)``, in the mean of the images that measure it."""
     total = np.zeros((len(found.stations_m), 2))
-    for view, look in zip(views.views, found.looks, strict=True):
+    for view, look in zip(images.views, found.looks, strict=True):
         if isinstance(look, River):
-            total[look.rows[look.used]] += hidden_per_metre(_pose(view.sample), look.widths.points_enu_m[look.used])
+            total[look.rows[look.used]] += hidden_per_metre(view.pose, look.widths.points_enu_m[look.used])
     return np.asarray(total / np.maximum(found.found.images, 1)[:, None])
 
 
-def _pose(sample: PoseSample) -> Pose:
-    assert sample.pose is not None  # noqa: S101 - views have one, for the type checker
-    return sample.pose
-
-
-def _image(found: Reach, views: Views, row: int) -> dict[str, Any]:
-    view, look, drift = views.views[row], found.looks[row], float(found.found.drift[row])
+def _image(found: Reach, images: RiverImages, row: int) -> dict[str, Any]:
+    view, look, drift = images.views[row], found.looks[row], float(found.found.drift[row])
     told: dict[str, Any] = {"status": str(RiverStatus.OK), "reason": None, "confidence": None}
     if isinstance(look, River):
         told["confidence"] = outline_confidence(look.water)
@@ -271,8 +274,8 @@ def _image(found: Reach, views: Views, row: int) -> dict[str, Any]:
         told |= {"status": str(look.status), "reason": look.reason}
     return {
         "image": view.index,
-        "stamp_ns": str(view.sample.stamp_ns) if views.is_utc else None,
-        "since_s": (view.sample.stamp_ns - views.views[0].sample.stamp_ns) / SECOND_NS,
+        "stamp_ns": str(view.sample.stamp_ns) if images.is_utc else None,
+        "since_s": (view.sample.stamp_ns - images.views[0].sample.stamp_ns) / SECOND_NS,
         **told,
         "drift": drift if np.isfinite(drift) else None,
     }

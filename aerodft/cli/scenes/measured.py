@@ -26,7 +26,7 @@ def show_measurements(
     measurements = measure(setup, PoseBatch.of([sample]), requests)[0]
     budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
     documents = [measurement_payload(measurement) for measurement in measurements]
-    for document, budget in zip(documents, budgets, strict=False):  # no budgets where none were asked for
+    for document, budget in zip(documents, budgets, strict=False):  # no budgets without --explain
         document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
         document["advice"] = advice(budget)
     if as_json:

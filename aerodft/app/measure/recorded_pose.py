@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station, refreshed, with_calibration
 from aerodft.app.assembly import build_pipeline, recorded_station
-from aerodft.cli.option_values import parse_instant
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
@@ -53,26 +53,33 @@ class Overrides:
     topics: Topics = field(default_factory=Topics)
 
 
-def recorded_setup(path: Path, at: str, instead: Overrides) -> tuple[Setup, PoseSample]:
+_ITS_OWN: Final = Overrides()
+
+
+def recorded_setup(
+    path: Path, *, at_s: float | None = None, at_ns: int | None = None, overrides: Overrides = _ITS_OWN
+) -> tuple[Setup, PoseSample]:
     """Camera and pose of a recording at a time.
 
     Args:
         path: The recording, aerodft's own or another tool's.
-        at: Seconds from its start, or UTC.
-        instead: What takes the place of its own.
+        at_s: Seconds from its start.
+        at_ns: UTC, where ``at_s`` is None.
+        overrides: What takes the place of its own.
 
     Raises:
         InputError: There is no recording, or it lacks something.
-        UsageError: ``at`` is no time.
         NoAnswerError: The time is outside the recording.
     """
-    recording = open_recording(path, instead.topics)
-    station = _station_of(recording, instead)
-    stamp_ns = parse_instant("--at", at, recording.start_ns)
+    recording = open_recording(path, overrides.topics)
+    station = _station_of(recording, overrides)
+    stamp_ns = at_ns or recording.start_ns
+    if at_s is not None:
+        stamp_ns = recording.start_ns + round(at_s * SECOND_NS)
     if not recording.start_ns - SECOND_NS <= stamp_ns <= recording.end_ns + SECOND_NS:
-        length_s = (recording.end_ns - recording.start_ns) / SECOND_NS
+        got, length = (f"{(each - recording.start_ns) / SECOND_NS:.1f}" for each in (stamp_ns, recording.end_ns))
         raise NoAnswerError(
-            "--at is outside the recording", where=path, got=at, expected=f"0 to {length_s:.1f} s from its start"
+            "the time is outside the recording", where=path, got=got, expected=f"0 to {length} s from its start"
         )
     settings = station.pipeline
     setup = Setup(
@@ -87,22 +94,22 @@ def recorded_setup(path: Path, at: str, instead: Overrides) -> tuple[Setup, Pose
     return setup, replace(sample, zoom=None)
 
 
-def _station_of(recording: Recording | ForeignRecording, instead: Overrides) -> StationConfig:
-    if instead.config is not None:
-        station = load_station(instead.config)
+def _station_of(recording: Recording | ForeignRecording, overrides: Overrides) -> StationConfig:
+    if overrides.config is not None:
+        station = load_station(overrides.config)
     elif isinstance(recording, Recording):
         station = recorded_station(recording)
     else:
-        station = _station_without_config(recording, instead)
-    if instead.camera is not None:
-        camera = load_camera(instead.camera)
+        station = _station_without_config(recording, overrides)
+    if overrides.camera is not None:
+        camera = load_camera(overrides.camera)
         station = refreshed(replace(station, pipeline=replace(station.pipeline, camera=camera)))
-    return station if instead.calibration is None else with_calibration(station, instead.calibration)
+    return station if overrides.calibration is None else with_calibration(station, overrides.calibration)
 
 
-def _station_without_config(recording: ForeignRecording, instead: Overrides) -> StationConfig:
+def _station_without_config(recording: ForeignRecording, overrides: Overrides) -> StationConfig:
     """Telemetry with every default, and the camera that was recorded with the images."""
-    camera = load_camera(instead.camera) if instead.camera is not None else recording.camera()
+    camera = load_camera(overrides.camera) if overrides.camera is not None else recording.camera()
     if camera is None:
         refusal = recording.refusal_without("camera")
         raise InputError(refusal.what, where=refusal.where, got=refusal.got, hint="--camera FILE, or --config FILE")

@@ -1,8 +1,8 @@
-"""The images of a recording or a video with their poses, as many as ``aerodft river`` looks at."""
+"""The images of a recording or a video with their poses, as many as a river is looked for in."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -13,63 +13,20 @@ from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.images import VideoFileSource, video_info
 from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_of
-from aerodft.cli.output import steps
+from aerodft.app.measure import MeasuredSurface
+from aerodft.app.progress import Progress
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Event, Image, ImageArray, IntArray, PoseSample, Status
+from aerodft.reports.river import RiverImages
 from aerodft.service import MergedFeed, Source
-from aerodft.vision.river import LATEST_S, SOONEST_S, motion_copy
+from aerodft.vision.river import LATEST_S, SOONEST_S, LaterLook, RiverView, WaterPlane, motion_copy
 from replay.recordings import Recording, RecordingSource
 
 _WANTED: Final = "an image, a fixed camera's video, or a recording"
 _LOGS: Final = {"a MAVLink .tlog": ".tlog", "an ArduPilot .bin log": ".bin"}
 _NO_IMAGES: Final = frozenset({"text", "a ZIP archive", "a gzip archive", "a PDF document"})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """One image with its pose.
-
-    Attributes:
-        index: Of the image.
-        setup: Its camera, zoomed as it was.
-        sample: Its pose.
-        pixels: Reads it.
-        later: The next image that is late enough for water to have moved, not too late for it to look the same.
-    """
-
-    index: int
-    setup: Setup
-    sample: PoseSample
-    pixels: Callable[[], ImageArray]
-    later: "LaterView | None" = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LaterView:
-    """A later image with its pose; ``copy`` reads its ``motion_copy``."""
-
-    setup: Setup
-    sample: PoseSample
-    copy: Callable[[], ImageArray]
-
-
-@dataclass(frozen=True, slots=True)
-class Views:
-    """What a recording or a video holds for a river.
-
-    Attributes:
-        views: Those to look at.
-        images: How many images with pixels there are.
-        refused: How many of them have no pose, by status.
-        is_utc: Whether their stamps are; else they count from the first image.
-    """
-
-    views: tuple[View, ...]
-    images: int
-    refused: dict[str, int]
-    is_utc: bool
 
 
 def is_recording(path: Path) -> bool:
@@ -94,7 +51,9 @@ def is_recording(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() == ".mcap"
 
 
-def recorded_views(folder: Path, config: Path | None, calibration: Path | None, most: int) -> Views:
+def recorded_images(
+    folder: Path, config: Path | None, calibration: Path | None, surface: MeasuredSurface, most: int
+) -> RiverImages:
     """Images of a recording, evenly spread, with the poses that its telemetry gives them.
 
     Raises:
@@ -103,85 +62,92 @@ def recorded_views(folder: Path, config: Path | None, calibration: Path | None, 
     """
     recording = Recording(folder)
     was, station = stations_of(recording, config, calibration)
-    source = _Noted(reoffset(RecordingSource(recording, pixels=True), was, station))
+    source = _PixelSource(reoffset(RecordingSource(recording, pixels=True), was, station))
     samples = list(_samples(station, source))
     if not source.pixels:
         hint = "record.image_hz says how many are kept; `aerodft import` takes them with --video or --images"
         raise NoAnswerError("no images in the recording", where=folder, hint=hint)
     kept = [(index, sample) for index, sample in samples if index in source.pixels]
-    refused: dict[str, int] = {}
-    for _, sample in kept:
-        if sample.status is not Status.OK:
-            refused[str(sample.status)] = refused.get(str(sample.status), 0) + 1
+    without_pose = dict(Counter(str(sample.status) for _, sample in kept if sample.status is not Status.OK))
     settings = station.pipeline
-    setup = Setup(camera=settings.camera, max_range_m=settings.max_range_m, config_id=settings.config_id)
+    setup = surface.on(Setup(camera=settings.camera, max_range_m=settings.max_range_m, config_id=settings.config_id))
     posed = [(index, sample) for index, sample in kept if sample.status is Status.OK]
     if not posed:
-        got = ", ".join(f"{count} {status}" for status, count in refused.items())
+        got = ", ".join(f"{count} {status}" for status, count in without_pose.items())
         raise NoAnswerError("no image has a pose", where=folder, got=got, hint="see `aerodft doctor`")
     stamps = np.array([sample.stamp_ns for _, sample in posed])
     views = []
     for row in _rows(len(posed), most):
         (index, sample), after = posed[row], _soon_after(stamps, row)
-        later = None
+        view = RiverView(index, *zoomed(setup, sample), source.pixels[index])
         if after is not None:
-            later = LaterView(*zoomed(setup, posed[after][1]), _copied(source.pixels[posed[after][0]]))
-        views.append(View(index, *zoomed(setup, sample), source.pixels[index], later))
-    return Views(tuple(views), len(kept), refused, is_utc=True)
+            then, pixels = zoomed(setup, posed[after][1]), source.pixels[posed[after][0]]
+            view = replace(view, later=_later(view, *then, partial(_copied, pixels)))
+        views.append(view)
+    return RiverImages(tuple(views), len(kept), without_pose, is_utc=True)
 
 
-def filmed_views(video: Path, setup: Setup, sample: PoseSample, most: int) -> Views:
+def filmed_images(video: Path, setup: Setup, sample: PoseSample, most: int, progress: Progress) -> RiverImages:
     """Images of a fixed camera's video, evenly spread.
+
+    Args:
+        video: The video.
+        setup: The camera, and the measured surface.
+        sample: The camera's pose.
+        most: How many images at the most.
+        progress: Called with the seconds of the video that were read, twice; not where it does not say its length.
 
     Raises:
         InputError: The video cannot be read, or is not of the camera.
         NoAnswerError: It holds no image.
     """
-    with _reading(video) as advance:
-        stamps = [image.stamp_ns for image in _images(video, setup, advance)]
-        if not stamps:
-            raise NoAnswerError("no image in the video", where=video)
-        after = {row: _soon_after(np.array(stamps), row) for row in _rows(len(stamps), most)}
-        wanted = set(after.values())
-        held, copies = {}, {}
-        for row, image in enumerate(_images(video, setup, lambda seconds: advance(stamps[-1] // SECOND_NS + seconds))):
-            if row in after or row in wanted:
-                pixels = _held(image)
-                if row in wanted:
-                    copies[row] = motion_copy(pixels())
-                if row in after:
-                    held[row] = image, pixels
+    duration_ns = video_info(video).duration_ns
+    length_s = 0 if duration_ns is None else duration_ns // SECOND_NS + 1
+
+    def advance(seconds: int) -> None:
+        if length_s:
+            progress(seconds, 2 * length_s)
+
+    stamps = [image.stamp_ns for image in _images(video, setup, advance)]
+    if not stamps:
+        raise NoAnswerError("no image in the video", where=video)
+    after = {row: _soon_after(np.array(stamps), row) for row in _rows(len(stamps), most)}
+    wanted = set(after.values())
+    held, copies = {}, {}
+    for row, image in enumerate(_images(video, setup, lambda seconds: advance(stamps[-1] // SECOND_NS + seconds))):
+        if row in after or row in wanted:
+            pixels = _held(image)
+            if row in wanted:
+                copies[row] = motion_copy(pixels())
+            if row in after:
+                held[row] = image, pixels
     views = []
     for row, (image, pixels) in held.items():
         later = after[row]
-        view = View(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), pixels)
+        view = RiverView(image.index, setup, replace(sample, stamp_ns=image.stamp_ns), pixels)
         if later is not None:
             then = replace(sample, stamp_ns=stamps[later])
-            view = replace(view, later=LaterView(setup, then, partial(copies.__getitem__, later)))
+            view = replace(view, later=_later(view, setup, then, partial(copies.__getitem__, later)))
         views.append(view)
-    return Views(tuple(views), len(stamps), {}, is_utc=False)
+    return RiverImages(tuple(views), len(stamps), {}, is_utc=False)
+
+
+def _copied(pixels: Callable[[], ImageArray]) -> ImageArray:
+    return motion_copy(pixels())
+
+
+def _later(view: RiverView, setup: Setup, sample: PoseSample, copy: Callable[[], ImageArray]) -> LaterLook:
+    """What a view shows when its place is seen again; ``copy`` reads the later image's ``motion_copy``."""
+    assert sample.pose is not None  # noqa: S101 - images without a pose are not looked at, for the type checker
+    plane = WaterPlane.from_setup(setup, sample.pose)
+    return LaterLook(plane, copy, (sample.stamp_ns - view.sample.stamp_ns) / SECOND_NS)
 
 
 def _soon_after(stamps_ns: IntArray, row: int) -> int | None:
     """The first image, of all with these stamps, that shows how water moves since another."""
-    away_s = (stamps_ns - stamps_ns[row]) / 1e9
+    away_s = (stamps_ns - stamps_ns[row]) / SECOND_NS
     found = np.flatnonzero((away_s >= SOONEST_S) & (away_s <= LATEST_S))
     return int(found[0]) if len(found) else None
-
-
-def _copied(pixels: Callable[[], ImageArray]) -> Callable[[], ImageArray]:
-    return lambda: motion_copy(pixels())
-
-
-@contextmanager
-def _reading(video: Path) -> Iterator[Callable[[int], None]]:
-    """Progress of reading all of a video twice, in its seconds; none of one that does not say how long it is."""
-    duration_ns = video_info(video).duration_ns
-    if duration_ns is None:
-        yield lambda _: None
-        return
-    with steps("reading the video twice: seconds", 2 * (duration_ns // SECOND_NS + 1)) as advance:
-        yield advance
 
 
 def _images(video: Path, setup: Setup, advance: Callable[[int], None]) -> Iterator[Image]:
@@ -200,7 +166,7 @@ def _held(image: Image) -> Callable[[], ImageArray]:
     return lambda: pixels
 
 
-class _Noted:
+class _PixelSource:
     """A source, and the pixels of the images that came from it.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""The plates of ``aerodft river``: images with banks and transects, the river from above, and the width's profile."""
+"""A river's plates: images with banks and transects, the river from above, and the width's profile."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,12 +8,10 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
-from aerodft.cli.river_document import SIDES, outline_confidence
-from aerodft.cli.river_views import Views
-from aerodft.dft import Setup
 from aerodft.dft.maps import Sampling, TopView, top_view
-from aerodft.model import BoolArray, FloatArray, ImageArray, PoseSample
-from aerodft.vision.river import Reach, River, RiverStatus, WaterPlane
+from aerodft.model import BoolArray, FloatArray, ImageArray
+from aerodft.reports.river.document import SIDES, RiverImages, outline_confidence
+from aerodft.vision.river import Reach, River, RiverStatus, RiverView
 from replay.export import time_utc
 
 mpl.use("Agg")
@@ -37,18 +35,13 @@ _REACH_HEIGHT_IN: Final = 14.0
 _TO_SECONDS: Final = 19  # characters of a time in ISO 8601
 
 
-def blank_plate(height_in: float) -> Figure:
-    """A plate to draw on."""
-    return plt.figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
-
-
-def save_plate(figure: Figure, path: Path) -> None:
+def _save_plate(figure: Figure, path: Path) -> None:
     """Write a plate as PNG, and forget it."""
     figure.savefig(path, dpi=_DPI)
     plt.close(figure)
 
 
-def draw_image(axes: Axes, image: ImageArray, banks_px: FloatArray, used: BoolArray, values: Sequence[str]) -> None:
+def _draw_image(axes: Axes, image: ImageArray, banks_px: FloatArray, used: BoolArray, values: Sequence[str]) -> None:
     """An image with its banks and transects.
 
     Args:
@@ -85,7 +78,7 @@ def _with_room(banks_px: FloatArray, used: BoolArray, apart_px: float) -> list[i
     return rows
 
 
-def value_of(transect: dict[str, Any]) -> str:
+def _value_of(transect: dict[str, Any]) -> str:
     """A transect's width with half its 95 % interval; empty where it has none."""
     if transect["ci95"] is None:
         return ""
@@ -94,7 +87,7 @@ def value_of(transect: dict[str, Any]) -> str:
     return f"{transect['width_m']:.{digits}f} ± {(high - low) / 2:.{digits}f} m"
 
 
-def draw_profile(axes: Axes, document: dict[str, Any]) -> None:
+def _draw_profile(axes: Axes, document: dict[str, Any]) -> None:
     """Widths along the river with their 95 % band."""
     used = [each for each in document["transects"] if each["ci95"] is not None]
     if used:
@@ -114,7 +107,7 @@ def draw_profile(axes: Axes, document: dict[str, Any]) -> None:
     axes.grid(alpha=0.3)
 
 
-def as_map(axes: Axes) -> None:
+def _as_map(axes: Axes) -> None:
     """Axes in metres east and north, as long as each other; numbers stand in full, however far the origin is."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(_MOST_TICKS))
@@ -123,31 +116,27 @@ def as_map(axes: Axes) -> None:
     axes.set_ylabel("north (m)")
 
 
-def draw_plate(
-    path: Path, document: dict[str, Any], found: River, image: ImageArray, setup: Setup, sample: PoseSample
-) -> None:
+def draw_plate(path: Path, document: dict[str, Any], found: River, image: ImageArray, view: RiverView) -> None:
     """Draw a plate as PNG."""
-    figure = blank_plate(_HEIGHT_IN)
+    figure = plt.figure(figsize=(_WIDTH_IN, _HEIGHT_IN), layout="constrained")
     grid = figure.add_gridspec(2, 2, height_ratios=[1.25, 1.0])
     used = np.array([status is RiverStatus.OK for status in found.status], dtype=bool)
     picture = figure.add_subplot(grid[0, :])
-    draw_image(picture, image, found.edges.pixels_px, used, [value_of(each) for each in document["transects"]])
+    _draw_image(picture, image, found.edges.pixels_px, used, [_value_of(each) for each in document["transects"]])
     picture.set_title("banks and transects in the image; grey transects are not used")
-    _from_above(figure.add_subplot(grid[1, 0]), found, used, image, setup, sample)
-    draw_profile(figure.add_subplot(grid[1, 1]), document)
-    save_plate(figure, path)
+    _from_above(figure.add_subplot(grid[1, 0]), found, used, image, view)
+    _draw_profile(figure.add_subplot(grid[1, 1]), document)
+    _save_plate(figure, path)
 
 
-def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, setup: Setup, sample: PoseSample) -> None:
-    assert sample.pose is not None  # noqa: S101 - what was measured has a pose, for the type checker
-    plane = WaterPlane(setup.camera, sample.pose, setup.elevation_m, setup.max_range_m)
-    places = found.transects.centres_en_m
-    foot = sample.pose.position_enu_m[:2]
+def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, view: RiverView) -> None:
+    plane, places = view.plane, found.transects.centres_en_m
+    foot = view.pose.position_enu_m[:2]
     far_m = float(np.hypot(np.linalg.norm(places - foot, axis=-1).max() + found.line.width_m, plane.height_m))
     sampling = Sampling(max_range_m=far_m, most_pixels=_MOST_VIEW_PX)
-    view = top_view(image, setup.camera, sample.pose, sampling, elevation_m=setup.elevation_m)
-    if view is not None:
-        axes.imshow(cv2.cvtColor(view.pixels, cv2.COLOR_BGRA2RGBA), extent=_extent(view), interpolation="antialiased")
+    above = top_view(image, view.setup.camera, view.pose, sampling, elevation_m=view.setup.elevation_m)
+    if above is not None:
+        axes.imshow(cv2.cvtColor(above.pixels, cv2.COLOR_BGRA2RGBA), extent=_extent(above), interpolation="antialiased")
     banks = plane.places_en_m(found.edges.pixels_px)
     for row in range(0, len(banks), max(1, len(banks) // MOST_LINES)):
         if used[row]:
@@ -159,7 +148,7 @@ def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, se
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    as_map(axes)
+    _as_map(axes)
     axes.set_title("from above, on the water's plane")
 
 
@@ -176,27 +165,27 @@ def _box(banks: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]
     return low - spare, high + spare
 
 
-def draw_reach_plate(path: Path, document: dict[str, Any], found: Reach, views: Views) -> None:
+def draw_reach_plate(path: Path, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
     """Draw the plate of many images as PNG."""
-    figure = blank_plate(_REACH_HEIGHT_IN)
+    figure = plt.figure(figsize=(_WIDTH_IN, _REACH_HEIGHT_IN), layout="constrained")
     grid = figure.add_gridspec(3, 2, height_ratios=[1.4, 1.1, 0.9])
-    _best_image(figure.add_subplot(grid[0, :]), document, found, views)
+    _best_image(figure.add_subplot(grid[0, :]), document, found, images)
     _reach_from_above(figure.add_subplot(grid[1, :]), found)
-    draw_profile(figure.add_subplot(grid[2, 0]), document)
-    _drift(figure.add_subplot(grid[2, 1]), document, views)
-    save_plate(figure, path)
+    _draw_profile(figure.add_subplot(grid[2, 0]), document)
+    _drift(figure.add_subplot(grid[2, 1]), document, images)
+    _save_plate(figure, path)
 
 
-def _best_image(axes: Axes, document: dict[str, Any], found: Reach, views: Views) -> None:
+def _best_image(axes: Axes, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
     """The image that tells most transects; its banks, and the widths that all images tell."""
     rivers = [(row, look) for row, look in enumerate(found.looks) if isinstance(look, River)]
     row, look = max(rivers, key=lambda each: (np.count_nonzero(each[1].used), outline_confidence(each[1].water)))
     used = np.zeros(len(found.stations_m), dtype=bool)
     used[look.rows[look.used]] = True
-    values = [value_of(each) for each in document["transects"]]
-    draw_image(axes, views.views[row].pixels(), look.edges.pixels_px, used, values)
+    values = [_value_of(each) for each in document["transects"]]
+    _draw_image(axes, images.views[row].pixels(), look.edges.pixels_px, used, values)
     axes.set_title(
-        f"image {views.views[row].index} tells {np.count_nonzero(used)} of {len(used)} transects; the widths beside"
+        f"image {images.views[row].index} tells {np.count_nonzero(used)} of {len(used)} transects; the widths beside"
         f" them are of all {document['images']['used']} images"
     )
 
@@ -209,18 +198,18 @@ def _reach_from_above(axes: Axes, found: Reach) -> None:
         axes.plot(*points[:, side, :2].T, color=color, linewidth=1.3, label=f"{SIDES[side]} bank")
     axes.plot(*found.line.places_en_m.T, color="black", linewidth=0.8, linestyle="--", label="centreline")
     axes.set_aspect("equal", adjustable="datalim")
-    as_map(axes)
+    _as_map(axes)
     axes.set_title("banks and transects of all images, from above")
     axes.legend(loc="best", fontsize="small")
 
 
-def _drift(axes: Axes, document: dict[str, Any], views: Views) -> None:
+def _drift(axes: Axes, document: dict[str, Any], images: RiverImages) -> None:
     known = [each for each in document["images"]["each"] if each["drift"] is not None]
     axes.plot([each["since_s"] for each in known], [100 * each["drift"] for each in known], ".-", linewidth=0.8)
     axes.axhline(0.0, color="black", linewidth=0.8)
     axes.set_title("one image's widths against those of all")
     axes.xaxis.set_major_locator(MaxNLocator(7))
-    start = f"{time_utc(views.views[0].sample.stamp_ns)[:_TO_SECONDS]} UTC" if views.is_utc else "the first image"
+    start = f"{time_utc(images.views[0].sample.stamp_ns)[:_TO_SECONDS]} UTC" if images.is_utc else "the first image"
     axes.set_xlabel(f"s since {start}")
     axes.set_ylabel("larger by (%)")
     axes.grid(alpha=0.3)

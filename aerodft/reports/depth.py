@@ -1,16 +1,18 @@
-"""``aerodft measure --depth-map``: what the whole image sees of the ground, as arrays, pictures and maps."""
+"""What a whole image sees of the ground, as arrays, pictures and maps: a folder of files."""
 
+import logging
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+import orjson
 
 from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.images import read_camera_image
-from aerodft.cli.output import json_bytes, print_json, say
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
 from aerodft.dft.maps import DepthMap, Sampling, Z, depth_map, measured_plane, range_std, top_view
 from aerodft.errors import InputError, NoAnswerError, UsageError
@@ -25,7 +27,7 @@ from aerodft.geometry import (
     lat_lon,
     ring_area,
 )
-from aerodft.model import Camera, FloatArray, ImageArray, Pose, PoseSample, ProjectionModel, Status
+from aerodft.model import FloatArray, ImageArray, Pose, PoseSample, ProjectionModel, Status
 from aerodft.reports.georaster import write_top_view
 
 mpl.use("Agg")
@@ -34,8 +36,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import MaxNLocator
 
+_LOG: Final = logging.getLogger(__name__)
+_JSON: Final = orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2
+
 FARTHEST_HEIGHTS: Final = 100.0
-"""Ground farther than so many camera heights is left out, unless it is said how far it may be.
+"""Ground farther than so many camera heights is left out where the setup has no maximum range.
 
 It lies 0.6 degrees below the horizon, where 0.3 degrees of tilt are half of the range.
 """
@@ -48,38 +53,29 @@ _CONTOURS = 8  # of the ground's height, at most
 _LOG_FROM: Final = 8.0  # ratio of the ranges' ends from which equal factors, not equal metres, get equal colours
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+@dataclass(frozen=True, slots=True)
+class _Scene:
     """One image's pixels on the ground.
 
     Attributes:
-        camera: The camera.
-        pose: Its pose.
-        sample: The same, with where it came from.
-        ground: None for level ground.
-        elevation_m: Height of level ground, or above ``ground``.
+        setup: The camera, and the measured surface.
+        sample: The pose, with where it came from.
+        pose: The pose.
         max_range_m: Farther ground is left out.
         seen: What every pixel sees.
         range_std_m: ``(height, width)``; None on terrain, and where all is taken as exact.
     """
 
-    camera: Camera
-    pose: Pose
+    setup: Setup
     sample: PoseSample
-    ground: Ground | None
-    elevation_m: float
+    pose: Pose
     max_range_m: float
     seen: DepthMap
     range_std_m: Float32Array | None
 
 
-def scene_of(setup: Setup, sample: PoseSample, max_range_m: float | None) -> Scene:
+def _scene_of(setup: Setup, sample: PoseSample) -> _Scene:
     """What the image shows of the ground.
-
-    Args:
-        setup: The camera and the ground; pinhole only.
-        sample: The pose.
-        max_range_m: None for the station's limit, or ``FARTHEST_HEIGHTS``.
 
     Raises:
         NoAnswerError: There is no pose, the camera is not above the ground, or the image shows no ground.
@@ -87,9 +83,8 @@ def scene_of(setup: Setup, sample: PoseSample, max_range_m: float | None) -> Sce
     if sample.pose is None or sample.status is not Status.OK:
         raise NoAnswerError("no pose", got=f"{sample.status}: {'; '.join(sample.reasons)}")
     camera, pose, ground, elevation_m = setup.camera, sample.pose, setup.ground, setup.elevation_m
-    limit = setup.max_range_m if max_range_m is None else max_range_m
     height = _height_above(ground, elevation_m, pose)
-    limit = FARTHEST_HEIGHTS * height if limit is None else limit
+    limit = FARTHEST_HEIGHTS * height if setup.max_range_m is None else setup.max_range_m
     seen = depth_map(camera, pose, elevation_m, limit, ground)
     if np.all(np.isnan(seen.range_m)):
         hint = "the camera looks too far up, or the ground is farther"
@@ -103,16 +98,7 @@ def scene_of(setup: Setup, sample: PoseSample, max_range_m: float | None) -> Sce
     if uncertain and (ground is None or isinstance(ground, Plane)):
         std_m = range_std(camera, pose, measured_plane(ground, elevation_m), setup.elevation_std_m)
         std_m[np.isnan(seen.range_m)] = np.nan
-    return Scene(
-        camera=camera,
-        pose=pose,
-        sample=sample,
-        ground=ground,
-        elevation_m=elevation_m,
-        max_range_m=limit,
-        seen=seen,
-        range_std_m=std_m,
-    )
+    return _Scene(setup, sample, pose, limit, seen, std_m)
 
 
 def _height_above(ground: Ground | None, elevation_m: float, pose: Pose) -> float:
@@ -126,14 +112,14 @@ def _height_above(ground: Ground | None, elevation_m: float, pose: Pose) -> floa
     return camera_m - foot_m
 
 
-def describe(scene: Scene) -> dict[str, Any]:
+def _describe(scene: _Scene) -> dict[str, Any]:
     """The JSON document, before anything is written."""
     seen = scene.seen
-    lines = horizon_line(scene.camera, scene.pose)
+    lines = horizon_line(scene.setup.camera, scene.pose)
     return {
         "schema": "aerodft.depth/1",
-        "camera": scene.camera.name,
-        "ground": _about_ground(scene.ground, scene.elevation_m),
+        "camera": scene.setup.camera.name,
+        "ground": _about_ground(scene.setup.ground, scene.setup.elevation_m),
         "max_range_m": scene.max_range_m,
         "ground_share": float(np.mean(~np.isnan(seen.range_m))),
         "range_m": [float(np.nanmin(seen.range_m)), float(np.nanmax(seen.range_m))],
@@ -171,16 +157,16 @@ def _about_ground(ground: Ground | None, elevation_m: float) -> dict[str, Any]:
     return about
 
 
-def _notes(scene: Scene) -> list[str]:
+def _notes(scene: _Scene) -> list[str]:
     notes = [] if scene.range_std_m is None else list(scene.sample.reasons)
-    if scene.ground is not None:
+    if scene.setup.ground is not None:
         notes.append("gsd_m is the sampling of the surface itself, footprint_area_m2 the area on the map")
-    if isinstance(scene.ground, Terrain):
+    if isinstance(scene.setup.ground, Terrain):
         notes += ["ground that is hidden from the camera is not cut out of the footprint", _TERRAIN_STD]
     return notes
 
 
-def ground_in_words(ground: dict[str, Any]) -> str:
+def _ground_words(ground: dict[str, Any]) -> str:
     """The document's ``ground`` as people say it."""
     if ground["kind"] == "slope":
         words = f"ground that rises by {ground['slope_deg']:.3g} deg towards azimuth {ground['uphill_deg']:.3g} deg"
@@ -191,8 +177,8 @@ def ground_in_words(ground: dict[str, Any]) -> str:
     return f"what is {ground['elevation_m']:g} m above {words}" if ground["elevation_m"] else words
 
 
-def say_document(document: dict[str, Any]) -> None:
-    """Say the document to people."""
+def depth_sentences(document: dict[str, Any]) -> Iterator[str]:
+    """The document of ``write_depth`` for people, a sentence each."""
     near, far = document["range_m"]
     gsd, std = document["gsd_m"], document["range_std_m"]
     runs = [
@@ -200,75 +186,64 @@ def say_document(document: dict[str, Any]) -> None:
         for line in document["horizon_px"] or ()
     ]
     horizon = f"the horizon runs {' and '.join(runs)}" if runs else "the horizon is not in view"
-    say(
+    yield (
         f"{100 * document['ground_share']:.0f} % of the image shows ground, {near:.4g} to {far:.4g} m away, sampled"
         f" every {gsd['median']:.3g} m in the median ({gsd['min']:.3g} to {gsd['max']:.3g}); {horizon}"
     )
     if std is not None:
-        say(
+        yield (
             f"its range is known to {std['median']:.3g} m in the median ({std['min']:.3g} to {std['max']:.3g}); for"
             f" {100 * std['ill_conditioned_share']:.3g} % of it to worse than {100 * MAX_RELATIVE_RANGE_STD:.0f} %"
         )
     if document["ground"]["kind"] != "level":
         low, high = document["z_m"]
-        say(f"{ground_in_words(document['ground'])}; from {low:.4g} to {high:.4g} m high where it is seen")
-    for note in document["notes"]:
-        say(note)
-    for file in document["files"]:
-        say(f"wrote {file}")
+        yield f"{_ground_words(document['ground'])}; from {low:.4g} to {high:.4g} m high where it is seen"
+    yield from document["notes"]
+    yield from (f"wrote {file}" for file in document["files"])
 
 
 def write_depth(
-    setup: Setup,
-    sample: PoseSample,
-    folder: Path,
-    image: Path | None,
-    *,
-    as_json: bool,
-    max_range_m: float | None = None,
-    step_m: float | None = None,
-) -> None:
-    """Write depth.npz, depth.png, footprint.geojson and, with an image, its top view; say what was written.
+    setup: Setup, sample: PoseSample, folder: Path, image: Path | None, step_m: float | None = None
+) -> dict[str, Any]:
+    """Write depth.npz, depth.png, footprint.geojson and, with an image, its top view.
 
     Args:
-        setup: The camera and the ground; pinhole only.
+        setup: The camera, the ground and the maximum range, without which ``FARTHEST_HEIGHTS`` counts; pinhole only.
         sample: The pose.
         folder: Made where it is not there.
         image: The image that was taken; None for no top view.
-        as_json: Whether to print one JSON document.
-        max_range_m: Farther ground is left out; None for the station's limit, or ``FARTHEST_HEIGHTS``.
         step_m: Side of the top view's pixels, where there is one; None for the image's own sampling distance.
 
+    Returns:
+        The JSON document that says what was written.
+
     Raises:
-        UsageError: The paper's model was asked for.
+        UsageError: The model is the paper's.
         NoAnswerError: There is no pose, or the image shows no ground.
         InputError: The step is not above 0, the image does not fit, or the folder cannot be written.
     """
     if step_m is not None and not 0 < step_m < math.inf:
-        raise InputError("--step", got=f"{step_m:g}", expected="m, above 0")
+        raise InputError("step_m", got=f"{step_m:g}", expected="m, above 0")
     if setup.model is not ProjectionModel.PINHOLE:
         raise UsageError("--depth-map with --model dft", expected="the pinhole model")
     hint = f"--camera has to describe this very image: {setup.camera.name} does not"
     pixels = None if image is None else read_camera_image(image, setup.camera, hint)
-    scene = scene_of(setup, sample, max_range_m)
-    document = describe(scene)
+    scene = _scene_of(setup, sample)
+    document = _describe(scene)
     with output_folder(folder, "the depth map"):
         _write_arrays(scene, folder / "depth.npz")
-        title = f"Slant range to {ground_in_words(document['ground'])}"
-        draw_depth(scene.seen, horizon_line(scene.camera, scene.pose), title, folder / "depth.png")
+        title = f"Slant range to {_ground_words(document['ground'])}"
+        _draw_depth(scene.seen, horizon_line(scene.setup.camera, scene.pose), title, folder / "depth.png")
         (folder / "footprint.geojson").write_bytes(_footprint(scene, document))
     names = ["depth.npz", "depth.png", "footprint.geojson"]
     if pixels is not None:
-        document["top_view"], more = _write_top_view(scene, pixels, step_m, folder)
-        names += more
+        document["top_view"] = _write_top_view(scene, pixels, step_m, folder)
+        names += document["top_view"].pop("files")
     document["files"] = [str(folder / name) for name in names]
-    if as_json:
-        print_json(document)
-    else:
-        say_document(document)
+    return document
 
 
-def _write_arrays(scene: Scene, path: Path) -> None:
+def _write_arrays(scene: _Scene, path: Path) -> None:
     seen = scene.seen
     east_m, north_m = seen.east_north_m()
     arrays: dict[str, Any] = {
@@ -285,24 +260,28 @@ def _write_arrays(scene: Scene, path: Path) -> None:
     np.savez(path, **arrays)
 
 
-def _footprint(scene: Scene, document: dict[str, Any]) -> bytes:
+def _footprint(scene: _Scene, document: dict[str, Any]) -> bytes:
     """GeoJSON in WGS84 where the place is known, else in the ground frame; enters the area into the document."""
-    corners = footprint(scene.camera, scene.pose, scene.max_range_m, scene.elevation_m, scene.ground)
+    corners = footprint(scene.setup.camera, scene.pose, scene.max_range_m, scene.setup.elevation_m, scene.setup.ground)
     features = []
     if corners is None:
         document["notes"].append("footprint.geojson is empty: what the image shows of the ground has no outline")
     else:
         document["footprint_area_m2"] = ring_area(corners)
         ring = _places(scene, corners)
-        properties = {"camera": scene.camera.name, "area_m2": ring_area(corners), "max_range_m": scene.max_range_m}
+        properties = {
+            "camera": scene.setup.camera.name,
+            "area_m2": ring_area(corners),
+            "max_range_m": scene.max_range_m,
+        }
         if scene.sample.origin is None:
             properties["coordinates"] = "ground frame: X right, Y ahead of the camera, m"
         geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
-    return json_bytes({"type": "FeatureCollection", "features": features})
+    return orjson.dumps({"type": "FeatureCollection", "features": features}, option=_JSON)
 
 
-def _places(scene: Scene, corners_en_m: FloatArray) -> list[list[float]]:
+def _places(scene: _Scene, corners_en_m: FloatArray) -> list[list[float]]:
     if scene.sample.origin is not None:
         return [[math.degrees(lon), math.degrees(lat)] for lat, lon in lat_lon(scene.sample.origin, corners_en_m)]
     points = np.concatenate([corners_en_m, np.zeros((len(corners_en_m), 1))], axis=-1)
@@ -310,22 +289,19 @@ def _places(scene: Scene, corners_en_m: FloatArray) -> list[list[float]]:
     return places
 
 
-def _write_top_view(
-    scene: Scene, pixels: ImageArray, step_m: float | None, folder: Path
-) -> tuple[dict[str, Any], list[str]]:
-    sampling = Sampling(step_m=step_m, max_range_m=scene.max_range_m)
-    level_m, ground = scene.elevation_m, scene.ground
-    view = top_view(pixels, scene.camera, scene.pose, sampling, elevation_m=level_m, ground=ground, seen=scene.seen)
+def _write_top_view(scene: _Scene, pixels: ImageArray, step_m: float | None, folder: Path) -> dict[str, Any]:
+    setup, sampling = scene.setup, Sampling(step_m=step_m, max_range_m=scene.max_range_m)
+    view = top_view(
+        pixels, setup.camera, scene.pose, sampling, elevation_m=setup.elevation_m, ground=setup.ground, seen=scene.seen
+    )
     if view is None:
         raise NoAnswerError("the image shows no ground", where=folder)
     if step_m is not None and view.step_m > step_m:
-        say(f"aerodft: --step {step_m:g} would make too large an image: it is {view.step_m:.4g} m instead")
-    about = write_top_view(view, scene.sample.origin, folder)
-    names: list[str] = about.pop("files")
-    return about, names
+        _LOG.warning("--step %g would make too large an image: it is %.4g m instead", step_m, view.step_m)
+    return write_top_view(view, scene.sample.origin, folder)
 
 
-def draw_depth(seen: DepthMap, horizon_px: tuple[FloatArray, ...], title: str, path: Path) -> None:
+def _draw_depth(seen: DepthMap, horizon_px: tuple[FloatArray, ...], title: str, path: Path) -> None:
     """Draw slant ranges, misses in grey, with the horizon's polylines."""
     height, width = seen.range_m.shape
     step = max(1, width // _MOST_PX)

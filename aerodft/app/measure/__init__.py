@@ -1,0 +1,27 @@
+"""Measuring in one image: camera, pose, ground and probes to measurements."""
+
+from aerodft.app.measure.measurements import ground_points, measure
+from aerodft.app.measure.probes import (
+    PROBES,
+    Area,
+    Bearing,
+    Distance,
+    Height,
+    ImageProbe,
+    Length,
+    Position,
+    Range,
+    RiverWidth,
+    Width,
+    requests_of,
+)
+from aerodft.app.measure.recorded_pose import Overrides, recorded_setup
+from aerodft.app.measure.scene import (
+    CameraPose,
+    ElevationModel,
+    MeasuredSurface,
+    PoseStd,
+    Slope,
+    assumed_std,
+    image_setup,
+)

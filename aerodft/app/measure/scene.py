@@ -1,0 +1,362 @@
+"""Camera, ground and pose of one image, as users know them: in degrees and metres, or out of a calibration file."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from aerodft import model
+from aerodft.adapters.config.camera import CalibrationFile, load_calibration, pose_sample
+from aerodft.conventions import LARGEST
+from aerodft.dft import Setup
+from aerodft.errors import InputError, UsageError
+from aerodft.geometry import Ground, Plane, camera_pose
+from aerodft.model import (
+    Camera,
+    FloatArray,
+    GeoOrigin,
+    GimbalSource,
+    HeightSource,
+    PoseBatch,
+    PoseSample,
+    ProjectionModel,
+    Status,
+)
+from calibration.flight import BiasCalibrator
+
+_LOWEST_M: Final = 1e-3
+_STEEPEST_DEG: Final = 80.0
+
+
+def in_range(name: str, value: float, low: float, high: float, expected: str) -> float:
+    """The value, of a parameter with this name.
+
+    Raises:
+        InputError: It is not between ``low`` and ``high``, or no number.
+    """
+    if not low <= value <= high:
+        raise InputError(name, got=f"{value:g}", expected=expected)
+    return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseStd:
+    """Standard deviations of a pose, independent of each other; what is not named is taken as exact.
+
+    Attributes:
+        height_m: Of the height.
+        position_m: Of the position, east and north each.
+        tilt_deg: Of the rotation about the camera's x axis (to the right).
+        pan_deg: Of the rotation about its y axis (down).
+        roll_deg: Of the rotation about its z axis (ahead).
+        heading_deg: Of the rotation about the vertical.
+
+    Example:
+        >>> PoseStd(height_m=0.1, tilt_deg=0.2).pan_deg
+        0.0
+    """
+
+    height_m: float = 0.0
+    position_m: float = 0.0
+    tilt_deg: float = 0.0
+    pan_deg: float = 0.0
+    roll_deg: float = 0.0
+    heading_deg: float = 0.0
+
+    def si(self) -> model.PoseStd:
+        """In m and rad."""
+        return model.PoseStd(
+            height_agl_m=self.height_m,
+            horizontal_m=self.position_m,
+            tilt_rad=math.radians(self.tilt_deg),
+            pan_rad=math.radians(self.pan_deg),
+            roll_rad=math.radians(self.roll_deg),
+            heading_rad=math.radians(self.heading_deg),
+        )
+
+
+def assumed_std(height_m: float) -> PoseStd:
+    """What is assumed where nobody says how well a pose is known: exactness would be a lie."""
+    return PoseStd(height_m=0.01 * height_m, tilt_deg=0.3, pan_deg=0.3, roll_deg=0.3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraPose:
+    """Where a camera is and where it looks.
+
+    Attributes:
+        height_m: Above the ground right below the camera.
+        altitude_m: Above mean sea level, instead of the height, where the ground is an ``ElevationModel``.
+        tilt_deg: Of the optical axis from straight down: 0 nadir, 90 horizon.
+        roll_deg: Positive with the camera's right side down.
+        heading_deg: Clockwise from true north.
+        lat_deg: WGS84 latitude; None where it is not known, with the longitude.
+        lon_deg: WGS84 longitude.
+        std: How well all this is known; None to assume 1 % of the height and 0.3 deg of attitude, which the
+            measurement's reasons then say.
+        covariance: ``(6, 6)`` instead of ``std``: position ENU (m), then a small rotation in camera axes (rad).
+        reasons: What goes into every measurement's reasons.
+
+    Raises:
+        InputError: A value is impossible.
+        UsageError: Values do not go together.
+
+    Example:
+        >>> CameraPose(height_m=10.48, tilt_deg=67, std=PoseStd(height_m=0.1, tilt_deg=0.2)).heading_deg
+        0.0
+    """
+
+    height_m: float | None = None
+    altitude_m: float | None = None
+    tilt_deg: float
+    roll_deg: float = 0.0
+    heading_deg: float = 0.0
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    std: PoseStd | None = None
+    covariance: FloatArray | None = None
+    reasons: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.height_m is not None:
+            in_range("height_m", self.height_m, _LOWEST_M, 100_000.0, "0.001 to 100000 m above the ground")
+        in_range("tilt_deg", self.tilt_deg, 0.0, 180.0, "0 to 180 deg from straight down: 0 nadir, 90 horizon")
+        in_range("roll_deg", self.roll_deg, -180.0, 180.0, "-180 to 180 deg")
+        in_range("heading_deg", self.heading_deg, -360.0, 360.0, "-360 to 360 deg")
+        if self.lat_deg is not None and self.lon_deg is not None:
+            in_range("lat_deg", self.lat_deg, -90.0, 90.0, "-90 to 90 deg")
+            in_range("lon_deg", self.lon_deg, -180.0, 360.0, "-180 to 360 deg")
+        elif self.lat_deg is not None or self.lon_deg is not None:
+            raise UsageError("lat_deg and lon_deg go together")
+
+    @property
+    def origin(self) -> GeoOrigin | None:
+        """The place below the camera, where it is known."""
+        if self.lat_deg is None or self.lon_deg is None:
+            return None
+        return GeoOrigin(lat_rad=math.radians(self.lat_deg), lon_rad=math.radians(self.lon_deg))
+
+    @property
+    def known_std(self) -> PoseStd:
+        """How well the pose is known: as said, else as assumed; nothing beside a covariance."""
+        if self.std is not None:
+            return self.std
+        return PoseStd() if self.covariance is not None else assumed_std(self.height_m or self.altitude_m or 0.0)
+
+    def pose(self, origin: GeoOrigin | None = None) -> model.Pose:
+        """The pose in ENU of the camera's foot, SI units and radians; ``origin`` says the altitude of the ground."""
+        pose = camera_pose(
+            height_agl_m=self._height_m(origin),
+            tilt_rad=math.radians(self.tilt_deg),
+            roll_rad=math.radians(self.roll_deg),
+            heading_rad=math.radians(self.heading_deg),
+            std=self.known_std.si(),
+        )
+        return pose if self.covariance is None else replace(pose, cov=self.covariance)
+
+    def sample(self, origin: GeoOrigin | None) -> PoseSample:
+        """The pose as the engine takes it, in ENU of the camera's foot.
+
+        Args:
+            origin: The camera's foot; with its altitude, where that is known.
+
+        Raises:
+            UsageError: There is no height, or there are two.
+            InputError: The altitude is below the ground.
+        """
+        pose = self.pose(origin)
+        is_assumed = self.std is None and self.covariance is None
+        assumed = ("no std: assumed height 1 %, attitude 0.3 deg",) if is_assumed else ()
+        ground_msl_m = None if origin is None else origin.alt_msl_m
+        return PoseSample(
+            stamp_ns=0,
+            status=Status.OK,
+            reasons=(*assumed, *self.reasons),
+            pose=pose,
+            std=self.known_std.si(),
+            origin=origin,
+            lat_rad=None if origin is None else origin.lat_rad,
+            lon_rad=None if origin is None else origin.lon_rad,
+            alt_msl_m=None if ground_msl_m is None else ground_msl_m + float(pose.position_enu_m[2]),
+            height_source=HeightSource.MANUAL,
+            height_datum="manual",
+            attitude_source=GimbalSource.MANUAL,
+        )
+
+    def _height_m(self, origin: GeoOrigin | None) -> float:
+        if self.height_m is not None and self.altitude_m is not None:
+            raise UsageError("height_m beside altitude_m", expected="one of them")
+        if self.height_m is not None:
+            return self.height_m
+        if self.altitude_m is None:
+            raise UsageError("no height_m", expected="0.001 to 100000 m above the ground")
+        if origin is None or origin.alt_msl_m is None:
+            raise UsageError("altitude_m without an elevation model", expected="height_m, or the ground's altitude")
+        height_m = self.altitude_m - origin.alt_msl_m
+        if not height_m >= _LOWEST_M:
+            got = f"{self.altitude_m:g} m, the ground there is at {origin.alt_msl_m:.2f} m"
+            raise InputError("altitude_m", got=got, expected="the camera above the ground")
+        return height_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slope:
+    """Ground that rises evenly, through the point right below the camera.
+
+    Attributes:
+        slope_deg: Against the horizontal, 0 to 80.
+        uphill_deg: Where it rises, clockwise from true north.
+
+    Raises:
+        InputError: A value is impossible.
+
+    Example:
+        >>> Slope(slope_deg=11.3, uphill_deg=270).slope_deg
+        11.3
+    """
+
+    slope_deg: float
+    uphill_deg: float
+
+    def __post_init__(self) -> None:
+        in_range("slope_deg", self.slope_deg, 0.0, _STEEPEST_DEG, f"deg, 0 to {_STEEPEST_DEG:g}")
+        in_range("uphill_deg", self.uphill_deg, -360.0, 360.0, "-360 to 360 deg clockwise from north")
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationModel:
+    """Ground of an elevation model; the pose then has to say latitude and longitude.
+
+    Attributes:
+        path: GeoTIFF.
+
+    Example:
+        >>> ElevationModel("dem.tif").path
+        'dem.tif'
+    """
+
+    path: str | Path
+
+
+GroundTerms: TypeAlias = Slope | ElevationModel | Ground | None
+"""What the ground is like; None for level ground at the height's datum."""
+
+
+def _ground(terms: GroundTerms, origin: GeoOrigin | None) -> tuple[Ground | None, GeoOrigin | None]:
+    """The ground, None for level ground, and the place below the camera with what is now known of its altitude."""
+    if isinstance(terms, Slope):
+        return Plane.sloping(np.zeros(3), math.radians(terms.slope_deg), math.radians(terms.uphill_deg)), origin
+    if not isinstance(terms, ElevationModel):
+        return terms, origin
+    from aerodft.adapters.terrain import load_elevation  # noqa: PLC0415 - slow to load, and an extra
+    from aerodft.geometry import Terrain  # noqa: PLC0415
+
+    if origin is None:
+        raise UsageError("an elevation model without lat_deg and lon_deg", expected="where in it the camera is")
+    path = Path(terms.path)
+    grid = load_elevation(path, replace(origin, alt_msl_m=0.0))
+    foot_m = float(Terrain(grid).height_at(np.zeros(2)))
+    if math.isnan(foot_m):
+        raise InputError("no height below the camera", where=path, got="nodata", expected="ground at its place")
+    return Terrain(replace(grid, heights_m=grid.heights_m - foot_m)), replace(origin, alt_msl_m=foot_m)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredSurface:
+    """Where the measured surface is, and how far it is looked at.
+
+    Attributes:
+        elevation_m: Above the ground.
+        elevation_std_m: Its standard deviation.
+        max_range_m: Maximum range in metres; None for the setup's own limit.
+
+    Raises:
+        InputError: A value is impossible.
+    """
+
+    elevation_m: float = 0.0
+    elevation_std_m: float = 0.0
+    max_range_m: float | None = None
+
+    def __post_init__(self) -> None:
+        in_range("elevation_m", self.elevation_m, -LARGEST, LARGEST, "m above the ground, finite")
+        if self.max_range_m is not None and not 0 < self.max_range_m <= LARGEST:
+            raise InputError("max_range_m", got=f"{self.max_range_m:g}", expected="m, above 0")
+
+    def on(self, setup: Setup) -> Setup:
+        """A setup that measures there."""
+        limit = setup.max_range_m if self.max_range_m is None else self.max_range_m
+        return replace(setup, elevation_m=self.elevation_m, elevation_std_m=self.elevation_std_m, max_range_m=limit)
+
+
+_ON_GROUND: Final = MeasuredSurface()
+
+
+def image_setup(
+    camera: Camera | None,
+    pose: CameraPose | PoseSample | None,
+    *,
+    ground: GroundTerms = None,
+    model: ProjectionModel | None = None,
+    calibration: str | Path | None = None,
+    surface: MeasuredSurface = _ON_GROUND,
+) -> tuple[Setup, PoseSample]:
+    """What the engine needs to measure in one image.
+
+    Args:
+        camera: The camera; None for that of the calibration.
+        pose: The pose; None for that of the calibration.
+        ground: What the ground is like; None for level ground.
+        model: Projection model; None for the calibration's, else the pinhole.
+        calibration: A file with pose and lens, in place of both; or one that says what telemetry is off by, which is
+            taken from the pose.
+        surface: Where the measured surface is.
+
+    Raises:
+        UsageError: There is no camera or no pose, or things do not go together.
+        InputError: Something is impossible, or a file cannot be read.
+    """
+    known = None if calibration is None else load_calibration(Path(calibration))
+    if known is not None and known.pose is not None:
+        if pose is not None:
+            raise UsageError("a pose beside a calibration that has one", expected="one of them")
+        setup, sample = _calibrated(Path(str(calibration)), known, camera, model, ground)
+        return surface.on(setup), sample
+    if camera is None or pose is None:
+        missing = "camera" if camera is None else "pose"
+        raise UsageError(f"no {missing}", expected=f"a {missing}, or a calibration that has one")
+    if isinstance(pose, PoseSample):
+        terrain, sample = _ground(ground, pose.origin)[0], pose
+    else:
+        terrain, origin = _ground(ground, pose.origin)
+        sample = pose.sample(origin)
+    setup = Setup(camera=camera, model=model or ProjectionModel.PINHOLE, ground=terrain)
+    if known is not None:
+        setup, sample = _corrected(setup, sample, known)
+    return surface.on(setup), sample
+
+
+def _calibrated(
+    path: Path, known: CalibrationFile, camera: Camera | None, model: ProjectionModel | None, ground: GroundTerms
+) -> tuple[Setup, PoseSample]:
+    """What a calibration that has a pose says."""
+    assert known.pose is not None  # noqa: S101 - the caller's own condition, for the type checker
+    if model not in (None, known.model):
+        raise UsageError(f"{model} beside a calibration", expected=f"{known.model}, which it was made with")
+    lens = known.camera or camera
+    if lens is None:
+        raise UsageError("a calibration without a lens", where=path, expected="a camera beside it")
+    flat = pose_sample(known.pose, None)
+    surface, origin = _ground(ground, flat.origin)
+    sample = flat if surface is None else pose_sample(known.pose, origin, surface, str(path))
+    return Setup(camera=lens, model=known.model, ground=surface), sample
+
+
+def _corrected(setup: Setup, sample: PoseSample, known: CalibrationFile) -> tuple[Setup, PoseSample]:
+    """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
+    if known.camera is not None and setup.model is not known.model:
+        raise UsageError(f"{setup.model} beside a calibration", expected=f"{known.model}, which it was made with")
+    corrected = BiasCalibrator(known.biases).refine(PoseBatch.of([sample]))[0]
+    return replace(setup, camera=known.camera or setup.camera), corrected

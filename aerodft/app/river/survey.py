@@ -1,0 +1,255 @@
+"""A river's width along it, from one image with a known pose, a recording or a fixed camera's video."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from aerodft.adapters.images import read_camera_image
+from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup
+from aerodft.app.progress import Progress, no_progress
+from aerodft.app.river.images import filmed_images, is_recording, recorded_images
+from aerodft.conventions import LARGEST
+from aerodft.dft import Setup
+from aerodft.errors import InputError, UsageError
+from aerodft.model import Camera, PoseSample
+from aerodft.reports.river import (
+    COLUMNS,
+    RiverImages,
+    reach_document,
+    refusal_document,
+    river_document,
+    transect_map,
+    transect_rows,
+    write_reach,
+    write_river,
+)
+from aerodft.vision.river import (
+    NoRiver,
+    Reach,
+    River,
+    RiverQuestion,
+    RiverView,
+    WaterNetwork,
+    find_river,
+    measure_reach,
+)
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+
+VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
+MOST_IMAGES: Final = 60
+"""Images of a recording or a video that are looked at by default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transects:
+    """The lines across a river, with what each came to.
+
+    Attributes:
+        document: The survey's.
+        sample: Whose place the ends are from.
+    """
+
+    document: dict[str, Any]
+    sample: PoseSample
+
+    def __len__(self) -> int:
+        return len(self.document["transects"])
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each, as in ``transects.csv``: station, status, width, std, 95 % and ends; None for unknown."""
+        return transect_rows(self.document)
+
+    def to_geojson(self) -> dict[str, Any]:
+        """The measured ones as GeoJSON lines from bank to bank, with their rows as properties.
+
+        WGS84; where the camera's place is not known, east and north of its foot in metres.
+        """
+        return transect_map(self.document, self.sample)
+
+    def to_geopandas(self) -> "GeoDataFrame":
+        """The measured ones as a GeoDataFrame, in WGS84 where the camera's place is known.
+
+        Raises:
+            InputError: geopandas is not installed.
+        """
+        try:
+            from geopandas import GeoDataFrame  # noqa: PLC0415 - an extra
+        except ImportError:
+            hint = 'pip install "aerodft[geo]"; rows() and to_geojson() need nothing'
+            raise InputError("geopandas is not installed", hint=hint) from None
+        crs = None if self.sample.origin is None else "EPSG:4326"
+        return GeoDataFrame.from_features(self.to_geojson(), crs=crs, columns=["geometry", *COLUMNS])
+
+
+@dataclass(frozen=True, slots=True)
+class RiverSurvey:
+    """What a river's width came to.
+
+    Attributes:
+        document: The JSON document (schema ``aerodft.river/1``).
+        found: The river, or why there is none.
+        images: What was looked at; None for one image alone.
+        view: The first view, whose place positions are from.
+    """
+
+    document: dict[str, Any]
+    found: River | Reach | NoRiver
+    images: RiverImages | None
+    view: RiverView
+
+    @property
+    def status(self) -> str:
+        """``ok``, or why there is no width."""
+        return str(self.document["status"])
+
+    @property
+    def reasons(self) -> list[str]:
+        """What to know of the answer, or of why there is none, a sentence each."""
+        return list(self.document["reasons"])
+
+    @property
+    def width_m(self) -> dict[str, Any] | None:
+        """``median`` of the measured widths with ``std`` and ``ci95``, ``min``, ``max``; None where there is none."""
+        width: dict[str, Any] | None = self.document["width_m"]
+        return width
+
+    @property
+    def transects(self) -> Transects:
+        """The lines across the river, with their widths."""
+        return Transects(self.document, self.view.sample)
+
+    def save(self, folder: str | Path) -> list[str]:
+        """Write the document, a table, a map and a plate; nothing where there is no river.
+
+        Returns:
+            The files.
+
+        Raises:
+            InputError: The folder cannot be written.
+        """
+        if isinstance(self.found, River):
+            write_river(Path(folder), self.document, self.found, self.view)
+        elif isinstance(self.found, Reach) and self.images is not None:
+            write_reach(Path(folder), self.document, self.found, self.images)
+        return list(self.document["files"])
+
+
+def survey_river(  # noqa: PLR0913 - what a caller may choose
+    what: str | Path,
+    camera: Camera | None = None,
+    pose: CameraPose | None = None,
+    *,
+    calibration: str | Path | None = None,
+    config: str | Path | None = None,
+    elevation_m: float = 0.0,
+    max_range_m: float | None = None,
+    spacing_m: float = 1.0,
+    flow_deg: float | None = None,
+    seed: Sequence[float] | None = None,
+    images: int = MOST_IMAGES,
+    water_model: str | Path | None = None,
+    progress: Progress = no_progress,
+) -> RiverSurvey:
+    """Measure a river's width at transects along it, with the banks found in the images.
+
+    Args:
+        what: A recording, whose telemetry says the poses; or an image, or a fixed camera's video, of a known pose.
+        camera: The camera of an image or a video; None for that of the calibration.
+        pose: Its pose; None for that of the calibration.
+        calibration: A calibration file.
+        config: Station file to use in place of a recording's own.
+        elevation_m: Height of the water above the ground that heights are counted from.
+        max_range_m: Water farther than this is left out; None for no limit.
+        spacing_m: Of the transects along the river.
+        flow_deg: Where the river flows to, clockwise from north: left is then its left bank.
+        seed: A pixel ``(u, v)`` in the water; None for the lower middle.
+        images: How many images of a recording or a video are looked at, evenly spread.
+        water_model: A network of your own (ONNX) that says where water is.
+        progress: Called with looks done, and how many there are.
+
+    Returns:
+        The survey; where its ``status`` is not ``ok``, ``reasons`` say why there is no width.
+
+    Raises:
+        AerodftError: Something cannot be read, is impossible, or does not go together.
+
+    Example:
+        >>> import aerodft as ad
+        >>> camera = ad.load_camera("configs/cameras/demo-1080p.toml")
+        >>> std = ad.PoseStd(height_m=0.1, tilt_deg=0.2)
+        >>> pose = ad.CameraPose(height_m=7.93, tilt_deg=62.3, roll_deg=-0.6, std=std)
+        >>> reach = ad.survey_river("configs/calibration/bridge.jpg", camera, pose, seed=(960, 150), spacing_m=2)
+        >>> f"{reach.status}: {reach.width_m['median']:.1f} m"
+        'ok: 9.4 m'
+        >>> rows = reach.transects.rows()
+        >>> len(rows) == len(reach.transects)
+        True
+    """
+    source = Path(what)
+    surface = MeasuredSurface(elevation_m, 0.0, max_range_m)
+    network = None if water_model is None else WaterNetwork.read(Path(water_model))
+    question = river_question(seed, spacing_m, flow_deg, network)
+    if is_recording(source):
+        if camera is not None or pose is not None:
+            raise UsageError("a camera or a pose beside a recording", expected="neither: the recording has them")
+        own = None if config is None else Path(config)
+        known = None if calibration is None else Path(calibration)
+        return survey_images(recorded_images(source, own, known, surface, images), question, progress)
+    setup, sample = image_setup(camera, pose, calibration=calibration, surface=surface)
+    if source.suffix.lower() in VIDEO_SUFFIXES:
+        return survey_images(filmed_images(source, setup, sample, images, no_progress), question, progress)
+    return survey_still(source, setup, sample, question)
+
+
+def river_question(
+    seed_px: Sequence[float] | None,
+    spacing_m: float,
+    flow_deg: float | None,
+    network: WaterNetwork | None = None,
+    bank_std_px: float | None = None,
+) -> RiverQuestion:
+    """What is asked of each image; ``bank_std_px`` is what banks are seen off by at the least.
+
+    Raises:
+        InputError: A value is impossible.
+    """
+    if not 0 < spacing_m <= LARGEST:
+        raise InputError("spacing_m", got=f"{spacing_m:g}", expected="m, above 0")
+    if flow_deg is not None and not abs(flow_deg) <= 360:  # noqa: PLR2004 - one turn
+        raise InputError("flow_deg", got=f"{flow_deg:g}", expected="-360 to 360 deg clockwise from north")
+    return RiverQuestion(
+        seed_px=None if seed_px is None else (float(seed_px[0]), float(seed_px[1])),
+        spacing_m=spacing_m,
+        flow_rad=None if flow_deg is None else math.radians(flow_deg),
+        least_std_px=RiverQuestion().least_std_px if bank_std_px is None else bank_std_px,
+        network=network,
+    )
+
+
+def survey_still(image: Path, setup: Setup, sample: PoseSample, question: RiverQuestion) -> RiverSurvey:
+    """Measure a river in one image, as the camera stored it.
+
+    Raises:
+        InputError: The image cannot be read, or is not the camera's.
+    """
+    pixels = read_camera_image(image, setup.camera, "--camera has to describe this very image")
+    view = RiverView(0, setup, sample, lambda: pixels)
+    found = find_river(pixels, setup, view.pose, question)
+    document = refusal_document(found) if isinstance(found, NoRiver) else river_document(found, view)
+    return RiverSurvey(document, found, None, view)
+
+
+def survey_images(images: RiverImages, question: RiverQuestion, progress: Progress = no_progress) -> RiverSurvey:
+    """Measure a river over many images; ``progress`` is called with looks done and how many there are.
+
+    Raises:
+        InputError: An image cannot be read.
+    """
+    looks = 2 * len(images.views)
+    found = measure_reach(images.views, question, lambda done: progress(done, looks))
+    document = refusal_document(found, images) if isinstance(found, NoRiver) else reach_document(found, images)
+    return RiverSurvey(document, found, images, images.views[0])

@@ -1,0 +1,311 @@
+"""Camera, pose, ground, probes and their standard deviations, as options of the commands about one image."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from aerodft.conventions import LARGEST
+from aerodft.errors import InputError, UsageError
+from aerodft.model import Camera, PoseSample, ProbeKind, ProjectionModel
+
+if TYPE_CHECKING:
+    from aerodft.app.measure import ImageProbe, MeasuredSurface, PoseStd
+    from aerodft.dft import Request, Setup
+
+CameraOption = Annotated[Path | None, typer.Option(help="Camera file (TOML).")]
+HeightOption = Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")]
+TiltOption = Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")]
+RollOption = Annotated[float, typer.Option(help="Positive with the camera's right side down, deg.")]
+HeadingOption = Annotated[float, typer.Option(help="Clockwise from true north, deg.")]
+LatOption = Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")]
+LonOption = Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")]
+StdOption = Annotated[
+    str | None,
+    typer.Option(help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude."),
+]
+CovarianceOption = Annotated[
+    Path | None, typer.Option(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.")
+]
+
+_ANGLES: Final = ("tilt", "pan", "roll")
+_POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
+_OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
+_PROBE_OPTIONS: Final = ("elevation", "name")
+
+
+_PARAMETER: Final = re.compile(r"\b([a-z_]+)_(?:m|deg)\b")
+
+
+@contextmanager
+def named_as_options() -> Iterator[None]:
+    """Errors that name parameters, as ``tilt_deg``, name the options instead, ``--tilt``."""
+    try:
+        yield
+    except (InputError, UsageError) as error:
+        what, expected = (_PARAMETER.sub(_option_of, text) for text in (error.what, error.expected))
+        if error.where or what == error.what:  # a file's key is no parameter
+            raise
+        raise type(error)(what, got=error.got, expected=expected, hint=error.hint) from error
+
+
+def _option_of(parameter: re.Match[str]) -> str:
+    return f"--{parameter[1].replace('_', '-')}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stds:
+    """What ``--std`` says; what it does not name is taken as exact.
+
+    Attributes:
+        pose: Of height (m), position (m) and angles (deg), by the names of ``--std``.
+        focal_px: Of the focal length.
+        elevation_m: Of the measured surface.
+        px: Of each pixel coordinate.
+    """
+
+    pose: Mapping[str, float] = field(default_factory=dict)
+    focal_px: float = 0.0
+    elevation_m: float = 0.0
+    px: float = 1.0
+
+    def pose_std(self) -> "PoseStd":
+        """Of the pose."""
+        from aerodft.app.measure import PoseStd
+
+        units = {"height": "m", "position": "m"}
+        return PoseStd(**{f"{name}_{units.get(name, 'deg')}": value for name, value in self.pose.items()})
+
+    def refuse_pose(self, beside: str, expected: str) -> None:
+        """Refuse standard deviations of the pose beside what has its own.
+
+        Raises:
+            UsageError: One that is not 0 was given.
+        """
+        if any(self.pose.values()):
+            raise UsageError(f"--std of the pose beside {beside}", expected=expected)
+
+    def on_camera(self, camera: Camera) -> Camera:
+        """The camera, with the focal length's std where one was given.
+
+        Raises:
+            UsageError: The camera has a whole covariance.
+        """
+        if self.focal_px and camera.covariance:
+            raise UsageError("--std focal beside a camera file with a covariance", expected="one of the two")
+        return replace(camera, std=replace(camera.std, focal_px=self.focal_px)) if self.focal_px else camera
+
+
+def parse_stds(text: str | None) -> Stds:
+    """Read ``name=value`` pairs: m for lengths, degrees for angles, px for pixels.
+
+    Raises:
+        UsageError: An unknown name, or a value that is no number of at least 0 (or absurdly large).
+    """
+    pose: dict[str, float] = {}
+    others: dict[str, float] = {}
+    names = set[str]()
+    for part in filter(None, (piece.strip() for piece in (text or "").split(","))):
+        name, _, number = part.partition("=")
+        value = float(number) if _is_number(number) else math.nan
+        if not 0 <= value <= LARGEST:
+            expected = "a number of at least 0, e.g. height=0.1"
+            raise UsageError(f"--std {part}", got=repr(number), expected=expected)
+        if name in names:
+            raise UsageError(f"--std {part}", got=f"{name} again", expected="each once")
+        names.add(name)
+        if name in _POSE_STDS:
+            pose |= dict.fromkeys(_ANGLES if name == "attitude" else (name,), value)
+        elif name in _OTHER_STDS:
+            others[name if name == "px" else f"{name}_{'px' if name == 'focal' else 'm'}"] = value
+        else:
+            expected = f"one of {', '.join([*_POSE_STDS, *_OTHER_STDS])}"
+            raise UsageError(f"--std {part}", got=f"name {name!r}", expected=expected)
+    return Stds(pose=pose, **others)
+
+
+def refuse_beside(options: Mapping[str, object], beside: str) -> None:
+    """Refuse options beside what says the same: an option as typed, or an argument in words.
+
+    Raises:
+        UsageError: One of them was given.
+    """
+    for name, value in options.items():
+        if value is not None:
+            raise UsageError(f"--{name} beside {beside}", expected=f"one of them: {beside} has it")
+
+
+def scene_of_options(
+    pose: Mapping[str, Any],
+    camera: Path | None,
+    calibration: Path | None,
+    std: str | None,
+    surface: "MeasuredSurface",
+    *,
+    ground: Mapping[str, Any] | None = None,
+    model: ProjectionModel | None = None,
+    says_exact: bool = False,
+) -> "tuple[Setup, PoseSample]":
+    """Camera, ground and pose out of options.
+
+    Args:
+        pose: The options of the pose by their names; None where they were not given.
+        camera: The camera's file.
+        calibration: Pose and lens, in place of the camera and the pose; or what telemetry is off by.
+        std: As ``--std`` was given.
+        surface: What is measured.
+        ground: The options of the ground by their names.
+        model: Projection model; None for the calibration's, else the pinhole.
+        says_exact: Say which part of the pose ``std`` leaves out and thereby takes as exact.
+
+    Raises:
+        UsageError: There is no camera, or options do not go together.
+        InputError: Something is impossible.
+    """
+    from aerodft.adapters.config import load_covariance
+    from aerodft.adapters.config.camera import load_calibration, load_camera
+    from aerodft.app.measure import CameraPose, ElevationModel, Slope, assumed_std, image_setup
+
+    stds, known = parse_stds(std), None if calibration is None else load_calibration(calibration)
+    terms = ground or {"terrain": None, "slope": None, "uphill": None}
+    terrain, slope_deg, uphill_deg = (terms[name] for name in ("terrain", "slope", "uphill"))
+    if terrain is not None:
+        refuse_beside({"slope": slope_deg, "uphill": uphill_deg}, "--terrain")
+    if (slope_deg is None) != (uphill_deg is None):
+        raise UsageError("--slope and --uphill go together", expected="e.g. --slope 11.3 --uphill 270")
+    with named_as_options():
+        rises = None if slope_deg is None else Slope(slope_deg=slope_deg, uphill_deg=uphill_deg)
+        shape = rises if terrain is None else ElevationModel(terrain)
+        if known is not None and known.pose is not None:
+            refuse_beside(pose, "--calibration")
+            stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
+            lens = None
+            if known.camera is None and camera is not None:
+                lens = stds.on_camera(load_camera(camera))
+            return image_setup(lens, None, ground=shape, model=model, calibration=calibration, surface=surface)
+        if camera is None:
+            raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
+        if pose["tilt"] is None:
+            raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
+        covariance, pose_std, reasons = pose["covariance"], stds.pose_std(), tuple[str, ...]()
+        if covariance is not None:
+            stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
+        elif std is None:
+            pose_std = assumed_std(pose["height"] or pose.get("altitude") or 0.0)
+            reasons = ("no --std: assumed height 1 %, attitude 0.3 deg, px 1",)
+        elif says_exact:
+            reasons = tuple(_taken_as_exact(pose_std))
+        place = CameraPose(
+            height_m=pose["height"],
+            altitude_m=pose.get("altitude"),
+            tilt_deg=pose["tilt"],
+            roll_deg=pose["roll"] or 0.0,
+            heading_deg=pose["heading"] or 0.0,
+            lat_deg=pose["lat"],
+            lon_deg=pose["lon"],
+            std=pose_std,
+            covariance=None if covariance is None else load_covariance(covariance),
+            reasons=reasons,
+        )
+        lens = stds.on_camera(load_camera(camera))
+        return image_setup(lens, place, ground=shape, model=model, calibration=calibration, surface=surface)
+
+
+def _taken_as_exact(std: "PoseStd") -> Iterator[str]:
+    """What ``--std`` leaves out, though widths depend on it."""
+    attitude = any((std.tilt_deg, std.pan_deg, std.roll_deg))
+    left_out = [name for name, known in (("height", std.height_m), ("attitude", attitude)) if not known]
+    if left_out:
+        yield f"--std leaves out {' and '.join(left_out)}: taken as exact"
+
+
+def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> "tuple[Request, ...]":
+    """Read all ``--probe`` of one command: ``distance 812,604.5 1377,611 elevation=0.5``.
+
+    Args:
+        texts: A kind, as many ``u,v`` as it needs, and ``key=value`` options each. ``elevation`` is a number, or the
+            name of a ``height`` on whose object's top the probe lies.
+        stds: Of pixels and elevations.
+        elevation_m: Of probes that have no ``elevation``.
+
+    Raises:
+        UsageError: An unknown kind, option or name, a name twice, a malformed pixel, or too many or too few of them.
+    """
+    from aerodft.app.measure import requests_of
+
+    probes = [_parse_probe(text, stds, elevation_m) for text in texts]
+    try:
+        return requests_of(probes)
+    except UsageError as error:
+        raise UsageError(f"--probe: {error.what}", got=error.got, expected=error.expected) from None
+
+
+def _parse_probe(text: str, stds: Stds, elevation_m: float) -> "ImageProbe":
+    from aerodft.app.measure import PROBES
+
+    kind, *words = text.split() or [""]
+    if kind not in PROBES:
+        expected = f"one of {', '.join(PROBES)}"
+        raise UsageError(f'--probe "{text}"', got=f"kind {kind!r}", expected=expected)
+    options = _options(words, text)
+    pixels = [_pixel(word, text) for word in words if "=" not in word]
+    elevation = options.get("elevation", "")
+    named = elevation != "" and not _is_number(elevation)
+    if elevation and not named:
+        elevation_m = _finite(elevation, text)
+    try:
+        return PROBES[ProbeKind(kind)](
+            pixels,
+            name=options.get("name"),
+            std_px=stds.px,
+            elevation_m=elevation_m,
+            elevation_std_m=stds.elevation_m,
+            on_top_of=elevation if named else None,
+        )
+    except UsageError as error:
+        raise UsageError(f'--probe "{text}"', got=error.got, expected=error.expected) from None
+
+
+def _options(words: list[str], text: str) -> dict[str, str]:
+    options: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals:
+            continue
+        if key not in _PROBE_OPTIONS:
+            expected = f"one of {', '.join(_PROBE_OPTIONS)}"
+            raise UsageError(f'--probe "{text}"', got=f"option {key!r}", expected=expected)
+        if not value:
+            raise UsageError(f'--probe "{text}"', got="nothing", expected=f"a value after {key}=")
+        if key in options:
+            raise UsageError(f'--probe "{text}"', got=f"{key} again", expected="each option once")
+        options[key] = value
+    return options
+
+
+def _pixel(word: str, text: str) -> tuple[float, float]:
+    parts = word.split(",")
+    if len(parts) != 2:  # noqa: PLR2004 - u and v
+        raise UsageError(f'--probe "{text}"', got=repr(word), expected="a pixel as u,v")
+    return _finite(parts[0], text), _finite(parts[1], text)
+
+
+def _is_number(word: str) -> bool:
+    """Whether it is a number, ``nan`` too, which is no name either."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _finite(number: str, text: str) -> float:
+    value = float(number) if _is_number(number) and number.isascii() and "_" not in number else math.nan
+    if not abs(value) <= LARGEST:
+        raise UsageError(f'--probe "{text}"', got=repr(number), expected="a finite number")
+    return value

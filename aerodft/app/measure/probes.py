@@ -70,7 +70,7 @@ class Range(ImageProbe):
 
     Example:
         >>> Range((1944, 493)).kind
-        <ProbeKind.RANGE: 'range'>
+        'range'
     """
 
     kind = ProbeKind.RANGE
@@ -137,7 +137,7 @@ class Bearing(ImageProbe):
 
     Example:
         >>> Bearing((1944, 20)).kind
-        <ProbeKind.BEARING: 'bearing'>
+        'bearing'
     """
 
     kind = ProbeKind.BEARING

@@ -134,9 +134,9 @@ def calibrate_lens(
 
     Example:
         >>> import aerodft as ad
-        >>> ad.print_board("charuco", "/tmp/board.png")["size_mm"]
+        >>> ad.print_board("charuco", "board.png")["size_mm"]
         [270.0, 201.7]
-        >>> ad.calibrate_lens(["/tmp/board.png"])  # doctest: +IGNORE_EXCEPTION_DETAIL
+        >>> ad.calibrate_lens(["board.png"])  # doctest: +IGNORE_EXCEPTION_DETAIL
         Traceback (most recent call last):
         aerodft.errors.NoAnswerError: too few views to determine the lens
     """
@@ -220,7 +220,7 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
 
     Example:
         >>> import aerodft as ad
-        >>> ad.print_board("chessboard:9x6:25mm", "/tmp/board.png")["size_mm"]
+        >>> ad.print_board("chessboard:9x6:25mm", "board.png")["size_mm"]
         [270.0, 201.7]
     """
     parsed = parse_board(board)

@@ -100,12 +100,8 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         NoAnswerError: The log holds no height or no camera attitude that the station could use.
 
     Example:
-        >>> import tempfile
-        >>> from aerodft import import_flight
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     result = import_flight(
-        ...         "samples/copter.tlog", station="configs/services/river-flight.toml", output=folder + "/rec"
-        ...     )
+        >>> import aerodft as ad
+        >>> result = ad.import_flight("samples/copter.tlog", station="configs/services/river-flight.toml", output="rec")
         >>> result.statistics.images, result.statistics.poses["ok"], result.lost
         (300, 266, 0)
     """

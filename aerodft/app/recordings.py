@@ -207,10 +207,8 @@ def export(
         NoAnswerError: The recording holds no measurement, or for a video no image.
 
     Example:
-        >>> import tempfile
         >>> import aerodft as ad
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     ad.export("tests/cli/frozen-0.1", f"{folder}/widths.geojson").counts
+        >>> ad.export("tests/cli/frozen-0.1", "widths.geojson").counts
         {'measurements': 118}
     """
     opened = recording if isinstance(recording, StationRecording) else open_recording(recording)
@@ -339,11 +337,10 @@ def recover(folder: str | Path) -> list[Recovery]:
         InputError: There is no recording, or it is being written.
 
     Example:
-        >>> import shutil, tempfile
+        >>> import shutil
         >>> import aerodft as ad
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     copy = shutil.copytree("tests/cli/frozen-0.1", f"{folder}/rec")
-        ...     [segment.state for recovery in ad.recover(copy) for segment in recovery.segments]
+        >>> copy = shutil.copytree("tests/cli/frozen-0.1", "copy")
+        >>> [segment.state for recovery in ad.recover(copy) for segment in recovery.segments]
         ['sound', 'sound']
     """
     folder = Path(folder)

@@ -58,18 +58,16 @@ class Station:
         ConfigError: The file is wrong, names recorded images, or has telemetry without a connection.
 
     Example:
-        >>> import tempfile
         >>> from pathlib import Path
-        >>> from aerodft import Station
+        >>> import aerodft as ad
         >>> text = Path("configs/services/fixed-camera.toml").read_text()
         >>> stream = 'stream = "rtsp://127.0.0.1:8554/bridge"'
         >>> text = text.replace(stream, "rate_hz = 20.0").replace("[zenoh]", "[zenoh]\nenabled = false")
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     _ = Path(folder, "station.toml").write_text(text)
-        ...     with Station(Path(folder, "station.toml"), output=Path(folder, "rec")) as station:
-        ...         names = set()
-        ...         station.on_measurement(lambda measurement: names.add(measurement.name))
-        ...         station.wait(seconds=1.0)
+        >>> _ = Path("station.toml").write_text(text)
+        >>> names = set()
+        >>> with ad.Station("station.toml", output="rec") as station:
+        ...     station.on_measurement(lambda measurement: names.add(measurement.name))
+        ...     station.wait(seconds=1.0)
         >>> sorted(names)
         ['crossing', 'deck', 'gauge', 'pier']
     """

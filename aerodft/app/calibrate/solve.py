@@ -184,7 +184,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         ... )
         >>> round(found.values["tilt_deg"], 1), round(found.stds["tilt_deg"], 2)
         (62.3, 0.05)
-        >>> found.save("/tmp/bridge.toml")
+        >>> found.save("bridge.toml")
     """
     camera_file = None if isinstance(camera, Camera) else Path(camera)
     lens = camera if isinstance(camera, Camera) else load_camera(Path(camera))

@@ -11,7 +11,7 @@ INSTALLED := $(VENV)/.installed
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
-.PHONY: demo test nightly lint types imports unit coverage bench bench-peer format clean
+.PHONY: demo test nightly compiled lint types imports unit coverage bench bench-peer format clean
 
 demo: $(INSTALLED)
 	$(BIN)/aerodft demo --output demo
@@ -44,11 +44,18 @@ imports: $(INSTALLED)
 
 PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 
-unit: $(INSTALLED)
+# Loops are compiled at their first call and kept: once here, so that three workers do not all do it.
+compiled: $(INSTALLED)
+	@to=$$(mktemp -d) && \
+		$(FOR_TESTS) $(BIN)/aerodft import samples/copter.tlog --config configs/services/river-flight.toml -o $$to/rec 2>/dev/null && \
+		$(FOR_TESTS) $(BIN)/python -m aerodft.sim --out $$to/flight --duration 1 >/dev/null 2>&1; \
+		rm -rf $$to
+
+unit: compiled
 	$(PYTEST) -m "not nightly"
 
 # Slow truth: statistics over random scenes, memory, faults at full scale.
-nightly: $(INSTALLED)
+nightly: compiled
 	AERODFT_FAULTS=full $(PYTEST) --timeout=1800 -m nightly
 
 # Twice as slow as without.

@@ -47,6 +47,7 @@ def test_what_is_exact_is_found_exactly():
     assert result.rms_px < 1e-5
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("tilt_deg", [10.0, 45.0])
 def test_errors_are_as_large_as_stated(tilt_deg):
     rng, scores, chances = np.random.default_rng(round(tilt_deg)), defaultdict(list), []

@@ -152,6 +152,7 @@ def test_the_whole_covariance_is_that_of_opencvs_jacobians(camera):
     assert_allclose(cov / np.outer(stds, stds), want / np.outer(stds, stds), atol=2e-5)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("camera", [BROWN, WITH_K3, FISHEYE], ids=["four", "k3", "fisheye"])
 def test_over_300_calibrations_stds_and_correlations_are_what_they_say(camera):
     """Standard deviations of 300 scores are themselves known to 4 %."""

@@ -21,6 +21,8 @@ from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
+pytestmark = pytest.mark.nightly
+
 START = "2026-11-21T00:34:38Z"
 HEIGHT_BIAS_M, TILT_BIAS_DEG = 0.5, 0.3
 STATION = {

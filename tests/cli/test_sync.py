@@ -75,6 +75,7 @@ def imported(desk, aerodft, tmp_path_factory):
     return done, out, start_ns
 
 
+@pytest.mark.nightly
 def test_the_truth_lies_in_the_stated_intervals(desk, aerodft, tmp_path):
     folder, _, reference_ns = desk
     found = aerodft(
@@ -165,6 +166,7 @@ def test_the_next_best_offset_is_put_in_words(peak_ratio, said):
     assert next_best(peak_ratio).endswith(said)
 
 
+@pytest.mark.nightly
 def test_a_hover_with_a_locked_gimbal_is_refused(aerodft, tmp_path):
     write_desk(tmp_path, hovering(20 + 2 * MARGIN_S), Clocks(2.0, 0.0, 0.1), 3)
     found = aerodft("sync", tmp_path / "video.mp4", tmp_path / "flight.tlog", "--camera", tmp_path / "camera.toml")

@@ -115,7 +115,11 @@ def answered(bench, steps):
     return list(zip(times, bench.encoded(answers), strict=True))
 
 
-@pytest.fixture(scope="module", params=list(FLIGHTS))
+ALWAYS = ("UTC comes late, jumps, and a reboot", "nothing but gaps")
+BY_DAY_AND_NIGHT = [pytest.param(name, marks=() if name in ALWAYS else pytest.mark.nightly) for name in FLIGHTS]
+
+
+@pytest.fixture(scope="module", params=BY_DAY_AND_NIGHT)
 def eventful(bench, request):
     happenings = FLIGHTS[request.param]
     source = bench.source(*events_of(bench, happenings))

@@ -23,6 +23,7 @@ def off_s(taken, after_s=0.0):
     return np.array([each.off_s for each in good(taken, after_s)])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("boot_drift", [0.0, 3e-5, -2e-4, 1e-3])
 def test_a_vehicles_clock_that_drifts(boot_drift, capsys):
     taken, health = flown(Clocks(boot_drift=boot_drift, booted_s=86_400.0, delay_s=0.2), 60.0)
@@ -36,6 +37,7 @@ def test_a_vehicles_clock_that_drifts(boot_drift, capsys):
         print(f"\nboot drift {boot_drift:g}: {1e3 * error.std():.2f} ms, drift off by {1e6 * (found - truth):+.2f} ppm")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("host_drift", "delay_s"), [(0.0, 0.15), (1e-4, 0.005), (-3e-4, 0.005), (-3e-4, 0.15)])
 def test_this_machines_clock_drifts(host_drift, delay_s, capsys):
     """Stamped on arrival: the fastest messages tell how the clocks stand, whatever the radio delays."""

@@ -43,7 +43,10 @@ LEGS = {(62.2, 65.2): 60.0, (66.2, 69.2): 30.0, (70.2, 73.2): 0.0}
 TAKE_OFF_S = 34.0
 WIDTHS = ("river", "width-a", "width-b", "width-c")
 
-pytestmark = pytest.mark.skipif(not LOG.is_file(), reason=f"{LOG} is not there: the recorded flights are kept apart")
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(not LOG.is_file(), reason=f"{LOG} is not there: the recorded flights are kept apart"),
+]
 
 
 @dataclass(frozen=True)

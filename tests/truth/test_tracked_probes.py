@@ -13,6 +13,8 @@ from aerodft.vision.plane_lock import TrackedProbes
 from tests.truth import circling
 from tests.truth.circling import CAMERA, Seen
 
+pytestmark = pytest.mark.nightly
+
 LIMIT = 0.005  # of the range
 BANKS_ENU_M = np.array([[6.0, -9.0, 0.0], [-8.0, -20.0, 0.0]])
 ASIDE_ENU_M = np.array([[22.0, -8.0, 0.0]])  # at the image's border at first

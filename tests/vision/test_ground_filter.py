@@ -25,6 +25,7 @@ def test_many_exact_sights_of_a_steady_walk_give_its_velocity() -> None:
     np.testing.assert_allclose(state.velocity_en_mps, [1.4, -0.5], atol=0.002)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("hidden", [0, 12])
 def test_the_covariance_is_that_of_the_errors(hidden: int) -> None:
     """400 walks as the filter believes in them; the last images may be hidden."""

@@ -307,7 +307,7 @@ def test_every_lens_has_a_name_that_viewers_know(tmp_path: Path, camera: dict[st
 
 
 def test_a_file_or_an_empty_folder_is_no_recording(tmp_path: Path) -> None:
-    for path, got in ((tmp_path / "none", "nothing"), (tmp_path, "an empty folder")):
+    for path, got in ((tmp_path / "none", "no such file or folder"), (tmp_path, "an empty folder")):
         with pytest.raises(InputError, match=got):
             Recording(path)
     (tmp_path / "a.txt").write_text("x")

@@ -10,7 +10,7 @@ from aerodft.errors import InputError
 
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """As ``replaced``, in a sentence where it fails.
+    """Write a file as a whole or not at all; where that fails, say so in a sentence.
 
     Args:
         path: The file.

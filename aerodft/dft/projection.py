@@ -296,7 +296,7 @@ def _ground_jacobians(
 
 
 def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -> _GroundContact:
-    """As ``meet_level`` with its Jacobians; derivatives also where the ray goes up."""
+    """Where rays meet level ground, and the Jacobians of that; derivatives also where the ray goes up."""
     down = direction[..., 2]
     reach = (elevation - position[..., 2]) / down
     points = position + reach[..., None] * direction

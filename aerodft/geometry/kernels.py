@@ -90,7 +90,7 @@ def meet_brown(
     foot_m: FloatArray,
     out_m: FloatArray,
 ) -> None:
-    """As ``meet_straight``, through a lens with Brown's distortion.
+    """Ground points of pixels, through a lens with Brown's distortion.
 
     Args:
         pixels_px: ``(n, 2)``.
@@ -173,7 +173,7 @@ def undistort(distorted: FloatArray, coefficients: tuple[float, ...], limit: flo
 
 @njit_ieee
 def _undistort_surely(xd: float, yd: float, coefficients: tuple[float, ...], limit: float) -> tuple[float, float]:
-    """As ``undistort``, started where the radial part alone has its inverse."""
+    """Undistorted pixel by Newton's steps, started where the radial part alone has its inverse."""
     radius_d = math.sqrt(xd * xd + yd * yd)
     scale = _radius(radius_d, coefficients, limit) / radius_d if radius_d > 0.0 else 1.0
     x, y = xd * scale, yd * scale
@@ -213,7 +213,7 @@ def _radius(radius_d: float, coefficients: tuple[float, ...], limit: float) -> f
 def meet_fisheye(
     pixels_px: FloatArray, lens: FisheyeLens, ground_from_ray: FloatArray, foot_m: FloatArray, out_m: FloatArray
 ) -> None:
-    """As ``meet_brown``, through a fisheye lens."""
+    """Ground points of pixels, through a fisheye lens."""
     (fx, fy, cx, cy), coefficients, limit = lens
     m = ground_from_ray
     for k in range(len(pixels_px)):

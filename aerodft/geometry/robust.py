@@ -14,6 +14,6 @@ def robust_std(off: npt.ArrayLike) -> float:
 
 
 def middle_and_std(values: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-    """Median of each column of ``(n, k)``, and the standard deviation around it likewise, ``(k,)`` both."""
+    """Median of each column of ``(n, k)``, and its standard deviation by the median deviation, ``(k,)`` both."""
     middle = np.median(values, axis=0)
     return middle, _NORMAL * np.median(np.abs(values - middle), axis=0)

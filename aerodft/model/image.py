@@ -26,7 +26,7 @@ class Image:
         stamp_ns: When it was taken, by ``clock``, time offset applied.
         arrival_ns: When it reached this machine (for files: the stamp).
         width_px: Width; None for a stamp without pixels (telemetry-only evaluation).
-        height_px: Height, likewise.
+        height_px: Height in pixels; None where no pixels are known.
         pixels: Gives ``(height, width, 3)`` uint8 BGR, or None where there are no pixels.
     """
 

@@ -25,7 +25,7 @@ class Observation:
         source: Who observed: a file's name, a topic, ``vision``.
         arrival_ns: When it reached this machine (for files: the stamp).
         box: Left, top, right and bottom limit of an object; where its limits are, not its last pixels' centres.
-        contour: Corners of its closed outline, likewise; of box, contour and pixels there is one, or none.
+        contour: Corners of its closed outline, as exact as the box; of box, contour and pixels there is one, or none.
         unseen: Why there is none: it was looked for, and not seen; empty where nobody says.
     """
 

@@ -27,7 +27,7 @@ _MOST_FRAMES: Final = 5000  # a second: ten and more vehicles
 
 
 def first_arrival_ns(event: Arrival) -> int:
-    """Arrival of an event, for a block of its first frame, and of many images likewise."""
+    """Arrival time of an event; of a block's first frame, and of the first of many images."""
     return int(event.arrival_ns[0]) if isinstance(event, _MANY) else event.arrival_ns
 
 
@@ -39,7 +39,7 @@ def arrivals_ns(events: Sequence[Arrival]) -> IntArray:
 
 
 def is_any(event: Arrival) -> bool:
-    """Whether it is not a block of nothing."""
+    """Whether the event has any rows."""
     return not isinstance(event, _MANY) or len(event.arrival_ns) > 0
 
 

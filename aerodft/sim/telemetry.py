@@ -153,7 +153,7 @@ class State:
 
     @property
     def lat_lon_dege7(self) -> tuple[int, int]:
-        """As MAVLink's integers."""
+        """The sample in MAVLink's integers."""
         lat, lon = np.rint(np.degrees(self.lat_lon_rad) * 1e7).astype(int).tolist()
         return lat, lon
 

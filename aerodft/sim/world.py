@@ -98,7 +98,7 @@ class River:
         return np.stack([self._meet(stations_m, side, island=False) for side in (0, 1)], axis=-2)
 
     def island_crossing(self, stations_m: npt.ArrayLike) -> FloatArray:
-        """As :meth:`crossing` for the islands' shores; NaN where the normal meets no island."""
+        """Where normals of the centreline cross the islands' shores; NaN where the normal meets no island."""
         return np.stack([self._meet(stations_m, side, island=True) for side in (0, 1)], axis=-2)
 
     def width_at(self, stations_m: npt.ArrayLike) -> FloatArray:

@@ -188,7 +188,7 @@ class BiasedPoses:
         return by
 
     def by_biases_of_corrected_stamps(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
-        """As :meth:`by_biases`, of poses that were looked up at corrected stamps, the time's bias being 0.
+        """Jacobian of poses by the biases, for poses that were looked up at corrected stamps: the time's bias is 0.
 
         Their rates are about the axes before the turn.
         """

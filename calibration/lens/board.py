@@ -77,7 +77,7 @@ class Board:
 
     @property
     def text(self) -> str:
-        """As the command line names it."""
+        """The board's name on the command line."""
         square = f"{self.square_m * 1e3:g}mm"
         if self.kind is BoardKind.CHESSBOARD:
             return f"chessboard:{self.columns}x{self.rows}:{square}"

@@ -62,7 +62,7 @@ class PrintedSensitivity:
         input: What is off.
         error: By how much, in the paper's words.
         delta_psi_rad: The error of the vertical angle that the paper takes it for.
-        delta_phi_rad: The error of the rotation angle, likewise.
+        delta_phi_rad: The error of the rotation angle that the paper takes it for.
         delta_height: The error of the camera height, as a fraction of it.
         percent: Printed errors of X, Y and Z in percent of the camera height.
     """

@@ -27,7 +27,7 @@ class LogSpan:
         lateness_ns: Longest time from a sample's UTC to its arrival, since the clocks last jumped. An image that is
             to meet its telemetry must arrive this much after its stamp.
         stretches: From which UTC and arrival on, and how late (ns), samples came between jumps of the clocks.
-        jitter_ns: How much later the latest sample came than the earliest, likewise. Stamps of the host's own clock are
+        jitter_ns: How much later the latest sample came than the earliest. Stamps of the host's own clock are
             matched to the earliest, and must wait this long.
         heights: Height sources with at least one sample.
         attitudes: Attitude sources with at least one sample.

@@ -63,7 +63,7 @@ class Centreline:
         return places, directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
     def reversed(self) -> "Centreline":
-        """The same line from its other end."""
+        """The centreline from its other end."""
         return Centreline(self.places_en_m[::-1].copy(), self.width_m)
 
 
@@ -107,7 +107,7 @@ def centreline(plane: WaterPlane, features: WaterFeatures, channel: BoolArray) -
 
 
 def middle_line(grid: WaterMap) -> Centreline | None:
-    """The same on a map of the water with its islands."""
+    """The centreline between the two banks, on a map of the water with its islands; None where there is none."""
     shores = _shores(grid)
     if shores is None:
         return None

@@ -553,7 +553,7 @@ class WaterNetwork:
             raise InputError("no network that OpenCV can run", where=path, expected=f"ONNX: {_CONTRACT}") from None
 
     def find_water(self, features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray) -> WaterMask:
-        """As ``water.find_water``: what is more likely water than not, in one piece around the seed.
+        """The water mask by a network: what is more likely water than not, in one piece around the seed.
 
         Raises:
             InputError: The network does not take such an image, or does not say what it should.

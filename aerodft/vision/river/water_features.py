@@ -86,7 +86,7 @@ class WaterFeatures:
         return WaterFeatures(self.scale, self.planes[..., :0].copy(), self.pixels[..., :0].copy(), nothing, self.blank)
 
     def halved(self) -> "WaterFeatures":
-        """The same at half the size, each pixel the mean of four."""
+        """The features at half the size, each pixel the mean of four."""
         size = max(1, self.shape[1] // 2), max(1, self.shape[0] // 2)
         blank = cv2.resize(self.blank.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         if not self.planes.size:

@@ -52,7 +52,7 @@ def motion_copy(image: ImageArray) -> ImageArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaterLook:
-    """The same place ``SOONEST_S`` to ``LATEST_S`` later.
+    """A second look at a place, ``SOONEST_S`` to ``LATEST_S`` later.
 
     Attributes:
         plane: The water's, as the camera sees it then.

@@ -119,7 +119,7 @@ def main(arguments: list[str] | None = None) -> None:
     timed(moving, "_whole", "cleaning the mask")
     timed(moving.GroundBackground, "new_in", "what is new on the ground")
     timed(moving.GroundBackground, "learn", "learning the ground")
-    timed(moving.GroundCanvas, "laid", "laying it on the ground")
+    timed(moving.GroundCanvas, "warp", "warping it onto the ground")
     bench_tracked(options.images)
     bench_moving(options.images)
     bench_from_above(options.images)

@@ -39,7 +39,7 @@ def loaded(folder, text, name="x.toml", crs=None):
     return load_evidence(path, crs)
 
 
-ISSUE = """
+SITE = """
 crs = "local"
 [camera]
 height_agl_m = { value = 10.48, std = 0.5 }
@@ -86,7 +86,7 @@ lines = [[[1, 2], [3, 4]], [[5, 6], [7, 8]]]
 
 
 def test_every_kind_is_read_as_it_stands(tmp_path):
-    found = loaded(tmp_path, ISSUE)
+    found = loaded(tmp_path, SITE)
     assert found.known.evidence == (
         Landmark(name="p1", pixel=(812.0, 604.5), position_m=(12.3, 45.6, 0.0), std_px=1.5),
         Landmark(name="landmark-2", pixel=(12, 4), position_m=(12.5, None, 1.0), std_m=(0.1, 0.2, 0.3)),
@@ -109,7 +109,7 @@ def test_every_kind_is_read_as_it_stands(tmp_path):
     }
     assert found.fixed == {"roll"}
     assert (found.image, found.image_size_px) == (None, None)
-    assert found.sha256 == hashlib.sha256(ISSUE.encode()).hexdigest()
+    assert found.sha256 == hashlib.sha256(SITE.encode()).hexdigest()
     assert [each.label for each in found.stated][:3] == ["landmark[0]", "landmark[1]", "range[0]"]
 
 

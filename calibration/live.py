@@ -98,16 +98,16 @@ class BiasFilter:
         model: The biases before anything was seen.
         camera: The camera.
         landmarks: All of them.
-        outlier_share: Share of sights that are something else.
+        outlier_fraction: Share of sights that are something else.
     """
 
     def __init__(
-        self, model: BiasModel, camera: Camera, landmarks: tuple[SurveyedLandmark, ...], outlier_share: float
+        self, model: BiasModel, camera: Camera, landmarks: tuple[SurveyedLandmark, ...], outlier_fraction: float
     ) -> None:
         self._model = model
         self._camera = camera
         self._landmarks = landmarks
-        self._outlier_share = outlier_share
+        self._outlier_share = outlier_fraction
         lens = intrinsics_covariance(camera)
         uncertain = [each for each in landmarks if any(each.std_m)]
         biases = len(model.mean)

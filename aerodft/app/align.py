@@ -238,14 +238,14 @@ def align(  # noqa: PLR0913 - what a user may choose, by name
 
 
 def aligned_station(
-    station: StationConfig, log: Path | None, where: Path, progress: Progress = no_progress
+    station: StationConfig, log: Path | None, where: str, progress: Progress = no_progress
 ) -> StationConfig:
     """The station with its video aligned with its log: offset, drift, delay, and how well they are known.
 
     Args:
         station: The station.
         log: Its log.
-        where: Its file, for messages.
+        where: Its file, for messages; empty where it was not read from one.
         progress: As in ``align``.
 
     Raises:

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station
-from aerodft.adapters.telemetry import followed_by
+from aerodft.adapters.telemetry import followed_by, opened_signing
 from aerodft.adapters.telemetry.mavlink import Followed, MavlinkLink, is_link, parse_address
-from aerodft.app.assembly import open_telemetry_log, opened_signing
+from aerodft.app.assembly import open_telemetry_log
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, RequestOutcome, document, notes, problems, request_messages
 from aerodft.errors import NoAnswerError, UsageError

@@ -116,7 +116,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=where, expected=need)
     if sync or (sync is None and station.images.is_auto):
-        station = refreshed(aligned_station(station, log, Path(where), progress))
+        station = refreshed(aligned_station(station, log, where, progress))
     else:
         station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
     statistics, pipeline = RunStatistics(), build_pipeline(station)

@@ -116,7 +116,7 @@ def recompute(
         statistics=statistics,
         counts=job.pipeline.counts,
         observers={} if redetection is None else job.observers.report(redetection.counts),
-        warnings=() if redetection is None else _few_images(tuple(job.observers.by_table), redetection.moved.kept),
+        warnings=() if redetection is None else _few_images(tuple(job.observers.by_name), redetection.moved.kept),
         provenance=provenance,
         left_out=old.left_out(images=redetect),
         redetection=None if redetection is None else redetection.moved,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
 from aerodft.adapters.images import LiveRate, StreamReader
 from aerodft.adapters.outputs import Output, open_outputs
-from aerodft.adapters.telemetry import signing_sentences
+from aerodft.adapters.telemetry import opened_signing, signing_sentences
 from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.app.assembly import (
@@ -24,7 +24,6 @@ from aerodft.app.assembly import (
     build_pipeline,
     build_recorder,
     check_size,
-    opened_signing,
     outputs_run,
     run,
 )

@@ -406,9 +406,9 @@ sightings = st.lists(
 
 @hypothesis_settings(deadline=None)  # how long it takes is for the machine to say
 @given(sightings, st.sampled_from([0.0, 0.3]), st.sampled_from([0.0, 0.1]))
-def test_whatever_is_seen_the_estimate_stays_one(observed, std_m, outlier_share):
+def test_whatever_is_seen_the_estimate_stays_one(observed, std_m, outlier_fraction):
     """Any pixels, any stated precision, in any order of time: finite, and never less certain than telemetry alone."""
-    live = calibrator(std_m=std_m, outlier_fraction=outlier_share)
+    live = calibrator(std_m=std_m, outlier_fraction=outlier_fraction)
     for name, at_s, off_px, share, std_px in observed:
         image = sample(at_s, heading_deg=3 * at_s)
         pixel = truly_at(image, WRONG, name) + share * np.array(off_px)

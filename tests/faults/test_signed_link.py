@@ -9,9 +9,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry import open_signing
 from aerodft.adapters.telemetry.mavlink import MavlinkLink
-from aerodft.adapters.telemetry.signing import signing_time
+from aerodft.adapters.telemetry.signing import open_signing, signing_time
 from aerodft.service import Inbox, SigningSettings
 from aerodft.service.clocks import WallClock
 

@@ -8,7 +8,7 @@ from aerodft.adapters.telemetry.signing import (
     SigningCounts,
     SigningState,
     load_key,
-    open_signing,
+    opened_signing,
     signing_document,
     signing_sentences,
     unchecked,

@@ -16,7 +16,7 @@ import re
 import stat
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
@@ -27,6 +27,7 @@ import orjson
 from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
 from aerodft.errors import ConfigError, InputError
 from aerodft.service import RADIO_STATUS, SigningSettings
+from aerodft.service.clocks import WallClock
 
 _LOG: Final = logging.getLogger(__name__)
 _SCHEMA: Final = "aerodft.signing/1"
@@ -385,6 +386,22 @@ def open_signing(settings: SigningSettings, now_ns: Callable[[], int]) -> Signat
         link_id=settings.link_id,
         unsigned_ids=frozenset(ids[name] for name in settings.accept_unsigned),
     )
+
+
+@contextlib.contextmanager
+def opened_signing(settings: SigningSettings | None) -> Iterator[SignatureCheck | None]:
+    """The check of a link while that is open, by this machine's clock; None without settings.
+
+    Raises:
+        ConfigError: The key cannot be used.
+        InputError: The time stamps cannot be kept.
+    """
+    if settings is None:
+        yield None
+        return
+    # Read anew each time: the first time synchronisation after boot must reach the signatures.
+    with contextlib.closing(open_signing(settings, lambda: WallClock().now_ns())) as check:
+        yield check
 
 
 def signing_sentences(counts: SigningCounts) -> list[str]:

@@ -30,26 +30,26 @@ class ImageObservers:
     """What finds pixels in a station's images.
 
     Attributes:
-        by_table: How often each looks, by the table that asks for it.
-        notes: What some of them have to say of their own, by table.
+        by_name: How often each looks, by its name in summaries.
+        notes: What some of them say of their own, by name.
     """
 
-    by_table: Mapping[str, ObserverSchedule] = field(default_factory=dict)
+    by_name: Mapping[str, ObserverSchedule] = field(default_factory=dict)
     notes: Mapping[str, Callable[[], dict[str, object]]] = field(default_factory=dict)
 
     @property
     def schedules(self) -> tuple[ObserverSchedule, ...]:
         """What a feed shows images to."""
-        return tuple(self.by_table.values())
+        return tuple(self.by_name.values())
 
     def report(self, counts: Sequence[ObserverCounts]) -> dict[str, object]:
-        """What was looked at, by table; empty where nobody looked.
+        """What was looked at, by observer; empty without any.
 
         Args:
             counts: Of each schedule.
         """
         looks: dict[str, object] = {}
-        for name, count in zip(self.by_table, counts, strict=True):
+        for name, count in zip(self.by_name, counts, strict=True):
             found = {"images": count.looked, "skipped": count.skipped, "unreadable": count.unreadable}
             looks[name] = found | (self.notes[name]() if name in self.notes else {})
         return looks

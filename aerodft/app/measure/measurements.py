@@ -1,7 +1,6 @@
 """Measuring in one image with a known pose: probes to measurements, and any number of pixels to ground points."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal, overload
 
@@ -164,7 +163,6 @@ def ground_points(
     return points, found
 
 
-@lru_cache(maxsize=16)
 def _ground_map(camera: Camera, pose: CameraPose | PoseSample | Pose, elevation_m: float) -> tuple[GroundMap, Pose]:
     """Pixels to the ground frame of a pose, and the pose there."""
     known = pose.pose() if isinstance(pose, CameraPose) else pose.pose if isinstance(pose, PoseSample) else pose

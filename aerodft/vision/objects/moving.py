@@ -160,7 +160,7 @@ def _roughness(image: ImageArray, background: ImageArray, gain: Planes) -> Plane
 
 
 def without_shadows(
-    pixels: ImageArray, background: ImageArray, new: BoolArray, labelled: BoolArray, least_px: int
+    pixels: ImageArray, background: ImageArray, new: BoolArray, labelled: BoolArray, min_area_px: int
 ) -> BoolArray:
     """What is new and in no shadow; looked at only where there is something.
 
@@ -169,12 +169,12 @@ def without_shadows(
         background: ``(height, width, 3)`` BGR of the place without objects.
         new: ``(height, width)``.
         labelled: ``(height, width)``: where somebody else sees a shadow.
-        least_px: What covers fewer pixels is noise.
+        min_area_px: What covers fewer pixels is noise.
     """
     mask = cv2.morphologyEx(new.astype(np.uint8), cv2.MORPH_OPEN, _GRAIN)
     _, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     for number, (left, top, width, height, area) in enumerate(stats.tolist()):
-        if number and area >= least_px:
+        if number and area >= min_area_px:
             rows = slice(max(top - _MARGIN_PX, 0), top + height + _MARGIN_PX)
             part = rows, slice(max(left - _MARGIN_PX, 0), left + width + _MARGIN_PX)
             shade = shadows(pixels[part], background[part], labelled[part])
@@ -192,9 +192,9 @@ def _scraps(mask: BoolArray) -> BoolArray:
     return np.asarray(small[parts])
 
 
-def objects_in(mask: BoolArray, least_px: int) -> list[FloatArray]:
+def objects_in(mask: BoolArray, min_area_px: int) -> list[FloatArray]:
     """Outlines ``(n, 2)`` of a mask ``(height, width)`` without grains, its gaps closed, the largest first."""
-    found = outlines_of(_whole(mask, least_px))
+    found = outlines_of(_whole(mask, min_area_px))
     return [outline for outline in found if len(outline) >= 3]  # noqa: PLR2004 - a triangle's corners
 
 
@@ -228,14 +228,14 @@ def _without_fringe(mask: ImageArray) -> BoolArray:
     return np.asarray((smooth if parts == _ONE else mask) > 0)
 
 
-def _whole(mask: BoolArray, least_px: int) -> BoolArray:
+def _whole(mask: BoolArray, min_area_px: int) -> BoolArray:
     """A mask without grains, its gaps closed, of parts of at least so many pixels."""
     clean = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _GRAIN)  # first, or borders of shadows grow
     clean = cv2.morphologyEx(clean, cv2.MORPH_CLOSE, _GAPS)
     _, parts, stats, _ = cv2.connectedComponentsWithStats(clean, connectivity=8)
     whole = np.zeros_like(clean)
     for number, (left, top, width, height, area) in enumerate(stats.tolist()):
-        if number == 0 or area < least_px:
+        if number == 0 or area < min_area_px:
             continue
         part = slice(top, top + height), slice(left, left + width)
         whole[part][_without_fringe((parts[part] == number).astype(np.uint8))] = 1
@@ -614,12 +614,12 @@ class MovingOverGround:
         if int(np.count_nonzero(is_new)) > _GROUND_NOT_HELD * int(np.count_nonzero(is_seen)):
             self._lock, self._canvas = None, None
             return []
-        least_px = max(round(self._settings.min_area_px / self._view.shrink**2), 8)
+        min_area_px = max(round(self._settings.min_area_px / self._view.shrink**2), 8)
         mask = is_new
         if self._settings.shadows:
             background = np.clip(self._background.mean[window], 0, 255).astype(np.uint8)
-            mask = without_shadows(seen, background, is_new, shade, least_px)
-        outlines = self._without_ghosts(seen, is_new, objects_in(mask, least_px), window)
+            mask = without_shadows(seen, background, is_new, shade, min_area_px)
+        outlines = self._without_ghosts(seen, is_new, objects_in(mask, min_area_px), window)
         self._background.learn(seen, is_seen, is_new, window, elapsed_s)
         corner = np.array([window[1].start, window[0].start], dtype=np.float64)
         found = [view.to_full(view.distort(apply_homography(onto, outline + corner))) for outline in outlines]

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from aerodft.adapters.telemetry import SignatureCheck, SigningState, load_key, open_signing
+from aerodft.adapters.telemetry import SignatureCheck, SigningState, load_key
 from aerodft.adapters.telemetry.mavlink import StreamFramer
-from aerodft.adapters.telemetry.signing import FUTURE, OLD, REPLAYED, UNSIGNED, WRONG, sign, signing_time
+from aerodft.adapters.telemetry.signing import FUTURE, OLD, REPLAYED, UNSIGNED, WRONG, open_signing, sign, signing_time
 from aerodft.errors import ConfigError, InputError
 from aerodft.service import SigningSettings
 

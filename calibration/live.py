@@ -107,7 +107,7 @@ class BiasFilter:
         self._model = model
         self._camera = camera
         self._landmarks = landmarks
-        self._outlier_share = outlier_fraction
+        self._outlier_fraction = outlier_fraction
         lens = intrinsics_covariance(camera)
         uncertain = [each for each in landmarks if any(each.std_m)]
         biases = len(model.mean)
@@ -215,8 +215,8 @@ class BiasFilter:
     def _trust(self, expected: Expectation) -> float:
         """The probability that a sight is of its landmark."""
         stray = expected.cov_px2 + _STRAY_PX**2 * np.eye(2)
-        good = (1 - self._outlier_share) * _density(expected.px, expected.cov_px2)
-        bad = self._outlier_share * _density(expected.px, stray)
+        good = (1 - self._outlier_fraction) * _density(expected.px, expected.cov_px2)
+        bad = self._outlier_fraction * _density(expected.px, stray)
         return good / (good + bad)
 
     def _linearised(self, sight: LandmarkSighting, state: FloatArray) -> tuple[FloatArray, FloatArray]:

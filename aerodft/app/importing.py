@@ -53,6 +53,9 @@ from replay.recordings import is_mcap
 _WHOLE_SECONDS_STD_S: Final = 3**-0.5
 """How far, root mean square, a time is from itself cut to whole seconds."""
 
+MAX_RATE_HZ: Final = 1000
+"""Far beyond any camera."""
+
 _STDS: Final = 3.0
 _SHARE: Final = 0.01  # what two calibrations of one camera differ by, or a zoom by the least
 
@@ -83,7 +86,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         video: Video file, in place of the station's images.
         video_start_ns: UTC of the video's first image in ns; None for the station's, or the file's.
         images: Folder of stills, in place of the station's images.
-        rate_hz: Without images: evaluations per second.
+        rate_hz: Without images: evaluations per second, at most 1000.
         observations: JSON-lines files of observed pixels, beside those of the station.
         calibration: Calibration file, in place of the station's.
         sync: Whether the video's clock is found as by ``align``; None as the station says.
@@ -95,7 +98,8 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         What was recorded and measured. Where no image had a usable pose, ``statistics.reasons`` say why.
 
     Raises:
-        ValueError: More than one of ``video``, ``images`` and ``rate_hz`` is given, or the start of no video.
+        ValueError: More than one of ``video``, ``images`` and ``rate_hz`` is given, the start of no video, or an
+            impossible rate.
         InputError: A file cannot be read, the folder cannot be written, or images and log do not overlap in time.
         NoAnswerError: The log holds no height or no camera attitude that the station could use.
 
@@ -156,6 +160,8 @@ def _image_input(
         folder = Path(images)
         return replace(configured, folder=folder) if isinstance(configured, Stills) else Stills(folder=folder)
     if rate_hz is not None:
+        if not 0 < rate_hz <= MAX_RATE_HZ:
+            raise ValueError(f"rate_hz is {rate_hz:g}, must be above 0 and at most {MAX_RATE_HZ}")
         return Rate(rate_hz=rate_hz)
     if video is None:
         return configured

@@ -12,8 +12,6 @@ from aerodft.cli.output import progress
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
 
-_MAX_RATE_HZ = 1000  # far beyond any camera
-
 
 class SyncChoice(StrEnum):
     """Whether the video's clock is to be found."""
@@ -79,6 +77,7 @@ def _check_images(
         UsageError: Several sources of images, a start without a video, or an impossible rate.
     """
     from aerodft.adapters.config.station import VideoFile, load_station
+    from aerodft.app.importing import MAX_RATE_HZ
 
     given = [n for n, value in (("--video", video), ("--images", images), ("--rate", rate)) if value is not None]
     if len(given) > 1:
@@ -86,5 +85,5 @@ def _check_images(
     is_start_alone = video is None and video_start is not None
     if is_start_alone and (given or not isinstance(load_station(config).images.source, VideoFile)):
         raise UsageError("--video-start without a video", expected="--video FILE")
-    if rate is not None and not 0 < rate <= _MAX_RATE_HZ:
-        raise UsageError("--rate", got=f"{rate:g}", expected=f"above 0, at most {_MAX_RATE_HZ} per second")
+    if rate is not None and not 0 < rate <= MAX_RATE_HZ:
+        raise UsageError("--rate", got=f"{rate:g}", expected=f"above 0, at most {MAX_RATE_HZ} per second")

@@ -81,7 +81,7 @@ def ground_covariances(
     """Covariances ``(..., 3, 3)`` of the points of level ground that pixels ``(..., 2)`` show, by first order.
 
     Each is of all errors together: those of pose, intrinsics and elevation, which all points share, and its pixel's
-    own. Not known where the ray does not go down.
+    own. What it gives where the ray does not go down means nothing: the points there are NaN.
     """
     flat = pixels_px.reshape(-1, 2)
     shared_cov = shared_covariance(camera, pose, np.array(elevation_std_m))[None]

@@ -142,7 +142,7 @@ def _attitude_checks(report: DiagnosisReport, settings: TelemetrySettings) -> It
             yield f'telemetry.attitude.frame = "{stated}", but {name} reports against {against}: set "auto"'
 
 
-def _rows_left_out(report: DiagnosisReport) -> Iterator[str]:
+def _rejected_rows(report: DiagnosisReport) -> Iterator[str]:
     """One sentence for a message whose rows hold no value, where that is not rare; one for a vehicle that starts up."""
     totals: dict[str, int] = {}
     for stream in report.streams:
@@ -446,7 +446,7 @@ def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
         yield from _attitude_checks(report, settings)
     yield from report.health.sentences(report.camera, settings, report.ready_s)
     yield from clock_sentences(report.clock_health, report.clock)
-    yield from _rows_left_out(report)
+    yield from _rejected_rows(report)
     yield from _frames(report)
     yield from report.height_pairs.sentences(0.0 if settings is None else settings.height.home_above_plane_m)
     yield from _silences(report)

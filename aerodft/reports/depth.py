@@ -166,7 +166,7 @@ def _notes(scene: _Scene) -> list[str]:
     return notes
 
 
-def _ground_words(ground: dict[str, Any]) -> str:
+def _ground_sentence(ground: dict[str, Any]) -> str:
     """The document's ``ground`` as people say it."""
     if ground["kind"] == "slope":
         words = f"ground that rises by {ground['slope_deg']:.3g} deg towards azimuth {ground['uphill_deg']:.3g} deg"
@@ -197,7 +197,7 @@ def depth_sentences(document: dict[str, Any]) -> Iterator[str]:
         )
     if document["ground"]["kind"] != "level":
         low, high = document["z_m"]
-        yield f"{_ground_words(document['ground'])}; from {low:.4g} to {high:.4g} m high where it is seen"
+        yield f"{_ground_sentence(document['ground'])}; from {low:.4g} to {high:.4g} m high where it is seen"
     yield from document["notes"]
     yield from (f"wrote {file}" for file in document["files"])
 
@@ -232,7 +232,7 @@ def write_depth(
     document = _describe(scene)
     with output_folder(folder, "the depth map"):
         _write_arrays(scene, folder / "depth.npz")
-        title = f"Slant range to {_ground_words(document['ground'])}"
+        title = f"Slant range to {_ground_sentence(document['ground'])}"
         _draw_depth(scene.seen, horizon_line(scene.setup.camera, scene.pose), title, folder / "depth.png")
         (folder / "footprint.geojson").write_bytes(_footprint(scene, document))
     names = ["depth.npz", "depth.png", "footprint.geojson"]

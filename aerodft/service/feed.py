@@ -94,7 +94,7 @@ class MergedFeed:
             end_ns = self._collected(events, begun, first_ns, first_ns + self._longest_ns)
             due, begun = cut_all(begun, end_ns)
             ticks_ns = np.unique(-(-arrivals_ns(due) // self._tick_ns)) * self._tick_ns
-            yield Batches.of(self._with_lingering(last_ns, ticks_ns), due)
+            yield Batches.of(self._with_idle_ticks(last_ns, ticks_ns), due)
             last_ns = int(ticks_ns[-1])
         if last_ns is not None:
             lingering = self._tick_ns * np.arange(1, self._linger_ns // self._tick_ns + 1)
@@ -126,7 +126,7 @@ class MergedFeed:
             begun.append(events.pop())
         return end_ns
 
-    def _with_lingering(self, last_ns: int | None, ticks_ns: IntArray) -> IntArray:
+    def _with_idle_ticks(self, last_ns: int | None, ticks_ns: IntArray) -> IntArray:
         """Ticks with the empty ones that come before each of them, after the last tick before all of them."""
         before_ns = np.concatenate([[ticks_ns[0] if last_ns is None else last_ns], ticks_ns[:-1]])
         empty = np.minimum((ticks_ns - before_ns) // self._tick_ns - 1, self._linger_ns // self._tick_ns)

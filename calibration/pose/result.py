@@ -549,7 +549,7 @@ def with_lens(problem: Problem, solution: Solution, camera: Camera, stated: froz
     Returns:
         The solution with these covariances; what is undetermined stays so.
     """
-    considered = [name for name in _names(camera) if not _is_told(name, {*problem.unknowns.names, *stated})]
+    considered = [name for name in _names(camera) if not _is_determined(name, {*problem.unknowns.names, *stated})]
     lens_cov = _covariance(camera, considered)
     if not np.any(lens_cov) or not np.all(np.isfinite(solution.covariance)):
         return solution
@@ -580,7 +580,7 @@ def _names(camera: Camera) -> tuple[str, ...]:
     return (*_INTRINSICS, *coefficient_names(camera))
 
 
-def _is_told(name: str, others: set[str]) -> bool:
+def _is_determined(name: str, others: set[str]) -> bool:
     return name in others or (name in ("fx", "fy") and "focal" in others)
 
 

@@ -88,7 +88,7 @@ def test_a_second_autopilot_with_the_same_ids_is_left_out(apart_s):
         mine += [row for each in kept for row in each.boot_ns.tolist()]
         theirs += 4 - sum(len(each.boot_ns) for each in kept)
     np.testing.assert_allclose(np.array(mine) / SECOND, np.repeat(100 + 0.1 * np.arange(400), 2))
-    assert clock.has_rival
+    assert clock.has_other_clock
     assert theirs == 800
 
 
@@ -96,7 +96,7 @@ def test_a_stray_row_is_left_out_and_forgotten():
     clock = BootClock()
     followed(clock, track(0.0, 50.0))
     assert followed(clock, track([0.1, 0.2, 0.3], [50.1, 7.0, 50.3]))[0] == [50.1, 50.3]
-    assert (clock.other_apart_ns, clock.has_rival, clock.left_out) == (None, False, 1)
+    assert (clock.other_apart_ns, clock.has_other_clock, clock.left_out) == (None, False, 1)
 
 
 @given(st.lists(st.floats(0.0, 30.0), min_size=1, max_size=60))

@@ -149,7 +149,7 @@ def _images_page(result: ImagesResult, evidence: EvidenceFile, about: dict[str, 
         _SIGNS,
         *_correlation_table(about),
         "## How well it fits",
-        _bullets([*_fit_words(result), weakest, *_note_sentences(about)]),
+        _bullets([*_fit_sentences(result), weakest, *_note_sentences(about)]),
         f"![Residuals]({_RESIDUALS})",
         "## The images",
         _table(head, [(_plain(image["name"]), *(f"{image[key]:.2f}" for key in keys)) for image in images]),
@@ -170,7 +170,7 @@ def _camera_page(result: Result, evidence: EvidenceFile, about: dict[str, Any], 
         *_correlation_table(about),
         f"Taken as known: {'; '.join(_known(result, evidence))}.",
         "## How well it fits",
-        _bullets([*_fit_words(result), _observability(result), *_note_sentences(about)]),
+        _bullets([*_fit_sentences(result), _observability(result), *_note_sentences(about)]),
         f"![Residuals]({_RESIDUALS})",
     ]
 
@@ -272,7 +272,7 @@ def _known(result: Result, evidence: EvidenceFile) -> list[str]:
     return words
 
 
-def _fit_words(result: Result | ImagesResult) -> list[str]:
+def _fit_sentences(result: Result | ImagesResult) -> list[str]:
     """How well a calibration fits, in sentences."""
     solution, sentences = result.solution, []
     if result.rms_px is not None:

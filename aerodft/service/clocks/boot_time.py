@@ -108,7 +108,7 @@ class BootClock:
         return None if self._followed is None else self._followed.boot_ns
 
     @property
-    def has_rival(self) -> bool:
+    def has_other_clock(self) -> bool:
         """Whether two clocks run at once: stray rows are fewer."""
         return self.rivals >= _CONFIRMATIONS
 
@@ -233,5 +233,5 @@ class BootClock:
         """Whether the other clock has gone on long enough while the followed one was silent."""
         if self._other is None or self._followed is None or self._other.rows < _CONFIRMATIONS:
             return False
-        silence_ns = _RIVAL_SILENCE_NS if self.has_rival else _SILENCE_NS
+        silence_ns = _RIVAL_SILENCE_NS if self.has_other_clock else _SILENCE_NS
         return arrival_ns - self._followed.arrival_ns >= silence_ns

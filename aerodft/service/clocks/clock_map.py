@@ -83,7 +83,7 @@ class ClockMap:
             wraps=boot.wraps,
             jumps_s=tuple(jump_ns / SECOND_NS for jump_ns in (*state.jumps_ns, *state.stated.jumps_ns)),
             left_out=boot.left_out,
-            rivals=boot.has_rival,
+            rivals=boot.has_other_clock,
         )
 
     @property
@@ -195,7 +195,7 @@ class ClockMap:
         sentences = []
         if is_repeated:
             sentences.append("the vehicle's UTC jumped back and said this time twice: it is taken for the later")
-        if self._state.boot.has_rival:
+        if self._state.boot.has_other_clock:
             sentences.append(
                 "a second autopilot speaks with the vehicle's ids: the one that was heard first is followed"
             )

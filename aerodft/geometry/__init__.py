@@ -4,13 +4,6 @@ from aerodft.geometry.footprints import footprint, horizon_line, ring_area
 from aerodft.geometry.geodesy import east_north, lat_lon
 from aerodft.geometry.ground import Ground, GroundHits, Plane, jacobians, meet_level
 from aerodft.geometry.interpolation import Brackets, brackets
-from aerodft.geometry.intrinsics import (
-    PINHOLE_PARAMETERS,
-    intrinsics_covariance,
-    pixels_by_intrinsics,
-    rays_by_intrinsics,
-    reproject,
-)
 from aerodft.geometry.kernels import (
     GSD,
     PITCH,
@@ -27,13 +20,18 @@ from aerodft.geometry.kernels import (
     meet_straight,
 )
 from aerodft.geometry.lens import (
+    PINHOLE_PARAMETERS,
     brown_limit,
     distorted_with_jacobian,
     fisheye_limit,
+    intrinsics_covariance,
     padded,
+    pixels_by_intrinsics,
     pixels_from_rays,
+    rays_by_intrinsics,
     rays_from_pixels,
     rays_with_jacobian,
+    reproject,
 )
 from aerodft.geometry.poses import camera_pose, moved_on, pose_covariance
 from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, rotated_pixels

@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.geometry.intrinsics import rays_by_intrinsics
-from aerodft.geometry.lens import distorted_with_jacobian, rays_from_pixels
+from aerodft.geometry.lens import distorted_with_jacobian, rays_by_intrinsics, rays_from_pixels
 from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
 from aerodft.model import BoolArray, Camera, FloatArray

@@ -1,7 +1,6 @@
 """The engine: Depth from Triangulation, by the book (``dft``) and by the pinhole, with joint uncertainty."""
 
-from aerodft.dft.budget import Share, advice
-from aerodft.dft.covariance import CHI2_2D_95, Z95, ellipses95, scalar_jacobians, shared_covariance
+from aerodft.dft.covariance import CHI2_2D_95, Z95, Share, advice, ellipses95, scalar_jacobians, shared_covariance
 from aerodft.dft.engine import ModelDifference, compare_models, explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, of_one_image

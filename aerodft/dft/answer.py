@@ -14,14 +14,16 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft.budget import STD_NAMES, Share, variance_budgets
 from aerodft.dft.covariance import (
+    STD_NAMES,
     Z95,
+    Share,
     ellipses95,
     point_covariances,
     scalar_jacobians,
     shared_covariance,
     standard_deviations,
+    variance_budgets,
 )
 from aerodft.dft.monte_carlo import Drawn, Interval, Uncertain, draw, draw_ranges
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars

@@ -7,7 +7,7 @@ import numpy as np
 
 from aerodft.dft import equations
 from aerodft.dft.answer import Answers, ProbedPixels
-from aerodft.dft.budget import Share, variance_budgets
+from aerodft.dft.covariance import Share, variance_budgets
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
 from aerodft.dft.probe_kinds import PROBE_KINDS
 from aerodft.dft.projection import ELEVATION, place_columns

@@ -8,10 +8,9 @@ import numpy as np
 
 from aerodft.geometry import Brackets, slerp
 from aerodft.model import BoolArray, FloatArray, GimbalSource, GimbalTrack, IntArray, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude.attitude_kinematics import AttitudeBrackets
 from aerodft.service.attitude.gimbal_frame import FrameEvidence
 from aerodft.service.attitude.gimbal_reports import Gimbal
-from aerodft.service.attitude.readings import AttitudeBatch, Readings, Resolver
+from aerodft.service.attitude.readings import AttitudeBatch, AttitudeBrackets, Readings, Resolver
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import LAST, Missing, Stream
 

@@ -26,6 +26,11 @@ _MANY: Final = (RawBlock, ImageRows)
 _MOST_FRAMES: Final = 5000  # a second: ten and more vehicles
 
 
+def tick_after(arrival_ns: int, tick_ns: int) -> int:
+    """The tick that an arrival belongs to: the first multiple of ``tick_ns`` that is not before it."""
+    return -(-arrival_ns // tick_ns) * tick_ns
+
+
 def first_arrival_ns(event: Arrival) -> int:
     """Arrival time of an event; of a block's first frame, and of the first of many images."""
     return int(event.arrival_ns[0]) if isinstance(event, _MANY) else event.arrival_ns

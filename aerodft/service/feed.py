@@ -17,7 +17,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Arrival, Image, IntArray, Observation, RawBlock
-from aerodft.service.batches import Batches, arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects
+from aerodft.service.batches import Batches, arrivals_ns, cut, cut_all, first_arrival_ns, is_any, subjects, tick_after
 from aerodft.service.ports import Clock, GatheredSource, Source
 
 LONGEST_SPAN_NS: Final = 32 * SECOND_NS
@@ -25,11 +25,6 @@ LONGEST_SPAN_NS: Final = 32 * SECOND_NS
 
 _MOST_SUBJECTS: Final = 2048  # images at 60 Hz for half a minute
 _MOST_FRAMES: Final = 50_000  # four minutes of a link's
-
-
-def tick_after(arrival_ns: int, tick_ns: int) -> int:
-    """The tick that an arrival belongs to: the first multiple of ``tick_ns`` that is not before it."""
-    return -(-arrival_ns // tick_ns) * tick_ns
 
 
 def block_of(protocol: str, sender: str, arrivals_ns: Sequence[int], frames: Sequence[bytes]) -> RawBlock:

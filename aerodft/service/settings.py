@@ -160,10 +160,6 @@ class HeightSettings:
     terrain_max_distance_m: float = 150.0
     lean_std_rad: float = math.radians(0.2)
 
-    def gap_ns(self, source: HeightSource) -> int:
-        """The longest gap between two samples of a source that is interpolated over."""
-        return HEIGHT_SOURCES[source].gap_ns(self)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedMount:

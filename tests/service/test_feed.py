@@ -21,8 +21,8 @@ from aerodft.model import (
     joined_images,
 )
 from aerodft.service import Batches, Inbox, LiveFeed, MergedFeed, block_of, feed, first_arrival_ns
+from aerodft.service.batches import tick_after
 from aerodft.service.clocks import WallClock
-from aerodft.service.feed import tick_after
 from tests.answers import one_by_one
 from tests.batches import one_tick
 from tests.clock import VirtualClock

@@ -23,7 +23,7 @@ from aerodft.model import (
     Status,
 )
 from aerodft.service import Batches, Pipeline
-from aerodft.service.feed import tick_after
+from aerodft.service.batches import tick_after
 from calibration.flight import BiasCalibrator
 from tests.answers import ImageAnswer, ObservationAnswer, in_order, timed
 from tests.batches import one_tick

@@ -8,7 +8,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model import BoolArray, FloatArray, GimbalTrack, IntArray, ReportFrame
 from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples
 from aerodft.service.attitude.slew import Demands, demands_before
-from aerodft.service.feed import tick_after
+from aerodft.service.batches import tick_after
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import LAST, Stream
 

@@ -104,8 +104,9 @@ def no_height_reason(missing: Missing, settings: HeightSettings) -> str:
         return missing_reason("height", missing, settings.order, settings.max_gap_ns)
     limits = []
     for source in settings.order:
-        distance_m = HEIGHT_SOURCES[source].max_distance_m(settings)
-        within = f"{settings.gap_ns(source) / SECOND_NS:g} s" + (f" and {distance_m:g} m" if distance_m else "")
+        reader = HEIGHT_SOURCES[source]
+        distance_m = reader.max_distance_m(settings)
+        within = f"{reader.gap_ns(settings) / SECOND_NS:g} s" + (f" and {distance_m:g} m" if distance_m else "")
         limits.append(f"{within} from {source}")
     return f"no height on both sides of the stamp within {', '.join(limits)}"
 

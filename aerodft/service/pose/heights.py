@@ -125,7 +125,9 @@ class HeightSources:
     def __init__(self, settings: HeightSettings) -> None:
         self._settings = settings
         self._streams: dict[HeightSource, Stream] = {
-            source: Stream(settings.gap_ns(source)) for source in settings.order if HEIGHT_SOURCES[source].is_live
+            source: Stream(HEIGHT_SOURCES[source].gap_ns(settings))
+            for source in settings.order
+            if HEIGHT_SOURCES[source].is_live
         }
         self._gps_accuracy = VerticalAccuracy()
 

@@ -48,7 +48,7 @@ class AerodftError(Exception):
 
 
 class UsageError(AerodftError):
-    """The command line itself makes no sense (exit 2)."""
+    """Arguments that make no sense, or not together, named in backticks as the Python API has them (exit 2)."""
 
     exit_code = 2
 

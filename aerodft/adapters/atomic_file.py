@@ -23,7 +23,7 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
         InputError: It exists and must not be replaced, or it cannot be written.
     """
     if path.is_file() and not overwrite:
-        raise InputError("the file exists", where=path, hint="choose another name, or add --overwrite")
+        raise InputError("the file exists", where=path, hint="choose another name, or add `overwrite`")
     try:
         with replaced(path, keep=not overwrite) as partial:
             yield partial

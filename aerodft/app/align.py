@@ -258,14 +258,14 @@ def aligned_station(
     if log is None or telemetry is None:
         raise UsageError("nothing to align the video with", expected="a LOG, and [telemetry] in the configuration")
     if not isinstance(source, VideoFile):
-        raise ConfigError("nothing to align", where=where, got="no video", expected="--video FILE or images.video")
+        raise ConfigError("nothing to align", where=where, got="no video", expected="`video`, or images.video")
     if station.calibration is not None and station.calibration.bias.time_s:
         raise ConfigError(
             "two time offsets",
             where=where,
             got="one to be found, and one in the calibration",
             expected="one of them",
-            hint="leave out the calibration, or --sync auto",
+            hint="leave out the calibration, or the search for the offset (`sync`)",
         )
     found = align(source.path, log, station=station, video_start_ns=source.start_ns, progress=progress)
     offset_s, drift, lag_s = found.solution.stds.tolist()

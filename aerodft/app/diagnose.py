@@ -129,10 +129,10 @@ def _check_for_log(target: str, link: LinkOptions | None) -> None:
     if ":" in target and not Path(target).exists():
         parse_address(target)  # says which links there are
     if link is not None and link.signing_key is not None:
-        raise UsageError("--signing-key", got=f"a log ({target})", expected="a link: what a log holds was let in once")
+        raise UsageError("`signing_key`", got=f"a log ({target})", expected="a link: what a log holds was let in once")
     if link is not None and link.request_messages:
         expected = "a link such as udpin:14550: a log cannot be asked"
-        raise UsageError("--request-messages", got=f"a log ({target})", expected=expected)
+        raise UsageError("`request_messages`", got=f"a log ({target})", expected=expected)
 
 
 def _diagnose_log(path: Path, diagnosis: LogDiagnosis, topics: Topics | None) -> DiagnosisReport:
@@ -206,4 +206,4 @@ def _check_one_vehicle(report: DiagnosisReport, followed: Followed) -> None:
         raise NoAnswerError("no vehicle could be asked", where=report.target, got=got, hint="is it on?")
     if len(report.systems) > 1 and followed.system is None:
         got = f"several vehicles (systems {', '.join(map(str, report.systems))})"
-        raise UsageError("--request-messages", got=got, expected="--system with one of them")
+        raise UsageError("`request_messages`", got=got, expected="`system` with one of them")

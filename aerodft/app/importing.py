@@ -43,7 +43,7 @@ from aerodft.app.assembly import (
 )
 from aerodft.app.progress import Progress, no_progress
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
 from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, OnClock, survey_span
@@ -98,7 +98,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         What was recorded and measured. Where no image had a usable pose, ``statistics.reasons`` say why.
 
     Raises:
-        ValueError: More than one of ``video``, ``images`` and ``rate_hz`` is given, the start of no video, or an
+        UsageError: More than one of ``video``, ``images`` and ``rate_hz`` is given, the start of no video, or an
             impossible rate.
         InputError: A file cannot be read, the folder cannot be written, or images and log do not overlap in time.
         NoAnswerError: The log holds no height or no camera attitude that the station could use.
@@ -150,18 +150,20 @@ def _image_input(
     rate_hz: float | None,
 ) -> ImageInput | None:
     """What the arguments name, else what the configuration does."""
-    if sum(each is not None for each in (video, images, rate_hz)) > 1:
-        raise ValueError("video, images and rate_hz: at most one of them")
+    choices = (("`video`", video), ("`images`", images), ("`rate_hz`", rate_hz))
+    given = [name for name, value in choices if value is not None]
+    if len(given) > 1:
+        raise UsageError(f"{' and '.join(given)} together", expected="one of them")
     if video is None and video_start_ns is not None:
-        if images is not None or rate_hz is not None or not isinstance(configured, VideoFile):
-            raise ValueError("video_start_ns without a video")
+        if given or not isinstance(configured, VideoFile):
+            raise UsageError("`video_start_ns` without a video", expected="`video`")
         video = configured.path
     if images is not None:
         folder = Path(images)
         return replace(configured, folder=folder) if isinstance(configured, Stills) else Stills(folder=folder)
     if rate_hz is not None:
         if not 0 < rate_hz <= MAX_RATE_HZ:
-            raise ValueError(f"rate_hz is {rate_hz:g}, must be above 0 and at most {MAX_RATE_HZ}")
+            raise UsageError("`rate_hz`", got=f"{rate_hz:g}", expected=f"above 0, at most {MAX_RATE_HZ} per second")
         return Rate(rate_hz=rate_hz)
     if video is None:
         return configured
@@ -269,7 +271,7 @@ def _images(
         _check_camera(recording, camera)
         where, open_images = recording.path, partial(ForeignImages, recording)
     elif not span.arrivals_ns:
-        raise InputError("a fixed camera's import needs images", expected="--video FILE or --images DIR")
+        raise InputError("a fixed camera's import needs images", expected="`video` or `images`")
     else:
         rate_hz = configured.rate_hz if isinstance(configured, Rate) else DEFAULT_RATE_HZ
         return RateSource(span.arrivals_ns, rate_hz), {}
@@ -303,7 +305,7 @@ def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> No
                 where=log,
                 got=others,
                 expected=f"one of {', '.join(order)}",
-                hint="see `aerodft doctor`, and telemetry.height.order / telemetry.attitude.order in the config",
+                hint="see `diagnose`, and telemetry.height.order / telemetry.attitude.order in the config",
             )
 
 
@@ -320,7 +322,7 @@ def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, stat
         where=where,
         got=f"images {unix_ns_to_iso(first_ns)} to {unix_ns_to_iso(last_ns)}",
         expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
-        hint="check --video-start and images.time_offset_s, or let --sync auto find it",
+        hint="check `video_start_ns` and images.time_offset_s, or have `sync` find it",
     )
 
 

@@ -183,7 +183,7 @@ def open_recomputation(
 def _redetection(source: Source, recording: Recording, observers: ImageObservers) -> Redetection:
     if not observers.schedules:
         got = "a configuration without [markers], [camera_motion], [objects], [river] and tracked probes"
-        raise UsageError("--redetect", got=got, expected="one of them: else aerodft looks for nothing itself")
+        raise UsageError("`redetect`", got=got, expected="one of them: else aerodft looks for nothing itself")
     if next(recording.image_messages(), None) is None:
         hint = "record.image_hz says how many are kept"
         raise NoAnswerError("no images in the recording", where=recording.folder, hint=hint)
@@ -196,9 +196,9 @@ def _few_images(tables: tuple[str, ...], kept: int) -> tuple[str, ...]:
     if not kept or not who:
         return ()
     sentence = (
-        f"--redetect: {kept} observations are of images that are not recorded; {who} go from image to image, and find"
+        f"`redetect`: {kept} observations are of images that are not recorded; {who} go from image to image, and find"
         " other things in fewer of them: record every image (record.video = true of an H.264 stream, else image_hz of"
-        " the camera's rate or more), or compare without --redetect"
+        " the camera's rate or more), or compare without `redetect`"
     )
     return (sentence,)
 

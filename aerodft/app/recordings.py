@@ -215,7 +215,7 @@ def export(
     path, form = Path(path), export_format(form, Path(path))
     if path.suffix == ".mcap" and path.resolve().parent == opened.path.resolve():
         got = f"{path.name} among the recording's own segments"
-        raise UsageError("--output", got=got, expected="a file elsewhere", hint="it would be read as one of them")
+        raise UsageError("`path`", got=got, expected="a file elsewhere", hint="it would be read as one of them")
     with whole_file(path, overwrite=overwrite) as partial, located(opened.path):
         counts = _write(opened.reader, form, partial)
     left_out = opened.reader.left_out(images=form in _WITH_IMAGES)
@@ -232,9 +232,9 @@ def export_format(form: ExportFormat | str | None, path: Path | None) -> ExportF
     named = next((each for each in ExportFormat if ending == f".{each}"), None)
     is_other = ending == _AMBIGUOUS_SUFFIX if chosen is None else named not in {None, chosen}
     if is_other or ending in _FOREIGN_SUFFIXES:
-        got = f"{ending} with --format {chosen}" if chosen is not None else ending
+        got = f"{ending} with `form` {chosen}" if chosen is not None else ending
         expected = f"a name that ends with .{chosen}" if chosen is not None else f"one of .{', .'.join(ExportFormat)}"
-        raise UsageError("--output", got=got, expected=expected)
+        raise UsageError("`path`", got=got, expected=expected)
     return chosen or named or ExportFormat.CSV
 
 

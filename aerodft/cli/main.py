@@ -22,6 +22,7 @@ from typing import Annotated, Final, NoReturn, cast
 import typer
 from typer.exceptions import TyperException
 
+from aerodft.cli.option_values import as_typed
 from aerodft.errors import AerodftError, InputError, UsageError, printable
 from aerodft.version import SOFTWARE
 
@@ -118,7 +119,7 @@ class _Sentences(logging.Formatter):
     """What is logged, as errors are said."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the library's own
-        return printable(super().formatMessage(record))
+        return as_typed(printable(super().formatMessage(record)))
 
 
 _HANDLER: Final = logging.StreamHandler()
@@ -211,7 +212,7 @@ def main() -> None:
                 with suppress(ValueError):  # closed already
                     sys.stdout.flush()
     except AerodftError as error:
-        typer.echo(f"aerodft: {error}", err=True)
+        typer.echo(f"aerodft: {as_typed(str(error))}", err=True)
         sys.exit(error.exit_code)
     except _ReaderGone:
         sys.exit(_PIPE_CLOSED)

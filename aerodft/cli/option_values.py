@@ -1,9 +1,10 @@
-"""Times and topics as people write them on the command line."""
+"""Times, topics and names as people write them on the command line."""
 
 import math
+import re
 from dataclasses import replace
 from datetime import timedelta
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -29,6 +30,33 @@ TopicOption = Annotated[
 ]
 _ROLES = ("mavlink", "images", "camera")
 _SINGLE = ("images", "camera")
+
+_NAMED: Final = re.compile(r"`([a-z_]+)`")
+_UNIT: Final = re.compile(r"_(?:m|px|deg|s|ns|hz)$")
+_TYPED_AS: Final = {
+    "align": "`aerodft sync`",
+    "diagnose": "`aerodft doctor`",
+    "export": "`aerodft export`",
+    "import_flight": "`aerodft import`",
+    "recompute": "`aerodft recompute`",
+    "recover": "`aerodft recover`",
+    "form": "--format",
+    "path": "--output",
+    "start_ns": "--from",
+    "station": "--config",
+    "stop_ns": "--to",
+    "sync": "--sync auto",
+    "topics": "--topic",
+}
+"""What is typed for names of the Python API, where it is not the name of a parameter without its unit."""
+
+
+def as_typed(sentence: str) -> str:
+    """A sentence with the options and commands that people type, for the Python API's names, which are in backticks.
+
+    Errors, warnings and remarks name what a caller of a function knows: ``max_range_m`` is typed ``--max-range``.
+    """
+    return _NAMED.sub(lambda name: _TYPED_AS.get(name[1]) or f"--{_UNIT.sub('', name[1]).replace('_', '-')}", sentence)
 
 
 def parse_utc(option: str, text: str) -> int:

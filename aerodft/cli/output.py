@@ -15,6 +15,7 @@ from rich.progress import Progress as ProgressBar
 
 from aerodft.app.incomplete_input import incomplete_input
 from aerodft.app.progress import Progress
+from aerodft.cli.option_values import as_typed
 from aerodft.errors import InputError, UsageError
 
 _SAY_EVERY_S = 5.0
@@ -78,7 +79,7 @@ def check_output(output: Path | None, inputs: Iterable[Path]) -> None:
 
 def say(text: str) -> None:
     """A sentence for a person, on stderr."""
-    print(text, file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
+    print(as_typed(text), file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
 
 
 @contextmanager

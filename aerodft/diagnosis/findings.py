@@ -401,13 +401,13 @@ def _against_host(summary: ClockSummary) -> str:
     if after_s is None or offset_s is None:
         return (
             "no UTC: the vehicle never said what time it is, so the recording machine's clock is taken: images that "
-            "another clock stamps (--video) may be matched wrongly by as much as the two differ"
+            "another clock stamps (a video's) may be matched wrongly by as much as the two differ"
         )
     if abs(offset_s) > _HOST_OFFSET_S:
         way = "ahead of" if offset_s > 0 else "behind"
         return (
             f"the recording machine's clock is {abs(offset_s):.1f} s {way} the vehicle's UTC: images that it stamps,"
-            " or a --video-start by it, are as far off"
+            " or a video's start by it, are as far off"
         )
     return ""
 
@@ -464,7 +464,7 @@ def _not_heard(report: DiagnosisReport) -> str:
         own = (each.component for each in report.streams if report.system in {None, each.system})
         what, wanted, heard = "component", report.component, {each for each in own if each is not None}
     is_configured = settings is not None and getattr(settings, what) == wanted
-    option = f"telemetry.{what}" if is_configured else f"--{what}"
+    option = f"telemetry.{what}" if is_configured else f"`{what}`"
     return (
         f"{option} = {wanted} is not heard, {what}s {', '.join(map(str, sorted(heard)))} are: nothing would be measured"
     )

@@ -197,7 +197,7 @@ class MessageRequest:
         else:
             command = f"MAV_CMD_SET_MESSAGE_INTERVAL with {self.message_id} and {self.interval_us} us"
         ways = [
-            f"request it from component {self.component} (--request-messages, or {command})",
+            f"request it from component {self.component} (`request_messages`, or {command})",
             *(f"{_WAYS[name]} {how}" for name, how in self.parameters.items()),
         ]
         return f"{self.name} {comes}, it is wanted {self.rate_text}: {', or '.join(ways)}"

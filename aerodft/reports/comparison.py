@@ -39,7 +39,7 @@ def plot_comparison(comparison: Comparison, path: Path, suffix: str) -> None:
     """
     pairs, form = comparison.pairs, suffix.lower().lstrip(".") or "png"
     if form not in _FORMATS:
-        raise UsageError("--output", got=suffix, expected=" or ".join(sorted(f".{each}" for each in _FORMATS)))
+        raise UsageError("`output`", got=suffix, expected=" or ".join(sorted(f".{each}" for each in _FORMATS)))
     shown = sorted(pairs, key=lambda name: (-(comparison.probes[name].max_sigmas or 0.0), name))[:_MOST_PROBES]
     figure, panels = plt.subplots(
         len(shown),

@@ -223,10 +223,10 @@ def write_depth(
         InputError: The step is not above 0, the image does not fit, or the folder cannot be written.
     """
     if step_m is not None and not 0 < step_m < math.inf:
-        raise InputError("step_m", got=f"{step_m:g}", expected="m, above 0")
+        raise InputError("`step_m`", got=f"{step_m:g}", expected="m, above 0")
     if setup.model is not ProjectionModel.PINHOLE:
-        raise UsageError("--depth-map with --model dft", expected="the pinhole model")
-    hint = f"--camera has to describe this very image: {setup.camera.name} does not"
+        raise UsageError("a depth map with the dft `model`", expected="the pinhole model")
+    hint = f"`camera` has to describe this very image: {setup.camera.name} does not"
     pixels = None if image is None else read_camera_image(image, setup.camera, hint)
     scene = _scene_of(setup, sample)
     document = _describe(scene)
@@ -297,7 +297,7 @@ def _write_top_view(scene: _Scene, pixels: ImageArray, step_m: float | None, fol
     if view is None:
         raise NoAnswerError("the image shows no ground", where=folder)
     if step_m is not None and view.step_m > step_m:
-        _LOG.warning("--step %g would make too large an image: it is %.4g m instead", step_m, view.step_m)
+        _LOG.warning("`step_m` %g would make too large an image: it is %.4g m instead", step_m, view.step_m)
     return write_top_view(view, scene.sample.origin, folder)
 
 

@@ -109,7 +109,7 @@ def lens_notes(fit: LensFit) -> list[str]:
         verb = "kept" if gain > 0 else "left out"
         notes.append(f"k3 {verb}: with it the Bayesian information criterion changes by {-gain:+.1f}")
     if fit.lens is LensChoice.RATIONAL and gain is not None and gain <= 0:
-        notes.append("brown describes this lens as well, with fewer coefficients, which are better known: --lens brown")
+        notes.append("brown describes this lens as well, with fewer coefficients, which are better known: `lens` brown")
     return notes
 
 

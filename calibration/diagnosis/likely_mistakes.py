@@ -142,7 +142,7 @@ def _missing_unknowns(attempt: Attempt) -> NotDetermined | None:
         "no calibration",
         where=attempt.evidence.path,
         got=f"neither {' nor '.join(more)} stated or asked for",
-        expected=f"--unknowns {every}, with which all fits{_fit(variant)}",
+        expected=f"`unknowns` {every}, with which all fits{_fit(variant)}",
     )
 
 
@@ -217,7 +217,7 @@ def _other_zoom(attempt: Attempt) -> InputError | None:
         where=attempt.evidence.path,
         got=f"a focal length of {variant.camera.fx_px:.0f} px, with which all fits{_fit(variant)}",
         expected=f'{attempt.camera.fx_px:.0f} px, as camera "{attempt.camera.name}" has',
-        hint="take the camera file of the zoom and crop that the image was taken with, or add focal to --unknowns",
+        hint="take the camera file of the zoom and crop that the image was taken with, or add focal to `unknowns`",
     )
 
 

@@ -137,24 +137,24 @@ def parse_board(text: str) -> Board:
         )
         _check_markers(board, text)
     else:
-        raise UsageError("--board", got=text, expected=_EXPECTED)
+        raise UsageError("`board`", got=text, expected=_EXPECTED)
     if min(board.columns, board.rows) < _MIN_ALONG:
         got = f"{board.columns} x {board.rows} inner corners"
-        raise UsageError(f"--board {text}", got=got, expected=f"at least {_MIN_ALONG} each way")
+        raise UsageError(f"`board` {text}", got=got, expected=f"at least {_MIN_ALONG} each way")
     return board
 
 
 def _grid(text: str, board: str) -> tuple[int, int]:
     match = _GRID.fullmatch(text)
     if match is None or not 1 <= max(int(match[1]), int(match[2])) <= _MAX_ALONG:
-        raise UsageError(f"--board {board}", got=text, expected=f"COLSxROWS, e.g. 9x6, at most {_MAX_ALONG} each way")
+        raise UsageError(f"`board` {board}", got=text, expected=f"COLSxROWS, e.g. 9x6, at most {_MAX_ALONG} each way")
     return int(match[1]), int(match[2])
 
 
 def _length_m(text: str, board: str) -> float:
     match = _LENGTH.fullmatch(text)
     if match is None or not float(match[1]) > 0:
-        raise UsageError(f"--board {board}", got=text, expected="a length with its unit, e.g. 25mm")
+        raise UsageError(f"`board` {board}", got=text, expected="a length with its unit, e.g. 25mm")
     return float(match[1]) / _PER_M[match[2]]
 
 
@@ -162,19 +162,19 @@ def _dictionary(text: str, board: str) -> str:
     name = text.upper().removeprefix(_PREFIX)
     same = [known for known in dictionary_names() if known.upper() == name]
     if not same:
-        raise UsageError(f"--board {board}", got=text, expected=f"one of {', '.join(dictionary_names())}")
+        raise UsageError(f"`board` {board}", got=text, expected=f"one of {', '.join(dictionary_names())}")
     return same[0]
 
 
 def _check_markers(board: Board, text: str) -> None:
     if not board.marker_m < board.square_m:
         got = f"markers of {board.marker_m * 1e3:g} mm"
-        raise UsageError(f"--board {text}", got=got, expected=f"less than the squares' {board.square_m * 1e3:g} mm")
+        raise UsageError(f"`board` {text}", got=got, expected=f"less than the squares' {board.square_m * 1e3:g} mm")
     needed = (board.columns + 1) * (board.rows + 1) // 2
     there = len(dictionary(board.dictionary).bytesList)
     if there < needed:
         got = f"{there} markers in {board.dictionary}"
-        raise UsageError(f"--board {text}", got=got, expected=f"{needed}, one in every white square")
+        raise UsageError(f"`board` {text}", got=got, expected=f"{needed}, one in every white square")
 
 
 def draw_board(board: Board, px_per_m: float, margin_m: float) -> ImageArray:
@@ -259,7 +259,7 @@ def suggestion(image: ImageArray, board: Board) -> str:
     for more_columns, more_rows in _OTHER_COUNTS:
         columns, rows = board.columns + more_columns, board.rows + more_rows
         if min(columns, rows) > 2 and _chessboard_corners(grey, columns, rows) is not None:  # noqa: PLR2004 - OpenCV's own least
-            return f"one of {columns} x {rows} inner corners is there: try --board chessboard:{columns}x{rows}:{square}"
+            return f"one of {columns} x {rows} inner corners is there: try `board` chessboard:{columns}x{rows}:{square}"
     return ""
 
 

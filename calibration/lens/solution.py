@@ -289,7 +289,7 @@ def _begin(corners: Corners, lens: LensChoice, size_px: tuple[int, int]) -> Bund
         raise NoAnswerError(
             "no camera could see the boards as they were found",
             expected=f"views of one flat board through a {lens} lens",
-            hint="is the board's COLSxROWS right, and does --lens suit the camera?",
+            hint="is the board's COLSxROWS right, and does `lens` suit the camera?",
         )
     return min(ends, key=lambda end: float(np.sum(residuals_px(end, corners) ** 2)))
 

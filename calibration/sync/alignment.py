@@ -150,7 +150,7 @@ def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, 
             "no camera attitude in the log",
             got=there or "none",
             expected=f"one of {', '.join(settings.order)}",
-            hint="see `aerodft doctor`, and telemetry.attitude.order in the config",
+            hint="see `diagnose`, and telemetry.attitude.order in the config",
         ) from None
 
 
@@ -175,7 +175,7 @@ def check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> Non
             "video and log do not overlap in time",
             got=f"a log from {first_s:+.0f} s to {last_s:+.0f} s about the middle of the video",
             expected=f"some of it within {reach_s:.0f} s",
-            hint="pass --video-start, or a larger --max-offset",
+            hint="pass `video_start_ns`, or a larger `max_offset_s`",
         )
 
 
@@ -186,7 +186,7 @@ def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
             "too little motion to tell, or the video is not of this flight",
             got=f"at best {max(best.score / _MIN_SCORE, 0):.0%} of what tells an offset, at {best.offset_s:+.1f} s",
             expected="100 % or more",
-            hint="the gimbal or the vehicle must turn while the video runs; see --max-offset, --video-start",
+            hint="the gimbal or the vehicle must turn while the video runs; see `max_offset_s`, `video_start_ns`",
         )
     ratio = max(peaks[1].score / best.score, 0.0) if len(peaks) > 1 else 0.0
     if ratio > _MAX_RATIO:
@@ -194,7 +194,7 @@ def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
             "several offsets fit about as well",
             got=f"{best.offset_s:+.1f} s and {peaks[1].offset_s:+.1f} s, which explains {ratio:.0%} of what that does",
             expected=f"at most {_MAX_RATIO:.0%}",
-            hint="a motion that repeats itself does not tell; pass --video-start and a smaller --max-offset",
+            hint="a motion that repeats itself does not tell; pass `video_start_ns` and a smaller `max_offset_s`",
         )
     return best, ratio
 

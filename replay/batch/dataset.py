@@ -125,7 +125,7 @@ class Dataset:
                 where=path.parent,
                 got=others[0].name,
                 expected=path.name,
-                hint="choose another --output, or add --overwrite",
+                hint="choose another `output`, or add `overwrite`",
             )
         partial = path.with_name(f".{path.stem}.{socket.gethostname()}.{os.getpid()}")
         try:

@@ -93,7 +93,7 @@ def _term(text: str) -> tuple[float, str]:
     except ValueError:
         value = math.nan
     if found is None or not 0 <= value < math.inf:
-        raise UsageError("--tolerance", got=repr(text), expected="like 0.01m, 0.1deg, 2m2, 0.5std, 1% or 0.01")
+        raise UsageError("`tolerance`", got=repr(text), expected="like 0.01m, 0.1deg, 2m2, 0.5std, 1% or 0.01")
     return value, found[2].rstrip("s")
 
 

@@ -244,7 +244,7 @@ def _csv_rows(path: Path) -> Iterator[Item]:
             rows = csv.DictReader(file)
             missing = [name for name in _USED if name not in (rows.fieldnames or ())]
             if missing:
-                hint = "tables are those that `aerodft export` writes"
+                hint = "tables are those that `export` writes"
                 raise InputError("the table has no measurements", where=path, got=f"no column {missing[0]}", hint=hint)
             last = (rows.fieldnames or ("",))[-1]
             for row in rows:

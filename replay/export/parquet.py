@@ -101,7 +101,7 @@ def parquet_rows(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]
         with parquet.ParquetFile(path) as file:
             missing = [name for name in columns if name not in file.schema_arrow.names]
             if missing:
-                hint = "tables are those that `aerodft export` writes"
+                hint = "tables are those that `export` writes"
                 raise InputError("the table has no measurements", where=path, got=f"no column {missing[0]}", hint=hint)
             for batch in file.iter_batches(_ROWS_AT_ONCE, columns=list(columns)):
                 yield from batch.to_pylist()

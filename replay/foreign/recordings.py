@@ -65,7 +65,7 @@ def _image_topics(where: object, channels: Mapping[str, Channel], stated: Topics
 
     def one(option: str, found: Sequence[str]) -> str | None:
         if len(found) > 1:
-            hint = f"say which: --topic {option}={found[0]}"
+            hint = f"say which: `topics` {option}={found[0]}"
             raise InputError(f"several topics of {option}", where=where, got=", ".join(found), hint=hint)
         return found[0] if found else None
 
@@ -94,7 +94,7 @@ def _mavlink_topics(where: object, segments: Sequence[SegmentScan], channels: Ma
         return tuple(found)
     unknown = [topic for topic, kind in kinds.items() if kind is None]
     if len(unknown) > _MOST_LOOKED_THROUGH:
-        warning = "%s: MAVLink is looked for in %d of %d topics; --topic mavlink=... says which has it"
+        warning = "%s: MAVLink is looked for in %d of %d topics; `topics` mavlink=... says which has it"
         _log.warning(warning, where, _MOST_LOOKED_THROUGH, len(unknown))
     return tuple(_with_frames(segments, unknown[:_MOST_LOOKED_THROUGH]))
 
@@ -109,7 +109,7 @@ def _telemetry_topics(where: object, channels: Mapping[str, Channel], framed: Se
     raw = [topic for topic in heard or framed if channels[topic].encoding != JSON]  # JSON repeats what is there raw
     found = raw or heard or framed
     if len(found) > 1:
-        hint = f"say which: --topic mavlink={found[0]}, once for each that is to be taken"
+        hint = f"say which: `topics` mavlink={found[0]}, once for each that is to be taken"
         raise InputError("several topics hold MAVLink", where=where, got=", ".join(found), hint=hint)
     return tuple(found)
 
@@ -214,7 +214,7 @@ class ForeignRecording:
             where=self.path,
             got=_channel_list(self.channels),
             expected=f"a topic with {what}",
-            hint="--topic says which topic is what",
+            hint="`topics` says which topic is what",
         )
 
     def camera(self) -> Camera | None:

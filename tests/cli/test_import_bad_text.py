@@ -84,7 +84,7 @@ def test_no_observation_file(aerodft, desk):
         (("-o", "OUT", "--rate", "0"), "--rate: got 0, expected above 0, at most 1000"),
         (("-o", "OUT", "--rate", "5", "--video", "VIDEO"), "--video and --rate together"),
         (("-o", "OUT", "--images", "OUT", "--video", "VIDEO"), "--video and --images together"),
-        (("-o", "OUT", "--video-start", START), "--video-start without a video: expected --video FILE"),
+        (("-o", "OUT", "--video-start", START), "--video-start without a video: expected --video"),
         (("-o", "OUT", "--video", "VIDEO", "--video-start", "noon"), "--video-start: got 'noon', expected ISO 8601"),
     ],
 )

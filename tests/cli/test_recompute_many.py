@@ -70,7 +70,7 @@ def test_rows_of_another_configuration_take_the_place_of_others_only_when_asked(
     job, dataset = Job(recording="one", folder=flights / "one"), Dataset.at(tmp_path / "out")
     assert recompute_rows(job, dataset=dataset).state is State.DONE
     refused = recompute_rows(job, dataset=dataset, config=config)
-    assert (refused.state, "add --overwrite" in refused.sentence) == (State.FAILED, True)
+    assert (refused.state, "add `overwrite`" in refused.sentence) == (State.FAILED, True)
     assert recompute_rows(job, dataset=dataset).state is State.SKIPPED
     assert recompute_rows(job, dataset=dataset, config=config, overwrite=True).state is State.DONE
     rows = ds.dataset(dataset.folder, partitioning="hive").to_table().to_pylist()

@@ -105,7 +105,7 @@ def test_rows_of_other_input_are_replaced_only_when_asked(made):
     dataset, segment = made
     old, new = input_key([segment], ["old"]), input_key([segment], ["new"])
     written(dataset, old)
-    with pytest.raises(InputError, match="add --overwrite"):
+    with pytest.raises(InputError, match="add `overwrite`"):
         written(dataset, new)
     assert (dataset.done("a/b=c", old), dataset.done("a/b=c", new)) == ({"ok": 3}, None)
     written(dataset, new, overwrite=True)

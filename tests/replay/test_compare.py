@@ -183,5 +183,5 @@ def test_a_std_that_is_gone_is_a_difference():
 
 @pytest.mark.parametrize("term", ["", "m", "-1m", "nan", "inf", "1 furlong", "1e400", "0.1m;0.2m", "1%%"])
 def test_what_is_no_tolerance_is_refused(term):
-    with pytest.raises(UsageError, match="--tolerance"):
+    with pytest.raises(UsageError, match="`tolerance`"):
         parse_tolerance([term])

@@ -96,10 +96,10 @@ class VideoFileSource:
                     "does not say when it was recorded",
                     where=path,
                     expected="creation_time in the container",
-                    hint="pass --video-start (or images.start), the UTC of its first image",
+                    hint="pass `video_start_ns` (or images.start), the UTC of its first image",
                 )
             digits = "" if start_ns % SECOND_NS else ", to whole seconds"
-            _LOG.warning("%s: start taken from the container%s; --video-start overrules", path, digits)
+            _LOG.warning("%s: start taken from the container%s; `video_start_ns` overrules", path, digits)
         if self.info.rotation_deg:
             _LOG.warning("%s: flagged as rotated by %d deg; pixels are used as stored", path, self.info.rotation_deg)
         self.start_ns = start_ns + round(time_offset_s * SECOND_NS)

@@ -415,8 +415,8 @@ def signing_sentences(counts: SigningCounts) -> list[str]:
 def unchecked(signed: int, frames: int) -> str:
     """That a link without a key is signed: how many of its frames are."""
     return (
-        f"this link is signed ({signed} of {frames} frames): without --signing-key, or telemetry.signing of a --config,"
-        " nothing is checked, and the vehicle would ignore requests"
+        f"this link is signed ({signed} of {frames} frames): without `signing_key`, or telemetry.signing of a"
+        " `station`, nothing is checked, and the vehicle would ignore requests"
     )
 
 

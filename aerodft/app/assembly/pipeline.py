@@ -38,7 +38,7 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         ConfigError: The images' clock is still to be found.
     """
     if station.images.is_auto:
-        hint = "`aerodft import` finds it, `aerodft sync` says it"
+        hint = "`import_flight` finds it, `align` says it"
         raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
     decoder = decoder_of(station.pipeline.telemetry)
     tracker = None if station.objects is None else ObjectTracks(station.objects)

@@ -61,7 +61,7 @@ def recorded_station(recording: Recording) -> StationConfig:
         raise InputError(
             "no config.toml beside the segments",
             where=recording.folder,
-            hint="`aerodft recompute` takes one with --config",
+            hint="`recompute` takes one as `config`",
         )
     beside = recording.folder if recording.folder.is_dir() else recording.folder.parent
     return parse_station(text.encode(), where=str(recording.folder / "config.toml"), folder=beside)

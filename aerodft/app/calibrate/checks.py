@@ -13,7 +13,7 @@ from aerodft.reports.calibration import values_of
 from calibration.flight import ImagesResult
 from calibration.pose import LIMIT, Result, Unknowns, display_unit, expanded, possible_unknowns, unknowns_of
 
-_OPTION: Final = "--unknowns"
+_UNKNOWNS: Final = "`unknowns`"
 _UNITS: Final = ("_agl_m", "_m", "_deg", "_px")
 _SYNONYMS: Final = {
     "pitch": "tilt (from straight down: 90 deg + pitch)",
@@ -38,12 +38,12 @@ def check_unique(names: Sequence[str]) -> None:
         UsageError: Which one.
     """
     if not names:
-        raise UsageError(_OPTION, got="none", expected="e.g. height,tilt")
+        raise UsageError(_UNKNOWNS, got="none", expected="e.g. height,tilt")
     every = expanded(tuple(names))
     twice = next((name for name in every if every.count(name) > 1), None)
     if twice is not None:
         got = f"{twice} twice in {','.join(names)}"
-        raise UsageError(_OPTION, got=got, expected="each once", hint=f"remove one {twice}")
+        raise UsageError(_UNKNOWNS, got=got, expected="each once", hint=f"remove one {twice}")
 
 
 def check_unknowns(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> None:
@@ -56,7 +56,7 @@ def check_unknowns(names: tuple[str, ...], known: EvidenceSet, camera: Camera, m
     wrong = next((name for name in names if name not in possible), None)
     if wrong is not None:
         expected = f"some of {', '.join(possible)}"
-        raise UsageError(_OPTION, got=wrong, expected=expected, hint=_suggestion(wrong, possible))
+        raise UsageError(_UNKNOWNS, got=wrong, expected=expected, hint=_suggestion(wrong, possible))
     try:
         unknowns_of(names, known, camera, model)
     except ValueError as error:
@@ -65,7 +65,7 @@ def check_unknowns(names: tuple[str, ...], known: EvidenceSet, camera: Camera, m
 
 def wrong_unknowns(error: ValueError) -> UsageError:
     """What the solver says of unknowns, as an error of whoever asked for them."""
-    return UsageError(_OPTION, got=str(error).removeprefix("got "))
+    return UsageError(_UNKNOWNS, got=str(error).removeprefix("got "))
 
 
 def _suggestion(wrong: str, possible: tuple[str, ...]) -> str:
@@ -98,7 +98,7 @@ def unstated(result: Result, evidence: EvidenceFile, *, is_saved: bool) -> NotDe
                 "no calibration",
                 where=evidence.path,
                 got=f"a {name} that is neither stated nor asked for",
-                expected=f"{display_unit(name)[0]} under [camera], or --unknowns {','.join((*result.names, name))}",
+                expected=f"{display_unit(name)[0]} under [camera], or {_UNKNOWNS} {','.join((*result.names, name))}",
             )
     return None
 

@@ -133,10 +133,10 @@ def _looked_up(evidence: EvidenceFile, flight: Flight, telemetry: Path | None, r
     path = telemetry or flight.log
     if not images:
         if telemetry is not None:
-            raise UsageError("--telemetry", got="images with poses in the file", expected="utc or index in [[image]]")
+            raise UsageError("`telemetry`", got="images with poses in the file", expected="utc or index in [[image]]")
         return {}
     if path is None:
-        expected = 'telemetry = "flight.tlog" at its top, or --telemetry'
+        expected = 'telemetry = "flight.tlog" at its top, or `telemetry`'
         raise ConfigError(f'image "{images[0].name}"', where=evidence.path, got="no pose", expected=expected)
     origin = flight.origin or evidence.frame.geo_origin
     opened = _open_telemetry(path, flight.settings, origin, are_settings_stated=flight.says_settings)
@@ -159,7 +159,7 @@ def _as_reported(
     middle = samples[len(samples) // 2]
     if middle.pose is None or middle.reasons:
         got = "; ".join((str(middle.status), *middle.reasons))
-        hint = "see `aerodft doctor`, and height and attitude in [telemetry]"
+        hint = "see `diagnose`, and height and attitude in [telemetry]"
         raise InputError(f'image "{image.name}" has no pose', where=path, got=got, hint=hint)
     if middle.lat_rad is None and _needs_place(image):
         expected = "a position: landmarks are seen in it"

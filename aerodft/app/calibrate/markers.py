@@ -59,7 +59,7 @@ def detected_evidence(
     """
     file = load_markers(markers)
     if not images:
-        raise UsageError("--detect", got="no images", expected="images, a folder of images or a video")
+        raise UsageError("`images`", got="none", expected="images, a folder of images or a video")
     paths = tuple(image_files(images))
     doubts = check_mode(paths, camera)
     seen, first = _look(file, paths, camera, progress)

@@ -196,7 +196,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     elif crs is None:
         known = detected_evidence(Path(evidence), list(map(Path, images)), lens, names, model, progress)
     else:
-        raise UsageError("--crs beside --detect", expected="it in the file of markers")
+        raise UsageError("`crs` beside images of markers", expected="it in the file of markers")
     check_against(known, lens)
     if known.flight is not None:
         log = None if telemetry is None else Path(telemetry)
@@ -204,7 +204,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     elif telemetry is None:
         found = _solve_camera(known, lens, names, model)
     else:
-        raise UsageError("--telemetry", got="a file without [[image]]", expected="images whose poses are looked up")
+        raise UsageError("`telemetry`", got="a file without [[image]]", expected="images whose poses are looked up")
     if camera_file is not None:
         of_camera = {"camera_file": camera_file.name}
         if known.flight is None:

@@ -181,4 +181,4 @@ def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:
     try:
         return link_requests(Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px) for probe in named.values())
     except ValueError as error:
-        raise UsageError("on_top_of", got=str(error), expected="the name of a height of the same image") from None
+        raise UsageError("`on_top_of`", got=str(error), expected="the name of a height of the same image") from None

@@ -112,7 +112,7 @@ def _station_without_config(recording: ForeignRecording, overrides: Overrides) -
     camera = load_camera(overrides.camera) if overrides.camera is not None else recording.camera()
     if camera is None:
         refusal = recording.refusal_without("camera")
-        raise InputError(refusal.what, where=refusal.where, got=refusal.got, hint="--camera FILE, or --config FILE")
+        raise InputError(refusal.what, where=refusal.where, got=refusal.got, hint="name a `camera`, or a `config`")
     pipeline = PipelineSettings(station="recording", camera=camera, probes=(), telemetry=TelemetrySettings())
     return refreshed(StationConfig(pipeline=pipeline))
 

@@ -37,7 +37,7 @@ def in_range(name: str, value: float, low: float, high: float, expected: str) ->
         InputError: It is not between ``low`` and ``high``, or no number.
     """
     if not low <= value <= high:
-        raise InputError(name, got=f"{value:g}", expected=expected)
+        raise InputError(f"`{name}`", got=f"{value:g}", expected=expected)
     return value
 
 
@@ -129,7 +129,7 @@ class CameraPose:
             in_range("lat_deg", self.lat_deg, -90.0, 90.0, "-90 to 90 deg")
             in_range("lon_deg", self.lon_deg, -180.0, 360.0, "-180 to 360 deg")
         elif self.lat_deg is not None or self.lon_deg is not None:
-            raise UsageError("lat_deg and lon_deg go together")
+            raise UsageError("`lat_deg` and `lon_deg` go together")
 
     @property
     def origin(self) -> GeoOrigin | None:
@@ -187,17 +187,17 @@ class CameraPose:
 
     def _height_m(self, origin: GeoOrigin | None) -> float:
         if self.height_m is not None and self.altitude_m is not None:
-            raise UsageError("height_m beside altitude_m", expected="one of them")
+            raise UsageError("`height_m` beside `altitude_m`", expected="one of them")
         if self.height_m is not None:
             return self.height_m
         if self.altitude_m is None:
-            raise UsageError("no height_m", expected="0.001 to 100000 m above the ground")
+            raise UsageError("no `height_m`", expected="0.001 to 100000 m above the ground")
         if origin is None or origin.alt_msl_m is None:
-            raise UsageError("altitude_m without an elevation model", expected="height_m, or the ground's altitude")
+            raise UsageError("`altitude_m` without an elevation model", expected="`height_m`, or the ground's altitude")
         height_m = self.altitude_m - origin.alt_msl_m
         if not height_m >= _LOWEST_M:
             got = f"{self.altitude_m:g} m, the ground there is at {origin.alt_msl_m:.2f} m"
-            raise InputError("altitude_m", got=got, expected="the camera above the ground")
+            raise InputError("`altitude_m`", got=got, expected="the camera above the ground")
         return height_m
 
 
@@ -254,7 +254,7 @@ def _ground(terms: GroundTerms, origin: GeoOrigin | None) -> tuple[Ground | None
     from aerodft.geometry import Terrain  # noqa: PLC0415
 
     if origin is None:
-        raise UsageError("an elevation model without lat_deg and lon_deg", expected="where in it the camera is")
+        raise UsageError("an elevation model without `lat_deg` and `lon_deg`", expected="where in it the camera is")
     path = Path(terms.path)
     grid = load_elevation(path, replace(origin, alt_msl_m=0.0))
     foot_m = float(Terrain(grid).height_at(np.zeros(2)))
@@ -283,7 +283,7 @@ class MeasuredSurface:
     def __post_init__(self) -> None:
         in_range("elevation_m", self.elevation_m, -LARGEST, LARGEST, "m above the ground, finite")
         if self.max_range_m is not None and not 0 < self.max_range_m <= LARGEST:
-            raise InputError("max_range_m", got=f"{self.max_range_m:g}", expected="m, above 0")
+            raise InputError("`max_range_m`", got=f"{self.max_range_m:g}", expected="m, above 0")
 
     def on(self, setup: Setup) -> Setup:
         """A setup that measures there."""

@@ -38,13 +38,13 @@ def is_recording(path: Path) -> bool:
     if not path.exists():
         raise InputError("no such file", where=path, expected=_WANTED)
     if path.is_dir() and not any(path.glob("*.mcap")):
-        hint = "`aerodft import LOG --images FOLDER` makes a recording of images and a flight's log"
+        hint = "`import_flight` makes a recording of a flight's log and `images`"
         raise InputError(
             "a folder without a recording", where=path, expected="an image, a video, a recording", hint=hint
         )
     kind = looks_like(path)
     if kind in _LOGS or path.suffix.lower() in _LOGS.values():
-        hint = "`aerodft import LOG --images FOLDER` (or --video FILE) makes a recording of a log and its images"
+        hint = "`import_flight` makes a recording of a log and its `images` or `video`"
         raise InputError("a flight's log has no images", where=path, got=kind, expected=_WANTED, hint=hint)
     if kind in _NO_IMAGES:
         raise InputError("no image", where=path, got=kind, expected=_WANTED)
@@ -65,7 +65,7 @@ def recorded_images(
     source = _PixelSource(reoffset(RecordingSource(recording, pixels=True), was, station))
     samples = list(_samples(station, source))
     if not source.pixels:
-        hint = "record.image_hz says how many are kept; `aerodft import` takes them with --video or --images"
+        hint = "record.image_hz says how many are kept; `import_flight` takes them as `video` or `images`"
         raise NoAnswerError("no images in the recording", where=folder, hint=hint)
     kept = [(index, sample) for index, sample in samples if index in source.pixels]
     without_pose = dict(Counter(str(sample.status) for _, sample in kept if sample.status is not Status.OK))
@@ -74,7 +74,7 @@ def recorded_images(
     posed = [(index, sample) for index, sample in kept if sample.status is Status.OK]
     if not posed:
         got = ", ".join(f"{count} {status}" for status, count in without_pose.items())
-        raise NoAnswerError("no image has a pose", where=folder, got=got, hint="see `aerodft doctor`")
+        raise NoAnswerError("no image has a pose", where=folder, got=got, hint="see `diagnose`")
     stamps = np.array([sample.stamp_ns for _, sample in posed])
     views = []
     for row in _rows(len(posed), most):

@@ -218,9 +218,9 @@ def river_question(
         InputError: A value is impossible.
     """
     if not 0 < spacing_m <= LARGEST:
-        raise InputError("spacing_m", got=f"{spacing_m:g}", expected="m, above 0")
+        raise InputError("`spacing_m`", got=f"{spacing_m:g}", expected="m, above 0")
     if flow_deg is not None and not abs(flow_deg) <= 360:  # noqa: PLR2004 - one turn
-        raise InputError("flow_deg", got=f"{flow_deg:g}", expected="-360 to 360 deg clockwise from north")
+        raise InputError("`flow_deg`", got=f"{flow_deg:g}", expected="-360 to 360 deg clockwise from north")
     return RiverQuestion(
         seed_px=None if seed_px is None else (float(seed_px[0]), float(seed_px[1])),
         spacing_m=spacing_m,
@@ -236,7 +236,7 @@ def survey_still(image: Path, setup: Setup, sample: PoseSample, question: RiverQ
     Raises:
         InputError: The image cannot be read, or is not the camera's.
     """
-    pixels = read_camera_image(image, setup.camera, "--camera has to describe this very image")
+    pixels = read_camera_image(image, setup.camera, "`camera` has to describe this very image")
     view = RiverView(0, setup, sample, lambda: pixels)
     found = find_river(pixels, setup, view.pose, question)
     document = refusal_document(found) if isinstance(found, NoRiver) else river_document(found, view)

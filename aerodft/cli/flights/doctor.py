@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.option_values import MOST_SECONDS, TopicOption, parse_topics
+from aerodft.cli.option_values import MOST_SECONDS, TopicOption, as_typed, parse_topics
 from aerodft.cli.output import tables
 from aerodft.errors import NoAnswerError
 from aerodft.model import ReportFrame
@@ -115,9 +115,9 @@ def _print(diagnosis: "Diagnosis", console: Console) -> None:
             f"UTC known after {clock.known_after_s:.1f} s; arrival minus UTC {clock.host_minus_utc_s:.3f} s",
         )
     for sentence in diagnosis.notes:
-        console.print(sentence, soft_wrap=True)
+        console.print(as_typed(sentence), soft_wrap=True)
     for sentence in diagnosis.problems:
-        console.print(f"- {sentence}", soft_wrap=True)
+        console.print(f"- {as_typed(sentence)}", soft_wrap=True)
     for outcome in diagnosis.requests or ():
         _print_outcome(outcome)
 

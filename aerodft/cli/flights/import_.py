@@ -49,7 +49,6 @@ def import_(
 
     if config is None or output is None:
         raise UsageError("no --config" if config is None else "no -o FOLDER", expected="--config FILE and -o FOLDER")
-    _check_images(config, video, video_start, images, rate)
     with progress("importing") as bar, interruptible(bar) as between_batches:
         result = import_flight(
             log,
@@ -66,24 +65,3 @@ def import_(
             progress=between_batches,
         )
     report(result, as_json=json)
-
-
-def _check_images(
-    config: Path, video: Path | None, video_start: str | None, images: Path | None, rate: float | None
-) -> None:
-    """Refuse options that cannot be meant together.
-
-    Raises:
-        UsageError: Several sources of images, a start without a video, or an impossible rate.
-    """
-    from aerodft.adapters.config.station import VideoFile, load_station
-    from aerodft.app.importing import MAX_RATE_HZ
-
-    given = [n for n, value in (("--video", video), ("--images", images), ("--rate", rate)) if value is not None]
-    if len(given) > 1:
-        raise UsageError(f"{' and '.join(given)} together", expected="one of them")
-    is_start_alone = video is None and video_start is not None
-    if is_start_alone and (given or not isinstance(load_station(config).images.source, VideoFile)):
-        raise UsageError("--video-start without a video", expected="--video FILE")
-    if rate is not None and not 0 < rate <= MAX_RATE_HZ:
-        raise UsageError("--rate", got=f"{rate:g}", expected=f"above 0, at most {MAX_RATE_HZ} per second")

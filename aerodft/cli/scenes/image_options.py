@@ -1,9 +1,7 @@
 """Camera, pose, ground, probes and their standard deviations, as options of the commands about one image."""
 
 import math
-import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from aerodft.conventions import LARGEST
-from aerodft.errors import InputError, UsageError
+from aerodft.errors import UsageError
 from aerodft.model import Camera, PoseSample, ProbeKind, ProjectionModel
 
 if TYPE_CHECKING:
@@ -37,25 +35,6 @@ _ANGLES: Final = ("tilt", "pan", "roll")
 _POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
 _OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
 _PROBE_OPTIONS: Final = ("elevation", "name")
-
-
-_PARAMETER: Final = re.compile(r"\b([a-z_]+)_(?:m|deg)\b")
-
-
-@contextmanager
-def named_as_options() -> Iterator[None]:
-    """Errors that name parameters, as ``tilt_deg``, name the options instead, ``--tilt``."""
-    try:
-        yield
-    except (InputError, UsageError) as error:
-        what, expected = (_PARAMETER.sub(_option_of, text) for text in (error.what, error.expected))
-        if error.where or what == error.what:  # a file's key is no parameter
-            raise
-        raise type(error)(what, got=error.got, expected=expected, hint=error.hint) from error
-
-
-def _option_of(parameter: re.Match[str]) -> str:
-    return f"--{parameter[1].replace('_', '-')}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,42 +157,41 @@ def scene_of_options(
         refuse_beside({"slope": slope_deg, "uphill": uphill_deg}, "--terrain")
     if (slope_deg is None) != (uphill_deg is None):
         raise UsageError("--slope and --uphill go together", expected="e.g. --slope 11.3 --uphill 270")
-    with named_as_options():
-        rises = None if slope_deg is None else Slope(slope_deg=slope_deg, uphill_deg=uphill_deg)
-        shape = rises if terrain is None else ElevationModel(terrain)
-        if known is not None and known.pose is not None:
-            refuse_beside(pose, "--calibration")
-            stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
-            lens = None
-            if known.camera is None and camera is not None:
-                lens = stds.on_camera(load_camera(camera))
-            return image_setup(lens, None, ground=shape, model=model, calibration=calibration, surface=surface)
-        if camera is None:
-            raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
-        if pose["tilt"] is None:
-            raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
-        covariance, pose_std, reasons = pose["covariance"], stds.pose_std(), tuple[str, ...]()
-        if covariance is not None:
-            stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
-        elif std is None:
-            pose_std = assumed_std(pose["height"] or pose.get("altitude") or 0.0)
-            reasons = ("no --std: assumed height 1 %, attitude 0.3 deg, px 1",)
-        elif says_exact:
-            reasons = tuple(_taken_as_exact(pose_std))
-        place = CameraPose(
-            height_m=pose["height"],
-            altitude_m=pose.get("altitude"),
-            tilt_deg=pose["tilt"],
-            roll_deg=pose["roll"] or 0.0,
-            heading_deg=pose["heading"] or 0.0,
-            lat_deg=pose["lat"],
-            lon_deg=pose["lon"],
-            std=pose_std,
-            covariance=None if covariance is None else load_covariance(covariance),
-            reasons=reasons,
-        )
-        lens = stds.on_camera(load_camera(camera))
-        return image_setup(lens, place, ground=shape, model=model, calibration=calibration, surface=surface)
+    rises = None if slope_deg is None else Slope(slope_deg=slope_deg, uphill_deg=uphill_deg)
+    shape = rises if terrain is None else ElevationModel(terrain)
+    if known is not None and known.pose is not None:
+        refuse_beside(pose, "--calibration")
+        stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
+        lens = None
+        if known.camera is None and camera is not None:
+            lens = stds.on_camera(load_camera(camera))
+        return image_setup(lens, None, ground=shape, model=model, calibration=calibration, surface=surface)
+    if camera is None:
+        raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
+    if pose["tilt"] is None:
+        raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
+    covariance, pose_std, reasons = pose["covariance"], stds.pose_std(), tuple[str, ...]()
+    if covariance is not None:
+        stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
+    elif std is None:
+        pose_std = assumed_std(pose["height"] or pose.get("altitude") or 0.0)
+        reasons = ("no --std: assumed height 1 %, attitude 0.3 deg, px 1",)
+    elif says_exact:
+        reasons = tuple(_taken_as_exact(pose_std))
+    place = CameraPose(
+        height_m=pose["height"],
+        altitude_m=pose.get("altitude"),
+        tilt_deg=pose["tilt"],
+        roll_deg=pose["roll"] or 0.0,
+        heading_deg=pose["heading"] or 0.0,
+        lat_deg=pose["lat"],
+        lon_deg=pose["lon"],
+        std=pose_std,
+        covariance=None if covariance is None else load_covariance(covariance),
+        reasons=reasons,
+    )
+    lens = stds.on_camera(load_camera(camera))
+    return image_setup(lens, place, ground=shape, model=model, calibration=calibration, surface=surface)
 
 
 def _taken_as_exact(std: "PoseStd") -> Iterator[str]:

@@ -20,7 +20,6 @@ from aerodft.cli.scenes.image_options import (
     RollOption,
     StdOption,
     TiltOption,
-    named_as_options,
     parse_probes,
     parse_stds,
     refuse_beside,
@@ -114,8 +113,7 @@ def measure(
     pose |= {"lat": lat, "lon": lon, "covariance": covariance}
     ground: dict[str, Any] = {"slope": slope, "uphill": uphill, "terrain": terrain}
     stds = parse_stds(std)
-    with named_as_options():
-        surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
+    surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
     if recording is not None and at is not None:
         refuse_beside(pose | ground, "--recording")
         if config is not None:
@@ -179,8 +177,7 @@ def _write_depth(
     """Write the depth map's files, and say what is in them."""
     from aerodft.reports.depth import depth_sentences, write_depth
 
-    with named_as_options():
-        document = write_depth(setup, sample, folder, image, step_m)
+    document = write_depth(setup, sample, folder, image, step_m)
     if as_json:
         print_json(document)
     else:

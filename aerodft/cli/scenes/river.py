@@ -17,7 +17,6 @@ from aerodft.cli.scenes.image_options import (
     RollOption,
     StdOption,
     TiltOption,
-    named_as_options,
     parse_stds,
     refuse_beside,
     scene_of_options,
@@ -96,9 +95,8 @@ def river(
     check_folder(output)
     stds, most = parse_stds(std), MOST_IMAGES if images is None else images
     bank_std_px = stds.px if std and any(part.strip().startswith("px") for part in std.split(",")) else None
-    with named_as_options():
-        question = river_question(None if seed is None else _pixel(seed), spacing, flow, network, bank_std_px)
-        surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
+    question = river_question(None if seed is None else _pixel(seed), spacing, flow, network, bank_std_px)
+    surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
     if is_recording(what):
         refuse_beside(pose, "a recording")
         refuse_beside({"camera": camera}, "a recording")

@@ -94,7 +94,7 @@ def doubts(waters: Sequence[WaterMask]) -> list[str]:
         said.append(f"{where} been taken for water, or water of two colours is there; look at the plate")
     if agreement < _AGREED:
         what = f"another outline is nearly as clear and shares {100 * agreement:.0f} % with this one"
-        said.append(f"{what}: the intervals reach to its banks; look at the plate, or click the water (--seed)")
+        said.append(f"{what}: the intervals reach to its banks; look at the plate, or click the water (`seed`)")
     if apart >= _ARM:
         size = f"{100 * apart:.0f} % of its area"
         said.append(f"what looks like the same water lies apart ({size}): another arm? It is not in the widths")

@@ -178,7 +178,7 @@ def _writing_river(
         (folder / map_name).write_bytes(orjson.dumps(on_map, option=_JSON))
         yield
     if on_map.keys() >= _LOCAL.keys():
-        _LOG.warning("no --lat and --lon: the map is river_local.json, in metres, in place of river.geojson")
+        _LOG.warning("no `lat_deg` and `lon_deg`: the map is river_local.json, in metres, in place of river.geojson")
 
 
 def check_folder(folder: Path | None) -> None:

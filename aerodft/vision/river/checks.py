@@ -139,7 +139,7 @@ def like_a_road(features: WaterFeatures, water: BoolArray, banks_en_m: FloatArra
     if not straight and robust_std(widths_m - width_m) > _ONE_WIDTH * width_m:
         return None
     how = "between two straight edges" if straight else "and of one width"
-    reason = f"where water is looked for it is even, {how}: a road? If it is water, click it (--seed)"
+    reason = f"where water is looked for it is even, {how}: a road? If it is water, click it (`seed`)"
     return NoRiver(RiverStatus.NO_WATER, reason)
 
 

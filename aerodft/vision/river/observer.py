@@ -47,7 +47,7 @@ from aerodft.vision.river.water_features import WaterFeatures, WaterPlane, groun
 from aerodft.vision.river.water_motion import STAYS, LaterLook, what_stays, without_still
 
 _UNMOVED: Final = (
-    "what is found there does not move from image to image: a road? If it is still water, click it (--seed)"
+    "what is found there does not move from image to image: a road? If it is still water, click it (`seed`)"
 )
 _CLICKED: Final = (
     "what was clicked is as even as a road, between edges like a road's; that it is water is taken on trust"
@@ -173,7 +173,7 @@ def _unfit(image: ImageArray, plane: WaterPlane, ground: BoolArray, seed_px: Flo
     if (unlit := no_light(image)) is not None:
         return unlit
     if not ground.any():
-        up = "the image shows no water plane near enough: it looks too far up, or --max-range is too short"
+        up = "the image shows no water plane near enough: it looks too far up, or `max_range_m` is too short"
         return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
     if not sample_mask(ground, seed_px):
         return NoRiver(RiverStatus.SEED_OFF_GROUND, "the seed is not on ground that is near enough to be measured")

@@ -98,7 +98,7 @@ def test_the_start_comes_from_the_container(tmp_path: Path, make_video: MakeVide
 @pytest.mark.parametrize("metadata", [{}, {"creation_time": "1970-01-01T00:00:00.000000Z"}])
 def test_no_start_anywhere_is_refused(tmp_path: Path, make_video: MakeVideo, metadata: dict[str, str]) -> None:
     path = make_video(tmp_path / "a.mp4", [0, 40], metadata=metadata)
-    with pytest.raises(InputError, match=r"a\.mp4: does not say when it was recorded: .*; pass --video-start"):
+    with pytest.raises(InputError, match=r"a\.mp4: does not say when it was recorded: .*; pass `video_start_ns`"):
         VideoFileSource(path)
 
 

@@ -163,12 +163,12 @@ def _time(row: tuple[float, dialect.MAVLink_message, int]) -> float:
 
 def test_a_vehicle_that_is_not_heard_is_one_sentence(pack: Callable[..., bytes], block: MakeBlock) -> None:
     report = _surveyed(block([pack(_position(1000)) for _ in range(5)]), system=7)
-    assert problems(report) == ["--system = 7 is not heard, systems 1 are: nothing would be measured"]
+    assert problems(report) == ["`system` = 7 is not heard, systems 1 are: nothing would be measured"]
 
 
 def test_an_autopilot_or_gimbal_that_is_not_heard_is_named(pack: Callable[..., bytes], block: MakeBlock) -> None:
     (sentence,) = problems(_surveyed(block([pack(_position(1000))]), component=9))
-    assert sentence.startswith("--component = 9 is not heard, components 1 are")
+    assert sentence.startswith("`component` = 9 is not heard, components 1 are")
     q = (1.0, 0.0, 0.0, 0.0)
     message = dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, 4000, 44, q, 0, 0, 0, 0, gimbal_device_id=1)
     report = _surveyed(block([pack(_position(1000)), *[pack(message)] * 3]), gimbal=3)
@@ -181,7 +181,7 @@ def test_signed_frames_of_a_link_without_a_key_are_said(pack: Callable[..., byte
     survey = LogDiagnosis("udpin:14550")
     survey.add(block(frames))
     report = survey.report(counts=FrameCounts(frames=4))
-    assert _says(report, "this link is signed (3 of 4 frames): without --signing-key", "would ignore requests")
+    assert _says(report, "this link is signed (3 of 4 frames): without `signing_key`", "would ignore requests")
     assert document(report)["frames"]["signed"] == 3
 
 

@@ -182,7 +182,7 @@ def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Ca
     """The calibration's camera where it has one, else the station's."""
     found = load_calibration(path)
     if found.model is not model:
-        hint = f'set camera.model = "{found.model}", or calibrate with --model {model}'
+        hint = f'set camera.model = "{found.model}", or calibrate with `model` {model}'
         raise ConfigError("a calibration of another model", where=path, got=found.model, expected=model, hint=hint)
     return found.camera or camera
 

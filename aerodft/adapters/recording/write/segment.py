@@ -481,7 +481,7 @@ class Segment:
             self._file.sync(size=True)
             end = self._file.size
         except OSError:
-            _log.warning("%s: has no index; `aerodft recover` adds it", self.path)
+            _log.warning("%s: has no index; `recover` adds it", self.path)
         with suppress(OSError):
             self._file.cut(end)
         self._file.close()

@@ -83,19 +83,6 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(what: str, first_ns: int, last_ns: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar over a range of times on stderr, on a terminal only.
-
-    Yields:
-        What to call with the time that has been reached.
-    """
-    console = Console(stderr=True)
-    with ProgressBar(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(what, total=max(last_ns - first_ns, 1))
-        yield lambda now_ns: bar.update(task, completed=now_ns - first_ns)
-
-
-@contextmanager
 def progress(what: str) -> Iterator[Progress]:
     """A progress bar of a use case on stderr, on a terminal only.
 

@@ -194,11 +194,6 @@ class Published:
     images: int = 0
     damaged: int = 0
 
-    @property
-    def total(self) -> int:
-        """All that went out."""
-        return self.measurements + self.others + self.images
-
 
 def is_published(recording: AnyRecording, channel: Channel) -> bool:
     """Whether a channel is published: of aerodft's own what was made of the input, and of the input the images.

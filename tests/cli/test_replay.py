@@ -93,7 +93,7 @@ def test_what_has_no_mavlink_is_not_sent(aerodft, desk, tmp_path):
 
 
 def test_to_connect_to_nobody_is_no_success(aerodft, flight_recording, monkeypatch):
-    monkeypatch.setattr("aerodft.cli.recordings.replay._LINK_S", 0.2)
+    monkeypatch.setattr("aerodft.app.replay._LINK_S", 0.2)
     endpoint = free_endpoint()
     found = aerodft("replay", flight_recording, "--rate", "max", "--listen", "none", "--connect", endpoint)
     assert (found.code, f"{endpoint}: nobody to publish to: got no answer within 0.2 s" in found.last) == (4, True)
@@ -125,7 +125,7 @@ def test_a_stretch_is_given_in_seconds_or_utc(aerodft, flight_recording):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("--rate", "0"), 2, "--rate: got '0', expected 0.01 to 1000, or max"),
+        (("--rate", "0"), 2, "--rate: got 0, expected 0.01 to 1000 times real time"),
         (("--rate", "fast"), 2, "--rate: got 'fast'"),
         (("--step",), 2, "--step: got no terminal"),
         (("--mavlink", "udpin:127.0.0.1:14550"), 2, "--mavlink: got udpin:127.0.0.1:14550, expected udpout"),

@@ -1,4 +1,4 @@
 """The bus: measurements published, questions answered, observations taken, over zenoh."""
 
-from aerodft.adapters.bus.session import DEFAULT_LISTEN, session_on
+from aerodft.adapters.bus.session import session_on
 from aerodft.adapters.bus.station import BusSettings, ZenohBus

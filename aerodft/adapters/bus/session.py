@@ -12,8 +12,6 @@ import zenoh
 
 from aerodft.errors import LinkError
 
-DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
-
 _EXPECTED: Final = "an endpoint such as tcp/127.0.0.1:7447"
 _WITH_PORT: Final = ("tcp", "udp", "ws", "tls", "quic")
 _OTHERS: Final = ("unixsock-stream",)

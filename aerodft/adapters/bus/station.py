@@ -11,11 +11,11 @@ from typing import NamedTuple, TypeAlias
 
 import zenoh
 
-from aerodft.adapters.bus.session import DEFAULT_LISTEN, close_session, open_session
+from aerodft.adapters.bus.session import close_session, open_session
 from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire.estimates import encode_camera_motion, encode_estimate
 from aerodft.adapters.wire.events import encode_image
-from aerodft.adapters.wire.keys import Keys
+from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.wire.observations import parse_observation
 from aerodft.adapters.wire.pose import encode_height_switch, encode_poses

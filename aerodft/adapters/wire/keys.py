@@ -1,4 +1,7 @@
-"""Key expressions of one station on the bus; the recording's topics are the same."""
+"""A station's endpoint and key expressions on the bus; the recording's topics are those keys."""
+
+DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
+"""The endpoint that a station listens on unless its file says another."""
 
 _FORBIDDEN = frozenset("/*$?#%")
 

@@ -225,7 +225,7 @@ def write_depth(
     if step_m is not None and not 0 < step_m < math.inf:
         raise InputError("`step_m`", got=f"{step_m:g}", expected="m, above 0")
     if setup.model is not ProjectionModel.PINHOLE:
-        raise UsageError("a depth map with the dft `model`", expected="the pinhole model")
+        raise UsageError("a depth map with `model` dft", expected="the pinhole model")
     hint = f"`camera` has to describe this very image: {setup.camera.name} does not"
     pixels = None if image is None else read_camera_image(image, setup.camera, hint)
     scene = _scene_of(setup, sample)

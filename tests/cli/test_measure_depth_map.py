@@ -80,7 +80,7 @@ def test_without_a_place_the_footprint_is_in_the_ground_frame(depth, tmp_path):
     ("tilt_deg", "options", "code", "said"),
     [
         (140, (), 4, "the image shows no ground"),
-        (40, ("--model", "dft"), 2, "--depth-map with --model dft"),
+        (40, ("--model", "dft"), 2, "a depth map with --model dft"),
         (40, ("--probe", "range 3,4"), 2, "--depth-map beside --probe"),
         (40, ("--step", 0.1), 2, "--step without --image"),
         (40, ("--elevation", 50), 4, "the camera is not above the ground: got 50.00 m over ground at 50.00 m"),

@@ -298,7 +298,7 @@ def _renamed(scene):
 
 
 def test_no_images_and_no_such_unknown_are_misuse(scene, pixels):
-    with pytest.raises(UsageError, match="no images"):
+    with pytest.raises(UsageError, match="`images`: got none"):
         scene.detected(file_of(MARKERS))
     with pytest.raises(UsageError, match="`unknowns`: got zoom"):
         scene.detected(file_of(MARKERS), scene.image(pixels), names=("zoom",))

@@ -55,10 +55,10 @@ def test_what_nobody_says_how_well_it_is_known_is_assumed_and_said(camera):
 @pytest.mark.parametrize(
     ("wrong", "what"),
     [
-        (lambda: ad.CameraPose(height_m=-3, tilt_deg=60), "height_m"),
-        (lambda: ad.CameraPose(height_m=3, tilt_deg=200), "tilt_deg"),
-        (lambda: ad.CameraPose(height_m=3, tilt_deg=20, lat_deg=3), "lat_deg and lon_deg"),
-        (lambda: ad.Slope(slope_deg=89, uphill_deg=0), "slope_deg"),
+        (lambda: ad.CameraPose(height_m=-3, tilt_deg=60), "`height_m`"),
+        (lambda: ad.CameraPose(height_m=3, tilt_deg=200), "`tilt_deg`"),
+        (lambda: ad.CameraPose(height_m=3, tilt_deg=20, lat_deg=3), "`lat_deg` and `lon_deg`"),
+        (lambda: ad.Slope(slope_deg=89, uphill_deg=0), "`slope_deg`"),
         (lambda: ad.Width((1, 2)), "a width"),
         (lambda: ad.Range((1, math.nan)), "a range"),
         (lambda: ad.measure(None, POSE, ad.Range((1, 2))), "no camera"),

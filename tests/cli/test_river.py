@@ -126,7 +126,7 @@ def test_what_is_neither_image_nor_video_nor_recording_is_one_sentence(river, tm
         log = river(tmp_path / name, "--camera", "cam.toml", "--height", 40, "--tilt", 30)
         assert log.code == 3
         assert f"{name}: a flight's log has no images: got {kind}" in log.err
-        assert "aerodft import LOG --images FOLDER" in log.err
+        assert "`aerodft import` makes a recording of a log and its --images or --video" in log.err
     (tmp_path / "notes.txt").write_text("banks")
     text = river(tmp_path / "notes.txt", "--camera", "cam.toml", "--height", 40, "--tilt", 30)
     assert (text.code, "no image: got text" in text.err) == (3, True)

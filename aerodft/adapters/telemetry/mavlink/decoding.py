@@ -49,22 +49,34 @@ ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_S
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
 TIMESYNC = 111
-OF_POSES: Final = (
-    SYSTEM_TIME,
-    ATTITUDE,
-    GLOBAL_POSITION_INT,
-    DISTANCE_SENSOR,
-    TERRAIN_REPORT,
-    ALTITUDE,
-    MOUNT_STATUS,
-    RANGEFINDER,
-    MOUNT_ORIENTATION,
-    GIMBAL_DEVICE_ATTITUDE_STATUS,
-)
 _OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS)
 OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_OF_HEALTH, TIMESYNC)
 OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
-WANTED: Final = (HEARTBEAT, *OF_POSES, *_OF_HEALTH, *OF_CAMERAS, TIMESYNC)
+_MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
+    HEARTBEAT: heartbeat_track,
+    SYSTEM_TIME: clock_track,
+    ATTITUDE: vehicle_track,
+    GLOBAL_POSITION_INT: position_track,
+    DISTANCE_SENSOR: distance_sensor_track,
+    TERRAIN_REPORT: terrain_track,
+    ALTITUDE: altitude_track,
+    MOUNT_STATUS: mount_status_track,
+    RANGEFINDER: rangefinder_track,
+    MOUNT_ORIENTATION: mount_orientation_track,
+    GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal_device_track,
+    GPS_RAW_INT: gps_track,
+    EKF_STATUS_REPORT: ekf_track,
+    ESTIMATOR_STATUS: estimator_track,
+    CAMERA_SETTINGS: settings_track,
+    VIDEO_STREAM_INFORMATION: video_stream_track,
+    CAMERA_FOV_STATUS: fov_track,
+    TIMESYNC: sync_track,
+}
+"""What makes a track of each message that is decoded; to decode another one, it gets an entry here."""
+
+WANTED: Final = tuple(_MAKERS)
+OF_POSES: Final = tuple(each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, *_OF_HEALTH, *OF_CAMERAS})
+
 # The selection's state: what was decided so far, then each wanted message's component.
 SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, OTHER_GIMBALS = 0, 1, 2, 3, 4
 CHOSEN_COMPONENT, CHOSEN_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8, 9
@@ -90,26 +102,6 @@ _OF_GIMBALS: Final = (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_ST
 _V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
 _MODULUS: Final = 256
 _WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew
-_MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
-    SYSTEM_TIME: clock_track,
-    ATTITUDE: vehicle_track,
-    GLOBAL_POSITION_INT: position_track,
-    DISTANCE_SENSOR: distance_sensor_track,
-    TERRAIN_REPORT: terrain_track,
-    ALTITUDE: altitude_track,
-    MOUNT_STATUS: mount_status_track,
-    RANGEFINDER: rangefinder_track,
-    MOUNT_ORIENTATION: mount_orientation_track,
-    GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal_device_track,
-    TIMESYNC: sync_track,
-    HEARTBEAT: heartbeat_track,
-    GPS_RAW_INT: gps_track,
-    EKF_STATUS_REPORT: ekf_track,
-    ESTIMATOR_STATUS: estimator_track,
-    CAMERA_SETTINGS: settings_track,
-    VIDEO_STREAM_INFORMATION: video_stream_track,
-    CAMERA_FOV_STATUS: fov_track,
-}
 _DTYPES: Final = {message_id: payload_dtype(message_id) for message_id in _MAKERS}
 
 

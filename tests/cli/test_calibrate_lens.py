@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from PIL import Image as PillowImage
 
 from aerodft.adapters.config.camera import load_camera
-from calibration.lens import BoardFinder, distortion_px, intrinsics_of, parse_board
+from calibration.lens import DEFAULT_CHARUCO, BoardFinder, distortion_px, intrinsics_of, parse_board
 
 from ..calibration.board_pictures import (  # noqa: TID252 - test folders are no packages that could be named
     STOP,
@@ -232,6 +232,10 @@ def test_bad_input_is_one_sentence(arguments, code, said, tmp_path, monkeypatch,
     assert found.code == code
     assert said in found.err
     assert found.out == b""
+
+
+def test_help_says_what_board_is_meant_by_charuco(aerodft):
+    assert DEFAULT_CHARUCO in aerodft("calibrate-lens", "--help").out.decode()
 
 
 def test_what_cannot_be_written_is_one_sentence(photos, tmp_path, aerodft):

@@ -1,13 +1,12 @@
 """``aerodft calibrate-lens``: images of a board in, a camera file with its covariance out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError
-from calibration.lens import DEFAULT_CHARUCO, LensChoice, parse_board
 
 if TYPE_CHECKING:
     from aerodft.app.calibrate_lens import LensCalibration
@@ -21,12 +20,12 @@ def calibrate_lens(
         str,
         typer.Option(
             help="chessboard:COLSxROWS:SQUARE, inner corners, e.g. chessboard:9x6:25mm;"
-            f" or charuco:COLSxROWS:SQUARE:MARKER:DICT, squares; charuco alone is {DEFAULT_CHARUCO}."
+            " or charuco:COLSxROWS:SQUARE:MARKER:DICT, squares; charuco alone is charuco:10x7:25mm:18mm:4X4_50."
         ),
     ] = "charuco",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Camera file to write (TOML).")] = None,
     name: Annotated[str | None, typer.Option(help="Of the camera, for its file; else the output's name.")] = None,
-    lens: Annotated[LensChoice, typer.Option(help="What describes the lens.")] = LensChoice.BROWN,
+    lens: Annotated[Literal["brown", "rational", "fisheye"], typer.Option(help="What describes the lens.")] = "brown",
     report: Annotated[Path | None, typer.Option(help="Folder for a page with coverage and residuals.")] = None,
     print_board: Annotated[
         Path | None, typer.Option(help="Instead of calibrating: write the board as a PNG to print in true size.")
@@ -45,6 +44,7 @@ def calibrate_lens(
     """
     from aerodft.app.calibrate_lens import calibrate_lens as calibrate
     from aerodft.app.calibrate_lens import print_board as write_board
+    from calibration.lens import parse_board
 
     if print_board is not None:
         for what, value in (("images", sources), ("--output", output), ("--report", report)):

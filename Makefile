@@ -48,7 +48,7 @@ PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 compiled: $(INSTALLED)
 	@to=$$(mktemp -d) && \
 		$(FOR_TESTS) $(BIN)/aerodft import samples/copter.tlog --config configs/services/river-flight.toml -o $$to/rec 2>/dev/null && \
-		$(FOR_TESTS) $(BIN)/python -m aerodft.sim --out $$to/flight --duration 1 >/dev/null 2>&1; \
+		$(FOR_TESTS) $(BIN)/python -m aerodft.sim --out $$to/flight --duration 2 --size 320x240 >/dev/null 2>&1; \
 		rm -rf $$to
 
 unit: compiled

@@ -106,10 +106,14 @@ def test_above_the_horizon_there_is_no_point(camera):
     assert np.all(np.isfinite(points[1]))
 
 
-def test_a_surveyed_river_is_a_table_and_a_map(tmp_path):
+@pytest.fixture(scope="module")
+def reach():
     camera = ad.load_camera("configs/cameras/demo-1080p.toml")
     pose = ad.CameraPose(height_m=7.93, tilt_deg=62.3, lat_deg=47.06, lon_deg=15.43, std=STD)
-    reach = ad.survey_river("configs/calibration/bridge.jpg", camera, pose, seed=(960, 150), spacing_m=3)
+    return ad.survey_river("configs/calibration/bridge.jpg", camera, pose, seed=(960, 150), spacing_m=3)
+
+
+def test_a_surveyed_river_is_a_table_and_a_map(reach, tmp_path):
     assert reach.status == "ok"
     rows = reach.transects.rows()
     widths = [row["width_m"] for row in rows if row["status"] == "ok"]
@@ -123,9 +127,7 @@ def test_a_surveyed_river_is_a_table_and_a_map(tmp_path):
     assert list(frame["width_m"]) == widths
 
 
-def test_without_geopandas_the_extra_is_named(monkeypatch):
+def test_without_geopandas_the_extra_is_named(reach, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "geopandas", None)
-    camera = ad.load_camera("configs/cameras/demo-1080p.toml")
-    reach = ad.survey_river("configs/calibration/bridge.jpg", camera, ad.CameraPose(height_m=8, tilt_deg=62))
     with pytest.raises(ad.InputError, match=r"aerodft\[geo\]"):
         reach.transects.to_geopandas()

@@ -129,10 +129,9 @@ def test_image_pose_and_status_are_on_the_bus_too(flown):
     assert {"aerodft/live/pose", "aerodft/live/status", "aerodft/live/image"} <= keys
 
 
-def test_live_recomputed_is_the_same_to_the_byte(flown, tmp_path):
+def test_live_recomputed_is_the_same_to_the_byte(aerodft, flown, tmp_path):
     folder, *_ = flown
-    command = [sys.executable, "-m", "aerodft", "recompute", folder / "recording", "-o", tmp_path / "again"]
-    subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=PATIENCE_S)
+    assert aerodft("recompute", folder / "recording", "-o", tmp_path / "again").code == 0
     comparison = compare_measurements(folder / "recording", tmp_path / "again")
     assert comparison.is_identical
     assert comparison.total.paired > 20
@@ -167,42 +166,38 @@ def test_a_fixed_camera_answers_questions(tmp_path):
         assert service.end(signal.SIGINT) == 0
 
 
-def serve_refused(*arguments):
-    command = [sys.executable, "-m", "aerodft", "serve", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-
-
-def test_busy_ports_are_named(tmp_path):
+def test_busy_ports_are_named(aerodft, tmp_path):
     with socket.socket(type=socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
         config = write_station(
             tmp_path, free_endpoint(), telemetry={"connection": f"udpin:127.0.0.1:{port}"}, images={"rate_hz": 5.0}
         )
-        done = serve_refused(config, "-o", tmp_path / "recording")
-    assert done.returncode == 3
-    assert str(port) in done.stderr.splitlines()[-1]
-    assert "Traceback" not in done.stderr
+        done = aerodft("serve", config, "-o", tmp_path / "recording")
+    assert done.code == 3
+    assert str(port) in done.last
 
 
-def test_busy_bus_endpoint_is_named(tmp_path):
+def test_busy_bus_endpoint_is_named(aerodft, tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        done = serve_refused(
-            write_station(tmp_path, endpoint, pose=FIXED, images={"rate_hz": 5.0}), "-o", tmp_path / "recording"
+        done = aerodft(
+            "serve",
+            write_station(tmp_path, endpoint, pose=FIXED, images={"rate_hz": 5.0}),
+            "-o",
+            tmp_path / "recording",
         )
-    assert done.returncode == 3
-    assert endpoint in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.code == 3
+    assert endpoint in done.err
 
 
-def test_recorded_input_is_for_import(tmp_path):
+def test_recorded_input_is_for_import(aerodft, tmp_path):
     config = write_station(
         tmp_path, free_endpoint(), pose=FIXED, images={"video": "v.mp4", "start": 1795221278868833000}
     )
     Path(tmp_path / "v.mp4").touch()
-    done = serve_refused(config, "-o", tmp_path / "recording")
-    assert done.returncode == 3
-    assert "use import" in done.stderr
+    done = aerodft("serve", config, "-o", tmp_path / "recording")
+    assert done.code == 3
+    assert "use import" in done.err

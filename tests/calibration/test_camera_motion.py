@@ -35,6 +35,7 @@ from aerodft.model import (
 )
 from aerodft.service import CameraMotionSettings, PipelineSettings
 from calibration.camera_motion import CameraMotionCalibrator, CameraMotionState, KnownTurn, Look, rotated_pose
+from tests.nights import at_night
 from tests.one_image import measure
 
 CAMERA = Camera(
@@ -217,9 +218,10 @@ def straight(rotvec, std_rad=1e-5):
     return Look(turn, 60)
 
 
-def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks():
+@pytest.mark.parametrize("masts", [1, *at_night(10)])
+def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks(masts):
     rng, states = np.random.default_rng(12), set()
-    for _ in range(2):
+    for _ in range(masts):
         state = CameraMotionState(CameraMotionSettings())
         for second in range(2500):
             state.take(START_NS + second * SECOND_NS, straight(rng.normal(scale=math.radians(0.05), size=3)))
@@ -228,9 +230,10 @@ def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks():
     assert states == {Steadiness.STEADY}
 
 
-def test_turns_are_as_far_off_as_stated_in_the_wind_before_and_after_a_bump():
+@pytest.mark.parametrize("stations", [4, *at_night(30)])
+def test_turns_are_as_far_off_as_stated_in_the_wind_before_and_after_a_bump(stations):
     z, held = [], 0
-    for seed in range(8):
+    for seed in range(stations):
         station, turn = Station(seed, shake_deg=0.05), bump(2.0, seed)
         for index, now in enumerate([NO_TURN] * 12 + [turn] * 12):
             estimate = station.look(now)

@@ -11,6 +11,7 @@ from scipy.stats import kstest
 from aerodft.model import EvidenceSet, Prior, ProjectionModel
 from calibration.pose import Problem, Unknowns
 from calibration.pose.solve import solve
+from tests.nights import at_night
 from tests.truth.calibration_scenes import World
 from tests.truth.calibration_sets import (
     DEG,
@@ -150,12 +151,13 @@ def test_outliers_are_left_out_by_name(off_px):
         assert np.all(np.abs(list(errors.values()) / stds) < 4.5)
 
 
-def test_chi_squares_are_distributed_as_such():
-    """So are their chances: evenly, over 150 scenes whose stds are true."""
+@pytest.mark.parametrize(("scenes", "within"), [(40, 0.15), *at_night((150, 0.08))])
+def test_chi_squares_are_distributed_as_such(scenes, within):
+    """So are their chances: evenly, over scenes whose stds are true."""
     rng, task = np.random.default_rng(10), Task(("height", "tilt", "heading"), landmarks(6, 12))
-    found = [solved(task, *drawn(task, rng))[0] for _ in range(150)]
+    found = [solved(task, *drawn(task, rng))[0] for _ in range(scenes)]
     assert kstest([solution.p_value for solution in found], "uniform").pvalue > 1e-3
-    assert_allclose(np.mean([solution.chi2 / solution.dof for solution in found]), 1.0, atol=0.08)
+    assert_allclose(np.mean([solution.chi2 / solution.dof for solution in found]), 1.0, atol=within)
 
 
 @pytest.mark.parametrize("stated", [0.2, 1.0, 5.0])

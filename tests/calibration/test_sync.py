@@ -14,6 +14,7 @@ from aerodft.sim.trajectory import heading_wxyz
 from aerodft.vision.camera_motion import PlaneMotion, Turns
 from calibration.sync import align
 from calibration.sync.motion import CameraMotion, followed_path
+from tests.nights import at_night
 
 from .sync_flights import Clocks, hovering, wandering
 from .sync_views import reported, seen_flight
@@ -35,7 +36,7 @@ def errors(found, clocks, reference_ns):
     return np.array([found.offset_s, found.drift, found.lag_s]) - [offset_s, clocks.drift, clocks.lag_s]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *at_night(2)])
 def test_offset_drift_and_lag_are_found_from_far_away(seed):
     clocks, trajectory = Clocks.drawn(seed), wandering(seed, CLIP_S + 2 * MARGIN_S)
     pairs, reference_ns = filmed(trajectory, clocks, seed)
@@ -51,7 +52,7 @@ def test_offset_drift_and_lag_are_found_from_far_away(seed):
     assert np.median(np.abs(left)) < 0.2 * np.std(rates.seen_radps)
 
 
-@pytest.mark.parametrize("time_constant_s", [0.12, 0.25])
+@pytest.mark.parametrize("time_constant_s", [0.25, *at_night(0.12)])
 def test_a_camera_that_catches_up_slowly_is_known_as_such(time_constant_s):
     clocks, trajectory = Clocks(-8.0, 0.006, 0.25), wandering(8, CLIP_S + 2 * MARGIN_S)
     pairs, reference_ns = filmed(trajectory, clocks, 8)
@@ -64,6 +65,7 @@ def test_a_camera_that_catches_up_slowly_is_known_as_such(time_constant_s):
     assert found.lateness_s > found.time_constant_s
 
 
+@pytest.mark.nightly
 def test_a_log_with_a_hole_is_aligned_by_what_is_there():
     clocks, trajectory = Clocks(2.0, -0.01, 0.1), wandering(10, CLIP_S + 2 * MARGIN_S)
     pairs, reference_ns = filmed(trajectory, clocks, 10)
@@ -142,6 +144,7 @@ def test_a_camera_that_is_bolted_to_the_vehicle_has_no_lag():
     assert abs(drift) < 2e-4
 
 
+@pytest.mark.nightly
 def test_reports_against_the_vehicle_are_read_as_such():
     clocks, trajectory = Clocks(4.0, -0.012, 0.0), wandering(9, CLIP_S + 2 * MARGIN_S)
     pairs, reference_ns = filmed(trajectory, clocks, 9)

@@ -31,6 +31,7 @@ def peak_mb(*arguments: object) -> float:
     return int(done.stderr.split("peak_kb")[1]) / 1024
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peaks are read from /proc")
 @pytest.mark.parametrize("command", [("doctor",), ("replay", "--rate", "max", "--listen", "tcp/127.0.0.1:0")])
 def test_memory_does_not_grow_with_the_file(desk, tmp_path: Path, command: tuple[str, ...]) -> None:

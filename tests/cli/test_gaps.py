@@ -73,6 +73,7 @@ def test_so_is_a_missing_segment_and_to_stdout(aerodft, flight: Path, tmp_path: 
     assert (done.code, done.json["damaged_chunks"], done.json["missing_segments"]) == (5, 0, 1)
 
 
+@pytest.mark.nightly
 def test_of_many_it_is_said_which(aerodft, flight: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     flights = tmp_path / "flights"

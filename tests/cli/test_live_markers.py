@@ -182,6 +182,7 @@ def test_an_offset_of_others_observations_moves_none_of_its_own(flight, scenario
     assert seen_in(tmp_path / "late") == seen_in(refined[0])
 
 
+@pytest.mark.nightly
 def test_looking_again_gives_the_same_bytes(flight, scenario, refined):
     imported(
         flight, scenario.world, "twice", "--observations", flight / "observations.jsonl",
@@ -245,6 +246,7 @@ def served(scenario, tmp_path_factory):
     return folder
 
 
+@pytest.mark.nightly
 def test_live_what_is_seen_is_recorded_with_its_image_and_refines(served):
     images = {each.index: each for each in map(decode_image, raw(served / "recording", IMAGE_SCHEMA))}
     seen = seen_in(served / "recording")
@@ -259,6 +261,7 @@ def test_live_what_is_seen_is_recorded_with_its_image_and_refines(served):
         assert abs(last["bias"][name]["value"] - planted) < 4 * last["bias"][name]["std"]
 
 
+@pytest.mark.nightly
 def test_live_recomputed_is_the_same_to_the_byte(served):
     run = run_aerodft("recompute", served / "recording", "-o", served / "again")
     assert run.code == 0, run.err

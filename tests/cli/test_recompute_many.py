@@ -35,9 +35,9 @@ def states(done):
     return {each["recording"]: each["state"] for each in orjson.loads(done.stdout)["recordings"]}
 
 
-def test_rows_are_those_of_each_recording_and_what_is_done_is_not_done_again(flights, flight_recording):
+def test_rows_are_those_of_each_recording(flights, flight_recording):
     pattern, out = flights / "*", flights / "dataset"
-    first = many(pattern, "--scheduler", "processes", "-o", out)
+    first = many(pattern, "--scheduler", "processes", "--workers", 1, "-o", out)
     assert first.returncode == 5, first.stderr.decode()
     assert states(first) == {"wrong": "failed", "empty": "failed", "one": "done", "two": "done"}
     said = first.stderr.decode()
@@ -55,6 +55,11 @@ def test_rows_are_those_of_each_recording_and_what_is_done_is_not_done_again(fli
         assert {row["recording_folder"] for row in rows} == {str(flights / name)}
         assert {row["recorded_config"] for row in rows} == {item["config"] for item in items}
 
+
+@pytest.mark.nightly
+def test_what_is_done_is_not_done_again(flights, flight_recording, tmp_path):
+    pattern, out = flights / "*", tmp_path / "dataset"
+    many(pattern, "-o", out)
     parts = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
     shutil.copy(flight_recording / "config.toml", flights / "wrong")
     shutil.rmtree(flights / "empty")

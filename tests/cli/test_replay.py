@@ -18,6 +18,7 @@ from pymavlink import mavutil
 
 from replay.recordings import Recording
 from tests.cli.conftest import HEIGHT_M, UTC0_NS
+from tests.nights import at_night
 from tests.ports import free_endpoint
 from tests.replay.foreign_files import frames_of, write_foreign
 
@@ -187,7 +188,7 @@ def test_keys_step_go_on_and_end(flight_recording):
     assert document["measurements"] >= 1
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), *at_night((signal.SIGTERM, 143))])
 def test_signals_end_a_loop_cleanly(flight_recording, number, code):
     station = GroundStation()
     line = ["replay", flight_recording, "--loop", "--rate", "50", "--listen", "none"]

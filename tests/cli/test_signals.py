@@ -8,9 +8,10 @@ import time
 import pytest
 
 from replay.recordings import Recording
+from tests.nights import at_night
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), *at_night((signal.SIGINT, 130))])
 def test_an_import_that_is_ended_keeps_what_it_has_and_says_so(desk, number, code):
     out = desk.folder / "rec"
     line = ["import", desk.tlog(seconds=120.0), "-c", desk.config, "-o", out, "--rate", 1000, "--json"]

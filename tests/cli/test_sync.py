@@ -135,6 +135,7 @@ def test_import_with_auto_looks_where_the_camera_looked(desk, imported, aerodft,
     assert np.percentile(np.abs(off_rad - np.median(off_rad)), 95) < math.radians(0.35)
 
 
+@pytest.mark.nightly
 def test_the_printed_lines_give_what_auto_gives(desk, imported, aerodft, tmp_path):
     folder, _, _ = desk
     _, recording, start_ns = imported

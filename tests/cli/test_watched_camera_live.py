@@ -18,6 +18,8 @@ from .test_watched_camera import BRIDGE, CAMERA, TURN, after_turn, station_file,
 
 RATE_HZ, BUMP_S, LENGTH_S = 8, 3, 8
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):

@@ -1,7 +1,4 @@
-"""Other tools' files cut and flipped anywhere: refused in a sentence or read in part, never a frame that nobody sent.
-
-``AERODFT_FAULTS=full`` makes it 1,500 files.
-"""
+"""Other tools' files cut and flipped anywhere: refused in a sentence or read in part, no frame that nobody sent."""
 
 import os
 from pathlib import Path
@@ -15,10 +12,10 @@ from aerodft.errors import AerodftError
 from aerodft.model import Image, RawBlock
 from replay.foreign import ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
 from replay.player import AnyRecording, timeline
-from tests.peak import CAN_MEASURE, taken_by
+from tests.commands import run_aerodft
+from tests.nights import at_night
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 
-MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
 SAMPLE = Path(__file__).parents[2] / "samples/copter.tlog"
 
 
@@ -45,8 +42,10 @@ def read_all(path: Path, sent: set[bytes]) -> int:
     return frames
 
 
-@pytest.mark.parametrize("way", ["lz4", "bare"])
-def test_damage_costs_messages_and_nothing_else(tmp_path: Path, way: str, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize(("way", "files"), [("lz4", 30), ("bare", 30), *at_night(("lz4", 750), ("bare", 750))])
+def test_damage_costs_messages_and_nothing_else(
+    tmp_path: Path, way: str, files: int, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level("CRITICAL")
     frames = frames_of(SAMPLE)[:600]
     pictures = jpegs([frames[0][0] + k * 100_000_000 for k in range(5)], 64, 48)
@@ -55,7 +54,7 @@ def test_damage_costs_messages_and_nothing_else(tmp_path: Path, way: str, caplog
     assert read_all(tmp_path / "whole.mcap", sent) == len(frames)
     noise, path = np.random.default_rng(1), tmp_path / "a.mcap"
     read, refusals = 0, list[str]()
-    for number in range(MUTATIONS // 2):
+    for number in range(files):
         damaged = bytearray(data)
         if number % 3 == 0:
             del damaged[noise.integers(len(data)) :]
@@ -67,9 +66,9 @@ def test_damage_costs_messages_and_nothing_else(tmp_path: Path, way: str, caplog
             read += read_all(path, sent) > 0
         except AerodftError as refusal:
             refusals.append(str(refusal))
-    print(f"{MUTATIONS // 2} files: {read} read in part, {len(refusals)} refused")
+    print(f"{files} files: {read} read in part, {len(refusals)} refused")
     assert all(each.startswith(str(path)) and "\n" not in each for each in refusals)
-    assert read > MUTATIONS // 20
+    assert read > files // 10
 
 
 @pytest.mark.parametrize("is_cut", [False, True], ids=["indexed", "cut"])
@@ -85,17 +84,16 @@ def test_a_damaged_chunk_is_named_once(tmp_path: Path, caplog: pytest.LogCapture
     assert caplog.text.count("damaged chunk") == 1
 
 
-@pytest.mark.skipif(not CAN_MEASURE, reason="commands are run as on Linux")
 @pytest.mark.parametrize("command", ["doctor", "replay", "recover", "export", "recompute"])
 def test_a_pipe_among_the_segments_holds_nobody_up(tmp_path: Path, command: str) -> None:
     folder = tmp_path / "recording"
     folder.mkdir()
     os.mkfifo(folder / "data_000.mcap")
     out = {"export": ("--format", "csv", "-o", tmp_path / "out"), "recompute": ("-o", tmp_path / "out")}
-    taken = taken_by(command, folder, *out.get(command, ()), timeout_s=60)
-    assert taken.code == 3
-    assert f"{folder / 'data_000.mcap'}: the recording cannot be re" in taken.err
-    assert "got a pipe or a device" in taken.err
+    done = run_aerodft(command, folder, *out.get(command, ()))
+    assert done.code == 3
+    assert f"{folder / 'data_000.mcap'}: the recording cannot be re" in done.err
+    assert "got a pipe or a device" in done.err
     assert not (tmp_path / "out").exists()
 
 

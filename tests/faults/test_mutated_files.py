@@ -1,17 +1,17 @@
 """Recordings with bytes flipped, cut, moved and claimed: what is read was recorded, and nothing else is said than why.
 
-``AERODFT_FAULTS=full`` runs 1,500 of them; a minute. The reading process is one of its own: its memory is measured.
+The reading process is one of its own: its memory is measured.
 """
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-MUTATIONS = 1500 if os.environ.get("AERODFT_FAULTS") == "full" else 150
+from tests.nights import at_night
+
 MOST_GROWTH_MB = 150  # a bomb unpacks to 512; compiled loops that are loaded take 60
 
 ROOT = Path(__file__).parents[2]
@@ -23,9 +23,10 @@ def mutated(folder: Path, count: int) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.timeout(3600)
-def test_mutated_recordings_are_read_in_part_or_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [60, *at_night(1500)])
+def test_mutated_recordings_are_read_in_part_or_refused(tmp_path: Path, count: int) -> None:
     mutated(tmp_path, 0)  # records, which takes memory of its own
-    done = mutated(tmp_path, MUTATIONS)
+    done = mutated(tmp_path, count)
     assert done.returncode == 0, done.stderr[-5000:]
     found = json.loads(done.stdout)
     print(
@@ -34,8 +35,8 @@ def test_mutated_recordings_are_read_in_part_or_refused(tmp_path: Path) -> None:
         f" {found['wrong']} wrong; {found['lost_images']} images cannot be shown;"
         f" {found['start_mb']:.0f} MB at the start, {found['peak_mb']:.0f} at most"
     )
-    assert found["files"] == MUTATIONS
+    assert found["files"] == count
     assert found["wrong"] == 0
-    assert found["read"] > 0.8 * MUTATIONS
-    assert found["recovered"] > 0.8 * MUTATIONS
+    assert found["read"] > 0.8 * count
+    assert found["recovered"] > 0.8 * count
     assert found["peak_mb"] - found["start_mb"] < MOST_GROWTH_MB

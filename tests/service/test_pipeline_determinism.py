@@ -14,6 +14,7 @@ from aerodft.model import Status
 from aerodft.service import Batches, MergedFeed, Pipeline, feed
 from aerodft.service.pose import PoseSource
 from tests.answers import cut_at, one_by_one, timed
+from tests.nights import at_night
 
 from .eventful import Happenings, events_of, settings_of
 from .learning import Counting, Following
@@ -115,8 +116,8 @@ def answered(bench, steps):
     return list(zip(times, bench.encoded(answers), strict=True))
 
 
-ALWAYS = ("UTC comes late, jumps, and a reboot", "nothing but gaps")
-BY_DAY_AND_NIGHT = [pytest.param(name, marks=() if name in ALWAYS else pytest.mark.nightly) for name in FLIGHTS]
+BY_DAY = "UTC comes late, jumps, and a reboot"
+BY_DAY_AND_NIGHT = [BY_DAY, *at_night(*(name for name in FLIGHTS if name != BY_DAY))]
 
 
 @pytest.fixture(scope="module", params=BY_DAY_AND_NIGHT)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aerodft.model import StampClock, Status
+from tests.nights import at_night
 
 from .clock_flights import UTC0, WRAP_MS, Clocks, flown
 
@@ -124,7 +125,7 @@ def test_after_50_days_milliseconds_wrap_and_nothing_happens():
     assert health().wraps == 1
 
 
-@pytest.mark.parametrize("booted_s", [10.0, 63.0, 90_000.0])
+@pytest.mark.parametrize("booted_s", [63.0, *at_night(10.0, 90_000.0)])
 def test_two_autopilots_with_the_same_ids_are_not_mixed(booted_s):
     taken, health = flown(Clocks(rival_booted_s=booted_s), 20.0)
     places = {round(math.degrees(each.sample.lon_rad), 3) for each in good(taken)}

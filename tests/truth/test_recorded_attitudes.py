@@ -83,11 +83,28 @@ def looks():
     return found, home
 
 
-def test_attitudes_are_the_autopilots_own(looks):
-    asked, _ = looks
-    samples, _ = flown(CONTROL, [each.time_boot_ms for each in asked])
+@pytest.fixture(scope="module")
+def hill():
+    along = np.arange(-1500.0, 1501.0, 10.0)
+    heights_m = 0.05 * along[:, None] + 20 * (1 - np.cos(along[None, :] / 250))
+    return Terrain(ElevationGrid(east_m=-1500.0, north_m=-1500.0, cell_m=10.0, heights_m=heights_m))
+
+
+@pytest.fixture(scope="module")
+def control(looks, hill):
+    """Every CAMERA_FOV_STATUS of the control link with the pose at its time, and where home is."""
+    asked, home = looks
+    origin = GeoOrigin(
+        lat_rad=math.radians(home.latitude * 1e-7), lon_rad=math.radians(home.longitude * 1e-7), alt_msl_m=584.0
+    )
+    source = PoseSource(SETTINGS, origin=origin, time_std_s=0.0, ground=hill)
+    samples, _ = flown(CONTROL, [each.time_boot_ms for each in asked], source=source)
+    return list(zip(asked, samples, strict=False)), origin  # the last ones have no telemetry after them
+
+
+def test_attitudes_are_the_autopilots_own(control):
     errors_deg, std_deg = [], []
-    for message, sample in zip(asked, samples, strict=False):  # the last ones have no telemetry after them
+    for message, sample in control[0]:
         if sample.pose is None:
             continue
         truth = Rotation.from_quat(camera_from_gimbal(np.array(message.q)), scalar_first=True)
@@ -102,22 +119,15 @@ def test_attitudes_are_the_autopilots_own(looks):
     assert ratio < 3.0
 
 
-def test_the_optical_axis_meets_the_hill_where_the_autopilot_says(looks):
-    asked, home = looks
-    along = np.arange(-1500.0, 1501.0, 10.0)
-    hill = 0.05 * along[:, None] + 20 * (1 - np.cos(along[None, :] / 250))
-    ground = Terrain(ElevationGrid(east_m=-1500.0, north_m=-1500.0, cell_m=10.0, heights_m=hill))
-    origin = GeoOrigin(
-        lat_rad=math.radians(home.latitude * 1e-7), lon_rad=math.radians(home.longitude * 1e-7), alt_msl_m=584.0
-    )
-    hits = [m for m in asked if UNKNOWN not in {m.lat_image, m.lat_camera} and m.alt_image < m.alt_camera - 1000]
-    source = PoseSource(SETTINGS, origin=origin, time_std_s=0.0, ground=ground)
-    samples, _ = flown(CONTROL, [m.time_boot_ms for m in hits], source=source)
+def test_the_optical_axis_meets_the_hill_where_the_autopilot_says(control, hill):
+    taken, origin = control
     errors = []
-    for message, sample in zip(hits, samples, strict=False):
+    for message, sample in taken:
+        if UNKNOWN in {message.lat_image, message.lat_camera} or message.alt_image >= message.alt_camera - 1000:
+            continue
         place = east_north(origin, *np.radians([message.lat_image * 1e-7, message.lon_image * 1e-7]))
         reported = np.array([*place, message.alt_image / 1000 - 584.0])
-        met = ground.meet(sample.pose.position_enu_m, matrix(sample.pose.wxyz)[:, 2], 0.0)
+        met = hill.meet(sample.pose.position_enu_m, matrix(sample.pose.wxyz)[:, 2], 0.0)
         range_m = np.linalg.norm(reported - sample.pose.position_enu_m)
         errors.append(np.linalg.norm(met.points_enu_m - reported) / range_m)
     print(f"\n{len(errors)} rays: median {np.nanmedian(errors):.2%} of the range, {np.isnan(errors).sum()} miss")
@@ -133,8 +143,14 @@ def leg_ms():
     return seen["SYSTEM_TIME"]["time_boot_ms"] - 4000
 
 
-def test_a_servo_mount_is_found_out_before_its_leg_and_read_rightly(leg_ms):
-    samples, source = flown(SERVO, np.arange(leg_ms + 4000, leg_ms + 24000, 100))
+@pytest.fixture(scope="module")
+def servo(leg_ms):
+    """The servo flight from 20 s before its fast leg to its end: 44 s, ten poses a second; and their source."""
+    return flown(SERVO, np.arange(leg_ms - 20000, leg_ms + 24000, 100))
+
+
+def test_a_servo_mount_is_found_out_before_its_leg_and_read_rightly(servo):
+    samples, source = servo[0][240:], servo[1]
     tilts_deg = [tilt_deg(sample) for sample in samples]
     print(f"\ntilts on the leg: {min(tilts_deg):.2f} to {max(tilts_deg):.2f} deg")
     assert len(samples) == 200
@@ -144,9 +160,9 @@ def test_a_servo_mount_is_found_out_before_its_leg_and_read_rightly(leg_ms):
     assert source.gimbal_frames()[GimbalSource.GIMBAL_DEVICE].frame is ReportFrame.BODY
 
 
-def test_before_the_verdict_the_std_covers_both_readings(leg_ms):
+def test_before_the_verdict_the_std_covers_both_readings(servo):
     """From the pitching down to the verdict, the standard's reading is off by the vehicle's tilt."""
-    samples, _ = flown(SERVO, np.arange(leg_ms - 20000, leg_ms + 4000, 100))
+    samples = servo[0][:240]
     open_samples = [s for s in samples if not any("is body-frame" in reason for reason in s.reasons)]
     lied = [s for s in open_samples if abs(tilt_deg(s) - 60.0) > 0.5 and tilt_deg(s) > 47]
     assert lied, "the lie shows before it is found out"

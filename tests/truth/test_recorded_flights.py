@@ -15,6 +15,7 @@ from aerodft.geometry import camera_angles
 from aerodft.model import Status
 from replay.recordings import Recording
 from tests.commands import run_aerodft
+from tests.nights import at_night
 from tests.payloads import decode_pose
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
@@ -260,7 +261,7 @@ def test_the_on_board_log_and_the_radios_agree(flown):
     assert_allclose(np.median(differences, axis=0), [0.0, 0.0], atol=0.1)
 
 
-@pytest.mark.parametrize("name", [CONSUMER, COLD, QUAD, CUT])
+@pytest.mark.parametrize("name", [CONSUMER, COLD, CUT, *at_night(QUAD)])
 def test_recomputed_measurements_are_the_same_bytes(flown, tmp_path, name):
     imported = flown(name)
     code, _, err = run("recompute", imported.folder, "-o", tmp_path / "again")

@@ -9,6 +9,7 @@ import pytest
 
 from aerodft.sim import default_camera
 from tests.commands import run_aerodft
+from tests.nights import at_night
 from tests.truth.calibration_files import write_camera
 from tests.truth.test_calibration_real import DATA, POSE, calibrated, geul, juncal
 
@@ -61,7 +62,9 @@ def _calibration(folder):
     return ["--camera", folder / "camera.toml", "--calibration", folder / "out.toml"]
 
 
-@pytest.mark.parametrize(("name", "prepare"), [("canuelas", _canuelas), ("juncal", _juncal), ("geul", _geul)])
+@pytest.mark.parametrize(
+    ("name", "prepare"), [("canuelas", _canuelas), ("juncal", _juncal), *at_night(("geul", _geul))]
+)
 def test_banks_are_where_a_person_sees_them(name, prepare, tmp_path):
     image, options = prepare(tmp_path)
     done = run_aerodft("river", image, *options, "-o", tmp_path / "out", "--json")

@@ -6,6 +6,7 @@ import pytest
 
 from aerodft.geometry import find_turn
 from aerodft.vision.camera_motion import SteadyPoints
+from tests.nights import at_night
 
 from .steady_pictures import CAMERA, after_turn, as_taken, error_rad, image_of, pairs_of, scene, with_passers_by
 
@@ -30,11 +31,14 @@ def found_turn(points, picture, index=0):
     return find_turn(CAMERA, then, now)
 
 
-@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
-@pytest.mark.parametrize("angle_deg", [0.05, 2.0, 8.0, 20.0])
+BUMPS = [(angle_deg, axis) for angle_deg in (0.05, 2.0, 8.0, 20.0) for axis in AXES]
+BY_DAY = [(0.05, "all"), (2.0, "tilt and pan"), (20.0, "roll")]
+
+
+@pytest.mark.parametrize(("angle_deg", "axis"), [*BY_DAY, *at_night(*(each for each in BUMPS if each not in BY_DAY))])
 def test_a_bump_is_measured_to_hundredths_of_a_pixel(picture, angle_deg, axis):
     rng = np.random.default_rng(round(100 * angle_deg))
-    rotvec = np.radians(angle_deg) * np.array(axis)
+    rotvec = np.radians(angle_deg) * np.array(AXES[axis])
     points = SteadyPoints(CAMERA, reference=picture)
     turn = found_turn(points, as_taken(after_turn(picture, rotvec), rng, gain=0.75, offset=12.0))
     assert turn is not None
@@ -43,9 +47,10 @@ def test_a_bump_is_measured_to_hundredths_of_a_pixel(picture, angle_deg, axis):
     assert np.all(np.abs(error_rad(turn.wxyz, rotvec)) <= allowed)
 
 
-def test_errors_of_many_looks_are_as_large_as_stated(picture):
+@pytest.mark.parametrize("looks", [6, *at_night(60)])
+def test_errors_of_many_looks_are_as_large_as_stated(picture, looks):
     rng, points, z = np.random.default_rng(5), SteadyPoints(CAMERA, reference=picture), []
-    for index in range(12):
+    for index in range(looks):
         rotvec = rng.normal(scale=np.radians(0.1), size=3)
         turn = found_turn(points, as_taken(after_turn(picture, rotvec), rng, noise=5.0), index)
         assert turn is not None
@@ -91,7 +96,7 @@ def foggy(rng):
     return as_taken(scene(), rng, gain=0.01, offset=180.0, noise=2.0)
 
 
-@pytest.mark.parametrize("blind", [dark, covered, noisy, foggy])
+@pytest.mark.parametrize("blind", [dark, foggy, *at_night(covered, noisy)])
 def test_nothing_is_found_where_nothing_is_seen_and_all_of_it_afterwards(picture, blind):
     rng, points = np.random.default_rng(9), SteadyPoints(CAMERA, reference=picture)
     before = found_turn(points, as_taken(picture, rng), 0)

@@ -20,6 +20,7 @@ from aerodft.vision.river import (
     find_river,
     motion_copy,
 )
+from tests.nights import at_night
 from tests.vision.river_scenes import river_scene, true_crossing
 from tests.waterside import Waterside, WatersideRenderer
 
@@ -56,7 +57,7 @@ def errors(scene, found):
     return np.abs(off) / true, np.abs(off) / found.widths.std_m[used]
 
 
-@pytest.mark.parametrize("shape", ["straight", "curved"])
+@pytest.mark.parametrize("shape", ["straight", *at_night("curved")])
 def test_mud_of_the_waters_colour_is_taken_off_where_it_stays(shape):
     """1 m on both sides of 22 m, 10 % too wide where it counts as water, as in one image of the straight river."""
     scene, image, later = looks(Waterside(**MUDDY, mud_m=1.0), shape)
@@ -68,7 +69,7 @@ def test_mud_of_the_waters_colour_is_taken_off_where_it_stays(shape):
     assert np.mean(stds < 2.6) > 0.7
 
 
-@pytest.mark.parametrize("tilt_deg", [0, 55])
+@pytest.mark.parametrize("tilt_deg", [55, *at_night(0)])
 def test_moving_water_is_measured_as_before(tilt_deg):
     scene, image, later = looks(Waterside(**MUDDY), "curved", tilt_deg)
     once, twice = (find_river(image, SETUP, scene.pose, SPARSE, each) for each in (None, later))
@@ -96,6 +97,7 @@ def test_what_does_not_move_is_a_road_unless_somebody_says_so():
     assert isinstance(find_river(image, SETUP, pose, replace(SPARSE, seed_px=(960.0, 810.0)), later), River)
 
 
+@pytest.mark.nightly
 def test_a_later_look_at_another_place_says_nothing():
     scene, image, later = looks(Waterside(**MUDDY, mud_m=1.0))
     _, elsewhere, _ = looks(Waterside(**MUDDY), "curved", 40)

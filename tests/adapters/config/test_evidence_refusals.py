@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aerodft.adapters.config.camera import load_camera
@@ -370,6 +370,7 @@ def test_files_that_are_none_are_refused(tmp_path):
     assert 'crs: got "x", expected "local"' in sentence_of(tmp_path, "u,v,X,Y,Z\n" + ROWS, "x.csv", crs="x")
 
 
+@settings(max_examples=40, deadline=None)
 @given(where=st.integers(0, 3000), junk=st.text(max_size=6), cut=st.integers(0, 40))
 def test_a_damaged_file_is_read_or_refused_in_a_sentence(tmp_path_factory, where, junk, cut):
     text = EXAMPLE.read_text()

@@ -13,14 +13,14 @@ from aerodft.adapters.telemetry.mavlink import frame_table, message_name, payloa
 from aerodft.adapters.telemetry.mavlink.decoding import WANTED
 from aerodft.adapters.telemetry.mavlink.kernels import named_images, read_headers
 from aerodft.model import RawBlock
+from tests.nights import at_night
 
 LOGS = [
     "logs/dronekit_quad.tlog",
     "logs/vtol.tlog",
-    "sitl/brushless_consumer.tlog",
-    "sitl/brushless_ctl.tlog",
     "sitl/cold_boot.tlog",
     "sitl/servo_consumer.tlog",
+    *at_night("sitl/brushless_consumer.tlog", "sitl/brushless_ctl.tlog"),
 ]
 
 

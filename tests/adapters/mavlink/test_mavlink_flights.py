@@ -23,14 +23,14 @@ from aerodft.model import (
     Track,
     VehicleTrack,
 )
+from tests.nights import at_night
 
 LOGS = [
     "logs/dronekit_quad.tlog",
     "logs/vtol.tlog",
-    "sitl/brushless_consumer.tlog",
-    "sitl/brushless_ctl.tlog",
     "sitl/cold_boot.tlog",
     "sitl/servo_consumer.tlog",
+    *at_night("sitl/brushless_consumer.tlog", "sitl/brushless_ctl.tlog"),
 ]
 USED = [
     "SYSTEM_TIME",

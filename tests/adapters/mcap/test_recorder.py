@@ -36,6 +36,7 @@ from aerodft.model import (
 from aerodft.service import Batches, MergedFeed, block_of
 from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
+from tests.nights import at_night
 from tests.payloads import decode_observation, decode_pose, decode_status
 
 START_NS = 1_795_221_278_000_000_000
@@ -400,7 +401,7 @@ WRITE_FOREVER = """
 """
 
 
-@pytest.mark.parametrize("word", [b"open", b"busy"])
+@pytest.mark.parametrize("word", [b"busy", *at_night(b"open")])
 def test_a_killed_recorder_leaves_a_recording(tmp_path: Path, word: bytes) -> None:
     with run(WRITE_FOREVER, str(tmp_path / "r")) as process:
         assert process.stdout is not None

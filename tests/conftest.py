@@ -1,9 +1,17 @@
 """What takes longest comes first: the last file that a worker gets is then a short one, and no other waits for it."""
 
 import gc
+from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from aerodft.model import RawBlock, WireProtocol
+from aerodft.service import block_of
+
 TESTS = Path(__file__).parent
+DATA = TESTS.parents[1] / "shared" / "data"
 LONGEST = (
     "truth/test_calibration_simulated.py",
     "faults/test_memory.py",
@@ -54,3 +62,32 @@ def pytest_collection_finish():
     """What is there before the first test is there to the end: it is not looked through again for what may go."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of recorded flights."""
+    if not DATA.is_dir():
+        pytest.skip(f"no recorded flights: {DATA} is absent")
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def pack() -> Callable[..., bytes]:
+    """Packs a message as pymavlink does: ``pack(message, system=1, component=1, v1=False)``."""
+
+    def packed(message: dialect.MAVLink_message, *, system: int = 1, component: int = 1, v1: bool = False) -> bytes:
+        mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        return bytes(message.pack(mav, force_mavlink1=v1))
+
+    return packed
+
+
+@pytest.fixture(scope="session")
+def block() -> Callable[[list[bytes]], RawBlock]:
+    """A block of frames that arrive a millisecond apart."""
+
+    def made(frames: list[bytes]) -> RawBlock:
+        return block_of(WireProtocol.MAVLINK, "test", [10**18 + k * 10**6 for k in range(len(frames))], frames)
+
+    return made

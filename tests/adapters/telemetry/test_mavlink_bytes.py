@@ -120,7 +120,7 @@ def test_any_frames_decode_without_error(frames: list[bytes]) -> None:
 
 @pytest.fixture(scope="module")
 def log_head() -> bytes:
-    path = Path(__file__).parents[2].parent / "shared/data/sitl/brushless_cut.BIN"
+    path = Path(__file__).parents[3].parent / "shared/data/sitl/brushless_cut.BIN"
     if not path.is_file():
         pytest.skip(f"no recorded flight: {path} is absent")
     return path.read_bytes()[:150_000]

@@ -46,10 +46,9 @@ PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Loops are compiled at their first call and kept: once here, so that three workers do not all do it.
 compiled: $(INSTALLED)
-	@to=$$(mktemp -d) && \
+	@to=$$(mktemp -d) && trap 'rm -rf "$$to"' EXIT && \
 		$(FOR_TESTS) $(BIN)/aerodft import samples/copter.tlog --config configs/services/river-flight.toml -o $$to/rec 2>/dev/null && \
-		$(FOR_TESTS) $(BIN)/python -m aerodft.sim --out $$to/flight --duration 2 --size 320x240 >/dev/null 2>&1; \
-		rm -rf $$to
+		$(FOR_TESTS) $(BIN)/python -m aerodft.sim --out $$to/flight --duration 2 --size 320x240 >/dev/null
 
 unit: compiled
 	$(PYTEST) -m "not nightly"

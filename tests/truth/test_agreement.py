@@ -19,7 +19,7 @@ from tests.one_image import measure
 from .scenes import as_pixels, camera_axes, opencv_matrix, opencv_pixels
 
 MICROMETRE = 1e-6
-WORLDS = [40, *at_night(1000)]
+WORLDS = [40, *at_night(400)]
 """How many are drawn. What is wrong is wrong by more than a micrometre in most of them."""
 WIDTH_PX, HEIGHT_PX = 1920, 1080
 COEFFICIENTS = {  # bounds of each, up to strong lenses

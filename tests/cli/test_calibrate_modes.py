@@ -1,8 +1,6 @@
 """A camera file belongs to one mode: images of another zoom, crop or size are refused, and provenance covers them."""
 
 import hashlib
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
@@ -11,6 +9,7 @@ from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
 from aerodft.adapters.config.camera import load_camera
+from tests.full_disk import no_file_above
 
 from .calibration_scene import CAMERA, HEIGHT_PX, POSE, WIDTH_PX, Field, landmarks
 from .conftest import run_aerodft
@@ -124,15 +123,10 @@ def test_a_disk_that_fills_up_leaves_the_file_that_was_there(tmp_path):
     run, output = calibrate(tmp_path)
     assert run.code == 0, run.err
     before = output.read_bytes()
-    code = (
-        "import resource, sys; from aerodft.cli.main import main;"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512)); sys.argv[0] = 'aerodft'; main()"
-    )
-    given = ["calibrate", "evidence.toml", "--camera", "camera.toml", "--unknowns", POSE, "-o", "calibration.toml"]
-    done = subprocess.run(
-        [sys.executable, "-c", code, *given], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 3, done.stderr
-    assert "calibration.toml: the calibration cannot be written: got File too large" in done.stderr
+    given = ("--camera", tmp_path / "camera.toml", "--unknowns", POSE, "-o", output)
+    with no_file_above(512):
+        done = run_aerodft("calibrate", tmp_path / "evidence.toml", *given)
+    assert done.code == 3, done.err
+    assert "calibration.toml: the calibration cannot be written: got File too large" in done.last
     assert output.read_bytes() == before
     assert sorted(each.name for each in tmp_path.iterdir()) == ["calibration.toml", "camera.toml", "evidence.toml"]

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from aerodft.cli.flights.doctor import doctor
 from aerodft.cli.flights.import_ import import_
 from aerodft.errors import NoAnswerError
+from tests.nights import at_night
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 app = typer.Typer(pretty_exceptions_enable=False)
@@ -45,7 +46,7 @@ def _document(*arguments: object) -> dict:
     return json.loads(CliRunner().invoke(app, [*map(str, arguments), "--json"]).stdout)
 
 
-@pytest.mark.parametrize(("hfov", "is_said"), [(62.0, False), (62.3, False), (70.0, True)])
+@pytest.mark.parametrize(("hfov", "is_said"), [(62.3, False), (70.0, True), *at_night((62.0, False))])
 def test_a_camera_file_is_held_against_what_the_vehicle_says(logs, tmp_path, hfov, is_said) -> None:
     camera = tmp_path / "camera.toml"
     camera.write_text(CAMERA.format(hfov=hfov))

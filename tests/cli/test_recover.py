@@ -1,8 +1,6 @@
 """``aerodft recover`` as its user meets it: what was cut or damaged is made whole, and what is lost has a name."""
 
 import shutil
-import subprocess
-import sys
 from contextlib import suppress
 
 import pytest
@@ -16,6 +14,7 @@ from aerodft.adapters.recording import MAGIC
 from aerodft.adapters.recording.read import scan_segment
 from aerodft.adapters.recording.write import McapRecorder
 from replay.recordings import Recording
+from tests.full_disk import no_file_above
 
 
 def frames(path, reader=make_reader):
@@ -264,18 +263,14 @@ def test_a_recording_that_is_being_written_is_left_alone(aerodft, flight, tmp_pa
     assert aerodft("recover", tmp_path / "live").code == 0
 
 
-def test_without_room_for_the_copy_the_segment_stays_as_it_was(flight):
+def test_without_room_for_the_copy_the_segment_stays_as_it_was(aerodft, flight):
     folder, data = flight
     cut(data, data.stat().st_size - 50)
     content = data.read_bytes()
-    limited = (
-        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000));"
-        "from aerodft.cli.main import main; main()"
-    )
-    line = [sys.executable, "-c", limited, "recover", folder]
-    done = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
-    assert done.returncode == 3
-    assert done.stderr.strip().endswith("the recording cannot be recovered: got File too large")
+    with no_file_above(5000):
+        done = aerodft("recover", folder)
+    assert done.code == 3
+    assert done.last.endswith("the recording cannot be recovered: got File too large")
     assert data.read_bytes() == content
     assert sorted(path.name for path in folder.iterdir()) == ["config.toml", "data_000.mcap", "images_000.mcap"]
     assert content.startswith(MAGIC)

@@ -65,6 +65,7 @@ from aerodft.model.telemetry import (
     ClockTrack,
     GimbalTrack,
     HeightTrack,
+    MountAxes,
     PositionTrack,
     RawBlock,
     ReportFrame,

@@ -34,6 +34,13 @@ class ReportFrame(StrEnum):
     BODY = "body"  # the vehicle, whatever the flags say
 
 
+class MountAxes(StrEnum):
+    """Which servo of a mount carries the other behind its yaw: how angles against the vehicle are composed."""
+
+    ROLL_OUTER = "roll-outer"  # the usual one: the roll servo carries the tilt servo
+    TILT_OUTER = "tilt-outer"  # the tilt servo carries the roll servo: the angles are aerospace Euler angles
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RawBlock:
     """Whole frames as they came, from one sender, in order of arrival.

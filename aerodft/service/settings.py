@@ -12,6 +12,7 @@ from aerodft.model import (
     GeoOrigin,
     GimbalSource,
     HeightSource,
+    MountAxes,
     PoseSample,
     PoseStd,
     Probe,
@@ -183,6 +184,8 @@ class AttitudeSettings:
         fixed_mount: The camera against the vehicle; used where ``fixed`` is in the order.
         camera_on_gimbal: The camera against the gimbal's axes; None where they are the same.
         frame: What the gimbals' roll and pitch are against; None to tell it from the data.
+        axes: Which servo of a mount carries the other, where roll and pitch are against the vehicle; None to tell it
+            from the data.
         is_demand: Whether gimbals report what they were told, not where they are; None to tell it from the data.
         delay_ns: How far behind every report the camera is, as far as that is known; reports count from then.
         lag_ns: How far behind a demand the camera may be, beside that.
@@ -200,6 +203,7 @@ class AttitudeSettings:
     fixed_mount: FixedMount | None = None
     camera_on_gimbal: FixedMount | None = None
     frame: ReportFrame | None = None
+    axes: MountAxes | None = None
     is_demand: bool | None = None
     delay_ns: int = 0
     lag_ns: int = 300_000_000

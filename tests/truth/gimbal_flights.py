@@ -12,7 +12,16 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation, Slerp
 
 from aerodft.geometry import yaw_pitch_roll
-from aerodft.model import NO_BOOT_TIME, ClockTrack, GimbalSource, GimbalTrack, PositionTrack, ReportFrame, VehicleTrack
+from aerodft.model import (
+    NO_BOOT_TIME,
+    ClockTrack,
+    GimbalSource,
+    GimbalTrack,
+    MountAxes,
+    PositionTrack,
+    ReportFrame,
+    VehicleTrack,
+)
 
 STEP_NS = 10_000_000
 UTC0_NS = 1_795_221_168_000_000_000
@@ -28,6 +37,7 @@ class Plan:
     Attributes:
         seed: Of all chances.
         frame: What the reports are against.
+        axes: Which servo of the mount carries the other, if they are against the vehicle.
         message: Which message brings them.
         yaw_in_earth: Whether their yaw is against north.
         lag_s: How much later than the vehicle's attitude the same instant's report comes.
@@ -42,6 +52,7 @@ class Plan:
 
     seed: int
     frame: ReportFrame
+    axes: MountAxes = MountAxes.TILT_OUTER
     message: GimbalSource = GimbalSource.GIMBAL_DEVICE
     yaw_in_earth: bool = False
     lag_s: float = 0.0
@@ -98,25 +109,27 @@ def made(plan):
     level = Rotation.from_euler("Z", heading[:, None], degrees=True)
     wanted = level * Rotation.from_euler("ZYX", np.column_stack([pan, down, 0 * pan]), degrees=True)
     if plan.frame is ReportFrame.EARTH:
-        looking, against = wanted, level
+        looking = wanted
+        packed = level.inv() * wanted
     else:
-        joints = np.degrees(np.stack(yaw_pitch_roll((vehicle.inv() * wanted).as_quat(scalar_first=True)), axis=-1))
-        joints[:, 1] = np.clip(joints[:, 1], *plan.limits_deg)
-        looking, against = vehicle * Rotation.from_euler("ZYX", joints, degrees=True), vehicle
-    return Flight(tracks=_tracks(plan, generator, vehicle, looking, against), looking=looking)
+        order, pitch_at = ("ZYX", 1) if plan.axes is MountAxes.TILT_OUTER else ("ZXY", 2)
+        joints = (vehicle.inv() * wanted).as_euler(order, degrees=True)
+        joints[:, pitch_at] = np.clip(joints[:, pitch_at], *plan.limits_deg)
+        looking = vehicle * Rotation.from_euler(order, joints, degrees=True)
+        packed = Rotation.from_euler("ZYX", joints[:, [0, pitch_at, 3 - pitch_at]], degrees=True)
+    return Flight(tracks=_tracks(plan, generator, vehicle, packed), looking=looking)
 
 
-def _tracks(plan, generator, vehicle, looking, against):
+def _tracks(plan, generator, vehicle, packed):
     period = round(1e9 / plan.rate_hz / STEP_NS)
     rows = np.arange(0, len(vehicle), period)
     boot = BOOT0_NS + rows * STEP_NS
     arrival = UTC0_NS + rows * STEP_NS + 20_000_000
     noise = Rotation.from_rotvec(np.radians(plan.noise_deg) * generator.standard_normal((len(rows), 3)))
     late = np.maximum(rows - round(plan.lag_s * 1e9 / STEP_NS), 0)
-    reference = against[late]
+    report = packed[late] * noise
     if plan.yaw_in_earth:
-        reference = reference * Rotation.from_euler("Z", -vehicle[late].as_euler("ZYX")[:, :1])
-    report = reference.inv() * looking[late] * noise
+        report = Rotation.from_euler("Z", vehicle[late].as_euler("ZYX")[:, :1]) * report
     if plan.message is GimbalSource.MOUNT_STATUS:
         angles = np.stack(yaw_pitch_roll(report.as_quat(scalar_first=True)), axis=-1)
         report = Rotation.from_euler("ZYX", np.rint(angles / CENTIDEG) * CENTIDEG)

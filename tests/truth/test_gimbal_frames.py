@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aerodft.geometry import camera_from_gimbal
-from aerodft.model import HeightSource, PoseStd, ReportFrame, Status
+from aerodft.model import HeightSource, MountAxes, PoseStd, ReportFrame, Status
 from aerodft.service import AttitudeSettings, HeightSettings, TelemetrySettings
 from aerodft.service.clocks import Ticks
 from aerodft.service.pose import PoseSource
@@ -19,6 +19,11 @@ from .gimbal_flights import MESSAGES, STEP_NS, UTC0_NS, Plan, made
 pytestmark = pytest.mark.nightly
 
 SERVO_DEG = (-90.0, 10.0)
+KINDS = (
+    (ReportFrame.EARTH, MountAxes.TILT_OUTER),
+    (ReportFrame.BODY, MountAxes.ROLL_OUTER),
+    (ReportFrame.BODY, MountAxes.TILT_OUTER),
+)
 STD = math.radians(1.0)
 
 
@@ -50,6 +55,7 @@ def test_false_verdicts_are_counted():
         Plan(
             seed=seed,
             frame=frame,
+            axes=axes,
             message=message,
             lag_s=lag_s,
             noise_deg=noise_deg,
@@ -57,25 +63,30 @@ def test_false_verdicts_are_counted():
             limits_deg=SERVO_DEG,
             seconds=90.0,
         )
-        for seed, (frame, message, lag_s, (noise_deg, vehicle_noise_deg)) in enumerate(
-            itertools.product(ReportFrame, MESSAGES, (0.0, 0.05, 0.15, 0.3), ((0.0, 0.0), (0.3, 0.1), (1.0, 0.5)))
+        for seed, ((frame, axes), message, lag_s, (noise_deg, vehicle_noise_deg)) in enumerate(
+            itertools.product(KINDS, MESSAGES, (0.0, 0.05, 0.15, 0.3), ((0.0, 0.0), (0.3, 0.1), (1.0, 0.5)))
         )
     ]
-    verdicts = [run(made(plan), every_s=30.0, parts_s=3.0)[1].frame for plan in plans]
-    right = sum(verdict is plan.frame for verdict, plan in zip(verdicts, plans, strict=True))
-    none = verdicts.count(None)
-    print(f"\n{len(plans)} flights: {right} right, {none} open, {len(plans) - right - none} false verdicts")
-    assert right + none == len(plans)
-    assert right >= 0.9 * len(plans)
+    found = [run(made(plan), every_s=30.0, parts_s=3.0)[1] for plan in plans]
+    frames = [(each.frame, plan.frame) for each, plan in zip(found, plans, strict=True)]
+    axes = [(each.axes, plan.axes) for each, plan in zip(found, plans, strict=True) if each.frame is ReportFrame.BODY]
+    for verdicts in (frames, axes):
+        right, none = (
+            sum(verdict is true for verdict, true in verdicts),
+            sum(verdict is None for verdict, _ in verdicts),
+        )
+        print(f"\n{len(verdicts)} flights: {right} right, {none} open, {len(verdicts) - right - none} false verdicts")
+        assert right + none == len(verdicts)
+        assert right >= 0.9 * len(verdicts)
 
 
 @pytest.mark.parametrize("yaw_in_earth", [False, True])
 @pytest.mark.parametrize("message", MESSAGES)
-@pytest.mark.parametrize("frame", ReportFrame)
-def test_attitudes_are_true_within_their_std_before_and_after_the_verdict(frame, message, yaw_in_earth):
+@pytest.mark.parametrize(("frame", "axes"), KINDS)
+def test_attitudes_are_true_within_their_std_before_and_after_the_verdict(frame, axes, message, yaw_in_earth):
     if yaw_in_earth and message is not MESSAGES[0]:
         return  # the older messages know no such yaw
-    flight = made(Plan(seed=7, frame=frame, message=message, yaw_in_earth=yaw_in_earth, seconds=60.0))
+    flight = made(Plan(seed=7, frame=frame, axes=axes, message=message, yaw_in_earth=yaw_in_earth, seconds=60.0))
     samples, evidence = run(flight, every_s=0.63)
     assert evidence.frame is frame
     assert {s.status for s in samples} == {Status.OK}
@@ -83,7 +94,7 @@ def test_attitudes_are_true_within_their_std_before_and_after_the_verdict(frame,
     stds = np.array([[s.std.tilt_rad, s.std.pan_rad, s.std.roll_rad] for s in samples])
     within = np.mean(np.all(np.abs(errors) < 2 * stds, axis=-1))
     settled = np.degrees(np.linalg.norm(errors[-30:], axis=-1))
-    print(f"\n{frame} {message}: {within:.1%} within two std, median {np.median(settled):.3f} deg in the end")
+    print(f"\n{frame} {axes} {message}: {within:.1%} within two std, median {np.median(settled):.3f} deg in the end")
     assert within > 0.95
     assert np.median(settled) < 0.3
 
@@ -91,7 +102,7 @@ def test_attitudes_are_true_within_their_std_before_and_after_the_verdict(frame,
 def test_the_standards_reading_alone_would_be_wrong():
     """The check on the check: without the verdict, a report against the vehicle is off by the vehicle's tilt."""
     flight = made(Plan(seed=7, frame=ReportFrame.BODY, seconds=90.0))
-    right, _ = run(flight, every_s=0.5, frame=ReportFrame.BODY)
+    right, _ = run(flight, every_s=0.5, frame=ReportFrame.BODY, axes=MountAxes.TILT_OUTER)
     errors_deg = np.degrees(np.linalg.norm(errors_rad(flight, right), axis=-1))
     reports = flight.tracks[-1].wxyz
     down = np.array([0.0, 0.0, 1.0])

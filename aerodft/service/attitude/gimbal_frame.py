@@ -4,6 +4,9 @@ A stabilised camera keeps its attitude while the vehicle moves: reports against 
 reports against the vehicle undo its motion. Every motion of the vehicle is weighed under both readings by how far the
 camera would have turned against gravity, which needs no yaw and is regular at nadir.
 
+Reports against the vehicle hold servo angles, which come to one attitude where the roll servo carries the tilt servo,
+and to another where it is the other way round: each is a reading of its own.
+
 Two kinds of reports against the vehicle stay as well: those of a servo at its limit, so that what is held at the end
 of the range counts little, and the demand of a camera that is not stabilised, which only its owner knows.
 """
@@ -18,12 +21,17 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry import from_yaw_pitch_roll, matrix, yaw_pitch_roll
-from aerodft.model import BoolArray, FloatArray, IntArray, ReportFrame
+from aerodft.geometry import from_yaw_pitch_roll, matrix, multiply, yaw_pitch_roll
+from aerodft.model import BoolArray, FloatArray, IntArray, MountAxes, ReportFrame
+from aerodft.service.attitude.servo_mount import mounted_wxyz
 from aerodft.service.streams import Stream
 
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """How much older than its stamp a report may be: each is tried."""
+
+AXES: Final = tuple(MountAxes)
+BODY_READINGS: Final = len(AXES) * len(LAGS_NS)
+"""The ways to read a report against the vehicle: each mount, and of each every lag."""
 
 _NEIGHBOURS = 3  # samples that a stamp's values are made of, those before it
 _STEP_NS = 100_000_000  # reports closer than this tell nothing new
@@ -38,7 +46,8 @@ class GravitySample:
         reported_pitch_rad: As it stands in the report.
         down_body: Three numbers, in the vehicle's axes.
         down_if_earth: ``(3,)`` in the gimbal's axes, if the report's roll and pitch are against the horizon.
-        down_if_body: ``(lags, 3)`` in the gimbal's axes, if they are against the vehicle as it was that long before.
+        down_if_body: ``(BODY_READINGS, 3)`` in the gimbal's axes, if they are servo angles of each mount, on the
+            vehicle as it was each lag before.
         bend_rad: How far ``down_body`` was from the mean of its neighbours, twice, in the vehicle's own last samples:
             between slow ones nothing is seen of their noise.
     """
@@ -61,7 +70,7 @@ class GravitySamples:
         reported_pitch_rad: ``(n,)``.
         down_body: ``(n, 3)``.
         down_if_earth: ``(n, 3)``.
-        down_if_body: ``(n, lags, 3)``.
+        down_if_body: ``(n, BODY_READINGS, 3)``.
         bend_rad: ``(n,)``.
     """
 
@@ -97,19 +106,19 @@ def gravity_samples(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns:
     rows = _rows(gimbal.stamps_ns, after_ns, until_ns)
     if not len(rows) or vehicle.last_ns is None:
         return None
-    stamps = gimbal.stamps_ns[rows]
-    reported = matrix(gimbal.column("wxyz")[rows])
+    stamps, wxyz = gimbal.stamps_ns[rows], gimbal.column("wxyz")[rows]
     first = max(int(np.searchsorted(vehicle.stamps_ns, stamps[0] - max(LAGS_NS))) - _NEIGHBOURS, 0)
     samples_ns, attitudes = vehicle.stamps_ns[first:], vehicle.column("wxyz")[first:]
     before = np.stack([stamps - lag_ns for lag_ns in LAGS_NS], axis=-1)
     own_downs = matrix(attitudes)[:, 2]
     downs, known = _between(samples_ns, own_downs, before, vehicle.max_gap_ns)
     bends = _bends(own_downs)[np.searchsorted(samples_ns, stamps, side="right") - 1]
-    latest = np.clip(np.searchsorted(samples_ns, stamps), 0, len(attitudes) - 1)
-    yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(attitudes[latest])[0], 0.0)
-    against_body = matrix(from_yaw_pitch_roll(-yaws, 0.0, 0.0)) @ reported
-    pitches = yaw_pitch_roll(gimbal.column("wxyz")[rows])[1]
-    return GravitySamples(known, stamps, pitches, downs[:, 0], reported[:, 2], downs @ against_body, bends)
+    latest = attitudes[np.clip(np.searchsorted(samples_ns, stamps), 0, len(attitudes) - 1)]
+    yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(latest)[0], 0.0)
+    against_body = multiply(from_yaw_pitch_roll(-yaws, 0.0, 0.0), wxyz)
+    on_mounts = [matrix(mounted_wxyz(against_body, axes, latest, yaw_in_earth=False)) for axes in AXES]
+    if_body = np.concatenate([downs @ on_mount for on_mount in on_mounts], axis=1)
+    return GravitySamples(known, stamps, yaw_pitch_roll(wxyz)[1], downs[:, 0], matrix(wxyz)[:, 2], if_body, bends)
 
 
 def _bends(downs: FloatArray) -> FloatArray:
@@ -143,6 +152,8 @@ def _between(
 PRIOR_BODY: Final = 0.25
 """Before any evidence: servo mounts, and most senders of the older messages, report against the vehicle."""
 
+_PRIOR_AXES: Final = {MountAxes.ROLL_OUTER: 0.75, MountAxes.TILT_OUTER: 0.25}
+
 CERTAIN: Final = 1e4
 """A verdict is this many times as likely as its opposite."""
 
@@ -160,6 +171,10 @@ _MOST_AT_ONCE = 2 * _MOST_A_MOTION  # and, less often, with all parts of a long 
 _MOST_AT_LIMIT = math.log(200)
 _AT_LIMIT_RAD = math.radians(1)
 _MOST = 3 * math.log(CERTAIN)  # what was learned can be unlearned
+# Of each way to read a report: the horizon, then the vehicle by mounts and lags.
+_LOG_PRIOR: Final = np.log(
+    [1 - PRIOR_BODY, *(PRIOR_BODY * _PRIOR_AXES[axes] / len(LAGS_NS) for axes in AXES for _ in LAGS_NS)]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,19 +183,41 @@ class FrameEvidence:
 
     Attributes:
         frame: The verdict; None as long as there is none.
-        contradictory: The verdict changed more than once: no reading holds.
+        axes: The verdict on the mount, if roll and pitch are against the vehicle; None as long as there is none.
+        contradictory: The verdict on the frame changed more than once: no reading holds.
         body_probability: That roll and pitch are against the vehicle.
+        tilt_outer_probability: That the tilt servo carries the roll servo, if they are.
         motions: How many motions of the vehicle were weighed.
         undone: How many of them the reports undid, rather than not.
         motion_s: How long they lasted, together.
     """
 
     frame: ReportFrame | None
+    axes: MountAxes | None
     contradictory: bool
     body_probability: float
+    tilt_outer_probability: float
     motions: int
     undone: int
     motion_s: float
+
+    def reading_probabilities(
+        self, frame: ReportFrame | None, axes: MountAxes | None
+    ) -> dict[tuple[ReportFrame, MountAxes], float]:
+        """How likely each way to read the reports is; those that a verdict or the arguments exclude are 0.
+
+        Args:
+            frame: As stated; None to go by what was found.
+            axes: As stated; None to go by what was found. Angles against the horizon are always aerospace Euler angles.
+        """
+        frame, axes = frame or self.frame, axes or self.axes
+        body = self.body_probability if frame is None else float(frame is ReportFrame.BODY)
+        tilt_outer = self.tilt_outer_probability if axes is None else float(axes is MountAxes.TILT_OUTER)
+        return {
+            (ReportFrame.EARTH, MountAxes.TILT_OUTER): 1 - body,
+            (ReportFrame.BODY, MountAxes.ROLL_OUTER): body * (1 - tilt_outer),
+            (ReportFrame.BODY, MountAxes.TILT_OUTER): body * tilt_outer,
+        }
 
 
 class FrameDetector:
@@ -194,12 +231,13 @@ class FrameDetector:
         self._recent: deque[GravitySample] = deque()
         self._bends_rad: deque[float] = deque(maxlen=_NOISE_WINDOW)
         self._range_rad = (math.inf, -math.inf)  # pitches reported so far
-        self._log_ratios = np.zeros(len(LAGS_NS))  # body against earth, were reports this late
-        self._at_limit = np.zeros(len(LAGS_NS))  # the part of it that a servo at its limit could explain
+        self._log_weights = np.zeros(1 + BODY_READINGS)  # of each reading, against the likeliest
+        self._at_limit = np.zeros(BODY_READINGS)  # the part against the horizon's that a limit could explain
         self._recent_steps: deque[tuple[int, FloatArray]] = deque()  # ends of motions, and what each of them told
-        self._undone = np.zeros(len(LAGS_NS), dtype=np.int64)
+        self._undone = np.zeros(BODY_READINGS, dtype=np.int64)
         self._motions = self._motion_ns = self._changes = 0
         self._frame: ReportFrame | None = None
+        self._axes: MountAxes | None = None
         self.evidence = self._evidence()
 
     def break_off(self) -> None:
@@ -280,16 +318,17 @@ class FrameDetector:
         return (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2 * _NOISE_OF_BEND
 
     def _learn(self, start: GravitySample, end: GravitySample, turn_rad: float) -> None:
-        reported = np.linalg.norm(end.down_if_earth - start.down_if_earth)
-        left = np.linalg.norm(end.down_if_body - start.down_if_body, axis=-1)
-        scale = math.hypot(_NOISE_RAD, _LEFT_OVER * turn_rad)
-        ratio = _log_density(left / scale) - _log_density(np.asarray(reported / scale))
-        step = self._unexplained(end.stamp_ns, ratio)
+        turns = np.linalg.norm(
+            np.vstack([end.down_if_earth, end.down_if_body]) - np.vstack([start.down_if_earth, start.down_if_body]),
+            axis=-1,
+        )
+        log_density = _log_density(turns / math.hypot(_NOISE_RAD, _LEFT_OVER * turn_rad))
+        step = self._unexplained(end.stamp_ns, log_density[1:] - log_density[0])
         if self._may_be_at_limit(start) and self._may_be_at_limit(end):
             before, self._at_limit = self._at_limit, np.maximum(self._at_limit + step, -_MOST_AT_LIMIT)
             step = self._at_limit - before
-        self._log_ratios = np.clip(self._log_ratios + step, -_MOST, _MOST)
-        self._undone += ratio > 0
+        self._log_weights = _floored(self._log_weights + np.concatenate([[0.0], step]), _MOST)
+        self._undone += log_density[1:] > log_density[0]
         self._motions += 1
         self._motion_ns += end.stamp_ns - start.stamp_ns
         self._decide()
@@ -301,7 +340,7 @@ class FrameDetector:
             self._recent_steps.popleft()
         steps = [step for _, step in self._recent_steps]
         recent = np.sum(steps, axis=0) if steps else np.zeros_like(ratio)
-        own = np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION)
+        own = _floored(np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION), _MOST_A_MOTION)
         step = np.clip(recent + own, -_MOST_AT_ONCE, _MOST_AT_ONCE) - recent
         self._recent_steps.append((stamp_ns, step))
         return np.asarray(step)
@@ -312,28 +351,46 @@ class FrameDetector:
 
     def _decide(self) -> None:
         """A verdict needs certainty, and goes only with the same certainty of the opposite."""
-        ratio = self._log_ratio()
-        if abs(ratio) < math.log(CERTAIN):
-            return
-        frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
-        self._changes += self._frame not in {None, frame}
-        self._frame = frame
+        by_axes = self._log_by_axes() - np.log([PRIOR_BODY * _PRIOR_AXES[axes] for axes in AXES])
+        ratio = float(np.max(by_axes) - self._log_weights[0])
+        if abs(ratio) >= math.log(CERTAIN):
+            frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
+            self._changes += self._frame not in {None, frame}
+            self._frame = frame
+        if np.ptp(by_axes) >= math.log(CERTAIN):
+            self._axes = AXES[int(np.argmax(by_axes))]
 
     def _evidence(self) -> FrameEvidence:
-        against = (1 / PRIOR_BODY - 1) * math.exp(-self._log_ratio())
+        by_axes = self._log_by_axes()
         return FrameEvidence(
             frame=self._frame,
+            axes=self._axes,
             contradictory=self._changes > 1,
-            body_probability=1 / (1 + against),
+            body_probability=1 / (1 + math.exp(-self._log_odds_body())),
+            tilt_outer_probability=math.exp(by_axes[AXES.index(MountAxes.TILT_OUTER)] - _log_sum(by_axes)),
             motions=self._motions,
-            undone=int(self._undone[int(np.argmax(self._log_ratios))]),
+            undone=int(self._undone[int(np.argmax(self._log_weights[1:]))]),
             motion_s=self._motion_ns / SECOND_NS,
         )
 
-    def _log_ratio(self) -> float:
-        """Body against earth, when every lag is as likely as the others."""
-        most = float(np.max(self._log_ratios))
-        return most + math.log(float(np.mean(np.exp(self._log_ratios - most))))
+    def _log_odds_body(self) -> float:
+        """Body against earth, with what is likely before any evidence."""
+        return _log_sum(self._log_by_axes()) - float(self._log_weights[0] + _LOG_PRIOR[0])
+
+    def _log_by_axes(self) -> FloatArray:
+        """Of each mount against the vehicle, with what is likely before any evidence."""
+        return np.array([_log_sum(each) for each in np.split((self._log_weights + _LOG_PRIOR)[1:], len(AXES))])
+
+
+def _floored(log_weights: FloatArray, most: float) -> FloatArray:
+    """None more than ``most`` below the likeliest."""
+    return np.maximum(log_weights, np.max(log_weights) - most)
+
+
+def _log_sum(logarithms: FloatArray) -> float:
+    """The logarithm of a sum, by those of what is summed."""
+    most = float(np.max(logarithms))
+    return most + math.log(float(np.sum(np.exp(logarithms - most))))
 
 
 def _behind(recent: Sequence[GravitySample], gravity_samples: GravitySamples) -> tuple[IntArray, FloatArray]:

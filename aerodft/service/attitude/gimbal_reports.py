@@ -5,8 +5,9 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import BoolArray, FloatArray, GimbalTrack, IntArray, ReportFrame
+from aerodft.model import BoolArray, FloatArray, GimbalTrack, IntArray, MountAxes, ReportFrame
 from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples
+from aerodft.service.attitude.servo_mount import mounted_wxyz
 from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.batches import tick_after
 from aerodft.service.settings import AttitudeSettings
@@ -66,11 +67,11 @@ class Gimbal:
         self._unweighed = self._detector.evidence
         self._verdicts = []
 
-    def clear(self, vehicle: Stream) -> None:
-        """Forget samples whose stamps are of another clock; what they taught stays."""
-        self._weigh(vehicle)
-        self._detector.break_off()
-        self._weighed_ns = None
+    def clear(self) -> None:
+        """Forget samples of another boot, and what they taught: the gimbal may be another one since."""
+        self._detector = FrameDetector()
+        self._weighed_ns = self._last_wxyz = None
+        self._counts = np.zeros((1, 2), dtype=np.int64)
         self._forget_verdicts()
         self.stream.clear()
 
@@ -114,16 +115,20 @@ class Gimbal:
         varied = (reports >= _ENOUGH_REPORTS) & (repeats < _MOST_REPEATS * reports)
         return np.asarray(~varied | ((self._settings.frame or frame) is not ReportFrame.EARTH))
 
-    def demands(self, before: IntArray, stamps_ns: IntArray, ticks: IntArray) -> Demands:
-        """What was demanded before stamps ``(n,)`` as of ticks ``(n,)``.
+    def demands(
+        self, before: IntArray, stamps_ns: IntArray, ticks: IntArray, axes: MountAxes, vehicle: Stream
+    ) -> tuple[Demands, FloatArray]:
+        """What was demanded before stamps ``(n,)`` as of ticks ``(n,)``, and these attitudes ``(k, 4)``.
 
         Args:
             before: ``(n,)`` rows of the last samples that are not after the stamps.
             stamps_ns: When.
             ticks: Samples of later ones are not known.
+            axes: What the reports' angles come to, as in ``mounted_wxyz``.
+            vehicle: The vehicle's attitude.
         """
         limits, stream = self._settings, self.stream
-        return demands_before(
+        demands = demands_before(
             stream.stamps_ns,
             before,
             stamps_ns,
@@ -131,6 +136,15 @@ class Gimbal:
             lag_ns=limits.lag_ns,
             slew_radps=limits.slew_radps,
         )
+        first, stop = int(np.min(demands.first)), int(np.max(demands.stop))
+        own = slice(first, max(first, stop))
+        wxyz, in_earth = stream.column("wxyz")[own], stream.column("yaw_in_earth")[own] > 0
+        if axes is MountAxes.ROLL_OUTER:
+            at = np.searchsorted(vehicle.stamps_ns, stream.stamps_ns[own], side="right")
+            bodies = vehicle.column("wxyz")[np.maximum(at, 1) - 1]
+            wxyz = mounted_wxyz(wxyz, axes, bodies, yaw_in_earth=in_earth)
+        rows = Demands(demands.first - first, demands.stop - first, demands.since_ns[own], demands.stamps_ns)
+        return rows, wxyz
 
     def _passed_ns(self, vehicle: Stream) -> int:
         """The last whole second that both streams have passed."""

@@ -1,11 +1,12 @@
 """A whole log's attitudes in UTC, for what looks at a flight from outside its run: the alignment of a video."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import FloatArray, GimbalSource, GimbalTrack, IntArray, ReportFrame, Track, VehicleTrack
+from aerodft.model import FloatArray, GimbalSource, GimbalTrack, IntArray, MountAxes, ReportFrame, Track, VehicleTrack
+from aerodft.service.attitude.servo_mount import mounted_wxyz
 from aerodft.service.attitude.sources import AttitudeSources
 from aerodft.service.clocks import ClockMap, Ticks
 from aerodft.service.feed import MergedFeed
@@ -92,13 +93,31 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
             stamps_ns = clock.to_utc(track, LAST)
             sources.append(track, stamps_ns)
             _take(track, stamps_ns, vehicle, gimbals)
-    found = {source: rows.series() for source, rows in gimbals.items()}
-    frames = {source: settings.frame or evidence.frame for source, evidence in sources.evidence().items()}
+    own, found = vehicle.series(), {source: rows.series() for source, rows in gimbals.items()}
+    readings = {
+        source: (settings.frame or evidence.frame, settings.axes or evidence.axes or MountAxes.ROLL_OUTER)
+        for source, evidence in sources.evidence().items()
+    }
     return AttitudeHistory(
-        vehicle=vehicle.series(),
-        gimbals={source: series for source, series in found.items() if series is not None},
-        frames={source: frame for source, frame in frames.items() if frame is not None},
+        vehicle=own,
+        gimbals={
+            source: _on_mount(series, own, *readings.get(source, (None, MountAxes.TILT_OUTER)))
+            for source, series in found.items()
+            if series is not None
+        },
+        frames={source: frame for source, (frame, _) in readings.items() if frame is not None},
     )
+
+
+def _on_mount(
+    gimbal: AttitudeSeries, vehicle: AttitudeSeries | None, frame: ReportFrame | None, axes: MountAxes
+) -> AttitudeSeries:
+    """Servo angles against the vehicle as attitudes, by the vehicle's last sample before each report."""
+    if frame is not ReportFrame.BODY or vehicle is None:
+        return gimbal
+    before = np.maximum(np.searchsorted(vehicle.stamp_ns, gimbal.stamp_ns, side="right"), 1) - 1
+    wxyz = mounted_wxyz(gimbal.wxyz, axes, vehicle.wxyz[before], yaw_in_earth=gimbal.yaw_in_earth > 0)
+    return replace(gimbal, wxyz=wxyz)
 
 
 def _take(track: Track, stamps_ns: IntArray, vehicle: _Rows, gimbals: dict[GimbalSource, _Rows]) -> None:

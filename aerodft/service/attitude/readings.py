@@ -1,8 +1,8 @@
 """What tells a camera's attitude at a stamp, and the attitudes that many such readings come to at once."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +20,8 @@ from aerodft.geometry import (
     to_rotation_vector,
     yaw_pitch_roll,
 )
-from aerodft.model import FloatArray, GimbalSource, IntArray, ReportFrame
+from aerodft.model import FloatArray, GimbalSource, IntArray, MountAxes, ReportFrame
+from aerodft.service.attitude.servo_mount import mounted_wxyz
 from aerodft.service.attitude.slew import Demands, lag_std, step_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
 from aerodft.service.streams import Missing
@@ -71,6 +72,19 @@ class AttitudeBrackets:
     def between(self) -> RotatingFrame:
         """The attitudes at the stamps."""
         return RotatingFrame(slerp(self.before, self.after, self.weight), _rate(self.before, self.after, self.gap_ns))
+
+
+def on_mount(
+    report: AttitudeBrackets, axes: MountAxes, vehicle: AttitudeBrackets | None, *, yaw_in_earth: bool
+) -> AttitudeBrackets:
+    """Reports' angles as attitudes, as in ``mounted_wxyz``, each with the vehicle's sample on its side of the stamp."""
+    if vehicle is None:
+        return report
+    before, after = (
+        mounted_wxyz(wxyz, axes, body, yaw_in_earth=yaw_in_earth)
+        for wxyz, body in ((report.before, vehicle.before), (report.after, vehicle.after))
+    )
+    return replace(report, before=before, after=after)
 
 
 def reference_attitude(vehicle: AttitudeBrackets, frame: ReportFrame, *, yaw_in_earth: bool) -> RotatingFrame:
@@ -192,11 +206,12 @@ class Readings:
         report: The gimbal's ``ref_SO3_gimbal`` around the stamps; None without a gimbal.
         previous: ``(n, 4)`` the reports before those; NaN where there is none.
         vehicle: The vehicle's ``ned_SO3_body``; None where it is not known, and not needed.
-        frame: What the reports' roll and pitch are against.
+        frame: What the reports' roll and pitch are taken to be against.
+        axes: What the reports' angles are taken to come to, as in ``mounted_wxyz``; against the horizon Euler angles.
         yaw_in_earth: Whether their yaw is against north.
-        demands: What was demanded before, and all that the gimbal reported ``(k, 4)``; None where these are no demands.
+        demands: What was demanded before, and these attitudes ``(k, 4)``; None where these are no demands.
         is_body_found: Whether what the reports are against was found, not stated, and is the vehicle.
-        body_probability: ``(n,)`` that it is the vehicle, where that was neither stated nor found; else 0.
+        probabilities: ``(n,)`` by frame and mount, how likely each reading of the reports is.
     """
 
     source: GimbalSource
@@ -205,10 +220,11 @@ class Readings:
     previous: FloatArray | None = None
     vehicle: AttitudeBrackets | None = None
     frame: ReportFrame = ReportFrame.EARTH
+    axes: MountAxes = MountAxes.TILT_OUTER
     yaw_in_earth: bool = True
     demands: tuple[Demands, FloatArray] | None = None
     is_body_found: bool = False
-    body_probability: FloatArray | None = None
+    probabilities: Mapping[tuple[ReportFrame, MountAxes], FloatArray] = field(default_factory=dict)
 
 
 class Resolver:
@@ -235,10 +251,8 @@ class Resolver:
 
     def _on_gimbal(self, readings: Readings, report: AttitudeBrackets) -> AttitudeBatch:
         """Cameras on gimbals."""
-        looking, vehicle = report.between(), readings.vehicle
-        if vehicle is not None and not (readings.yaw_in_earth and readings.frame is ReportFrame.EARTH):
-            looking = reference_attitude(vehicle, readings.frame, yaw_in_earth=readings.yaw_in_earth).compose(looking)
-        doubt = self._doubt_std(readings, vehicle, looking)
+        looking = _looking(readings, report, readings.frame, readings.axes)
+        doubt = _doubt_std(readings, report, looking)
         slew = self._report_std(readings, report)
         std = np.hypot(slew, doubt)
         cam_from_gimbal = _CAM_FROM_STRAIGHT @ matrix(inverse(self._camera.wxyz[0]))
@@ -249,25 +263,14 @@ class Resolver:
     def _report_std(self, readings: Readings, report: AttitudeBrackets) -> FloatArray:
         """How far cameras may be from their reports ``(n, 3)``, in gimbal axes, because these jump or lead."""
         assert readings.previous is not None  # noqa: S101 - goes with the report
-        step = step_std(readings.previous, report.before, report.after, report.weight)
+        own = on_mount(report, readings.axes, readings.vehicle, yaw_in_earth=readings.yaw_in_earth)
+        earlier = replace(report, after=readings.previous)
+        previous = on_mount(earlier, readings.axes, readings.vehicle, yaw_in_earth=readings.yaw_in_earth).after
+        step = step_std(previous, own.before, own.after, own.weight)
         if readings.demands is None:
             return np.abs(step)
-        at_stamp = slerp(report.before, report.after, report.weight)
+        at_stamp = slerp(own.before, own.after, own.weight)
         return np.hypot(step, lag_std(*readings.demands, at_stamp, self._settings.slew_radps))
-
-    def _doubt_std(self, readings: Readings, vehicle: AttitudeBrackets | None, looking: RotatingFrame) -> FloatArray:
-        """Standard deviations ``(n, 3)`` in gimbal axes of the standard's reading, wrong or not by the vehicle's tilt.
-
-        0 where the reports' frame is known.
-        """
-        if readings.body_probability is None or not np.any(readings.body_probability):
-            return np.zeros((len(looking.wxyz), 3))
-        share = np.sqrt(readings.body_probability)[:, None]
-        if vehicle is None:
-            return np.repeat(share * _USUAL_TILT_RAD, 3, axis=1)
-        attitude = slerp(vehicle.before, vehicle.after, vehicle.weight)
-        tilt_ned = to_rotation_vector(multiply(attitude, inverse(heading_of(attitude))))
-        return np.abs(share * rotate(matrix(inverse(looking.wxyz)), tilt_ned))
 
     def _notes(
         self, readings: Readings, doubt: FloatArray, slew: FloatArray
@@ -282,7 +285,11 @@ class Resolver:
             added = f"{source} is body-frame (against the vehicle, not the horizon): the vehicle's attitude was added"
         else:
             added = ""
-        unknown = f"whether {source} is earth-frame or body-frame is not known yet: the std covers both"
+        unknown = (
+            f"which servo of the mount carries the other is not known yet: the std of {source} covers both"
+            if readings.is_body_found or self._settings.frame is ReportFrame.BODY
+            else f"whether {source} is earth-frame or body-frame is not known yet: the std covers both"
+        )
         turning = f"the gimbal may still be turning to what {source} says: the std covers its way there"
         is_doubtful = np.max(doubt, axis=1) > stated_rad
         is_turning = np.max(slew, axis=1) > max(stated_rad, DEMAND_TILT_STD_RAD)
@@ -290,12 +297,41 @@ class Resolver:
             AttitudeNote(
                 source,
                 readings.demands is not None,
-                (*((added or unknown,) if added or doubts else ()), *((turning,) if turns else ())),
+                (*((added,) if added else ()), *((unknown,) if doubts else ()), *((turning,) if turns else ())),
             )
             for doubts in (False, True)
             for turns in (False, True)
         )
         return 2 * is_doubtful + is_turning, notes
+
+
+def _looking(readings: Readings, report: AttitudeBrackets, frame: ReportFrame, axes: MountAxes) -> RotatingFrame:
+    """Gimbals' attitudes in NED, if reports are read in one way."""
+    vehicle, in_earth = readings.vehicle, readings.yaw_in_earth
+    looking = on_mount(report, axes, vehicle, yaw_in_earth=in_earth).between()
+    if vehicle is None or (in_earth and frame is ReportFrame.EARTH):
+        return looking
+    return reference_attitude(vehicle, frame, yaw_in_earth=in_earth).compose(looking)
+
+
+def _doubt_std(readings: Readings, report: AttitudeBrackets, looking: RotatingFrame) -> FloatArray:
+    """Standard deviations ``(n, 3)`` in gimbal axes of reading reports in one way where they may be meant in others.
+
+    At least half of what any of these is apart, until it is excluded: how likely each is may itself be wrong.
+    """
+    variance = np.zeros((len(looking.wxyz), 3))
+    least = np.zeros_like(variance)
+    for (frame, axes), probability in readings.probabilities.items():
+        if (frame, axes) == (readings.frame, readings.axes) or not np.any(probability):
+            continue
+        apart_rad = np.full(variance.shape, _USUAL_TILT_RAD)
+        if readings.vehicle is not None:
+            other = _looking(readings, report, frame, axes)
+            apart_rad = to_rotation_vector(multiply(inverse(looking.wxyz), other.wxyz))
+        squared = apart_rad**2 * (probability > 0)[:, None]
+        variance += probability[:, None] * squared
+        least = np.maximum(least, squared / 4)
+    return np.sqrt(np.maximum(variance, least))
 
 
 def _mounted(mount: FixedMount | None) -> RotatingFrame:

@@ -2,17 +2,29 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from aerodft.geometry import Brackets, slerp
-from aerodft.model import BoolArray, FloatArray, GimbalSource, GimbalTrack, IntArray, ReportFrame, Track, VehicleTrack
+from aerodft.model import (
+    BoolArray,
+    FloatArray,
+    GimbalSource,
+    GimbalTrack,
+    IntArray,
+    MountAxes,
+    ReportFrame,
+    Track,
+    VehicleTrack,
+)
 from aerodft.service.attitude.gimbal_frame import FrameEvidence
 from aerodft.service.attitude.gimbal_reports import Gimbal
 from aerodft.service.attitude.readings import AttitudeBatch, AttitudeBrackets, Readings, Resolver
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import LAST, Missing, Stream
+
+_WITHOUT_VEHICLE: Final = (ReportFrame.EARTH, MountAxes.TILT_OUTER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +51,7 @@ class GimbalQuery:
 class _ReadingMode(NamedTuple):
     """What reports have in common that are read in one way."""
 
-    frame: ReportFrame
+    reading: tuple[ReportFrame, MountAxes]
     is_body_found: bool
     is_demand: bool
     yaw_in_earth: bool
@@ -63,7 +75,7 @@ def refusal(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame |
 
 
 def readings_of(
-    source: GimbalSource, gimbal: Gimbal, vehicle: Stream, stated: ReportFrame | None, query: GimbalQuery
+    source: GimbalSource, gimbal: Gimbal, vehicle: Stream, settings: AttitudeSettings, query: GimbalQuery
 ) -> Iterator[tuple[IntArray, Readings]]:
     """Readings of reports, with the rows of what was asked that they answer.
 
@@ -71,31 +83,29 @@ def readings_of(
         source: The message.
         gimbal: Its reports.
         vehicle: The vehicle's attitude.
-        stated: What roll and pitch are against, where that is not to be found.
+        settings: What is stated of reports, and need not be found.
         query: What is asked; its reports can be read.
     """
     in_earth, _ = query.found.ends(gimbal.stream.column("yaw_in_earth"))
     known, evidence_index = gimbal.evidence_at(vehicle, query.ticks)
-    probability = np.zeros(len(evidence_index))
     rows_by_mode: dict[_ReadingMode, list[IntArray]] = {}
+    likely = [evidence.reading_probabilities(settings.frame, settings.axes) for evidence in known]
     for number in np.unique(evidence_index).tolist():
         evidence = known[number]
         rows = np.flatnonzero(evidence_index == number)
-        if stated is None and evidence.frame is None:
-            probability[rows] = evidence.body_probability
-        is_body_found = stated is None and evidence.frame is ReportFrame.BODY
+        likeliest = max(likely[number], key=likely[number].__getitem__)
+        is_body_found = settings.frame is None and evidence.frame is ReportFrame.BODY
         is_demand = gimbal.is_demand(evidence.frame, query.ticks[rows])
         bits = is_demand, in_earth[rows] > 0, query.vehicle.is_known[rows]
-        frame = stated or evidence.frame or ReportFrame.EARTH
-        for combination in _combined(*bits):
-            mode = _ReadingMode(frame, is_body_found, *combination)
+        for is_told, is_north, has_vehicle in _combined(*bits):
+            reading = likeliest if has_vehicle else _WITHOUT_VEHICLE
+            mode = _ReadingMode(reading, is_body_found, is_told, is_north, has_vehicle)
             is_same = np.all([bit == wanted for bit, wanted in zip(bits, mode[2:], strict=True)], axis=0)
             rows_by_mode.setdefault(mode, []).append(rows[is_same])
     for mode, parts in rows_by_mode.items():
         rows = np.concatenate(parts)
-        own = query.rows(rows)
-        ends = AttitudeBrackets.of(vehicle.column("wxyz"), own.vehicle) if mode.has_vehicle else None
-        yield rows, _read(source, gimbal, mode, own, ends, probability[rows])
+        shares = np.array([list(each.values()) for each in likely])[evidence_index[rows]]
+        yield rows, _read(source, gimbal, vehicle, mode, query.rows(rows), dict(zip(likely[0], shares.T, strict=True)))
 
 
 def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
@@ -106,25 +116,27 @@ def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
 def _read(
     source: GimbalSource,
     gimbal: Gimbal,
+    vehicle: Stream,
     mode: _ReadingMode,
     query: GimbalQuery,
-    vehicle: AttitudeBrackets | None,
-    body_probability: FloatArray,
+    probabilities: dict[tuple[ReportFrame, MountAxes], FloatArray],
 ) -> Readings:
     stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), query.found
     has_previous = found.before > stream.rows_known_at(query.ticks)[0]
-    demands = gimbal.demands(found.before, query.stamps_ns, query.ticks) if mode.is_demand else None
+    frame, axes = mode.reading
+    asked = found.before, query.stamps_ns, query.ticks
     return Readings(
         source=source,
         age_s=stream.ages_s(query.stamps_ns, found),
         report=AttitudeBrackets.of(reported, found),
         previous=np.where(has_previous[:, None], reported[found.before - 1], np.nan),
-        vehicle=vehicle,
-        frame=mode.frame,
+        vehicle=AttitudeBrackets.of(vehicle.column("wxyz"), query.vehicle) if mode.has_vehicle else None,
+        frame=frame,
+        axes=axes,
         yaw_in_earth=mode.yaw_in_earth,
-        demands=None if demands is None else (demands, reported),
+        demands=gimbal.demands(*asked, axes, vehicle) if mode.is_demand else None,
         is_body_found=mode.is_body_found,
-        body_probability=body_probability,
+        probabilities=probabilities,
     )
 
 
@@ -144,9 +156,9 @@ class AttitudeSources:
         return (self._vehicle, *(gimbal.stream for gimbal in self._gimbals.values()))
 
     def clear(self) -> None:
-        """Forget all samples: their stamps are of another clock."""
+        """Forget all samples, and what they taught of the gimbals: they are of another boot, or another vehicle."""
         for gimbal in self._gimbals.values():
-            gimbal.clear(self._vehicle)
+            gimbal.clear()
         self._vehicle.clear()
 
     def shift(self, by_ns: int) -> None:
@@ -247,7 +259,7 @@ class AttitudeSources:
         self, source: GimbalSource, rows: IntArray, query: GimbalQuery
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
         """Attitudes at some rows by a gimbal's reports."""
-        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings.frame, query):
+        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings, query):
             yield rows[own], self._resolver.attitudes(readings)
 
     def _from_fixed_mount(

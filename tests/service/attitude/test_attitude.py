@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 
-from aerodft.model import GimbalSource, GimbalTrack, ReportFrame, VehicleTrack
+from aerodft.model import GimbalSource, GimbalTrack, MountAxes, ReportFrame, VehicleTrack
 from aerodft.service import LAST, AttitudeSettings, FixedMount
 from aerodft.service.attitude import AttitudeSources
+from aerodft.service.attitude.servo_mount import mounted_wxyz
 from aerodft.service.streams import END_OF_TIME, Missing
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -318,3 +319,22 @@ def test_a_gimbal_that_may_still_be_on_its_way_is_said(demand, after_s, is_said)
     said = [reason for reason in found.reasons if "may still be turning" in reason]
     assert bool(said) is is_said
     assert is_said == (np.max(found.report_std_rad) > math.radians(5))
+
+
+@pytest.mark.parametrize("yaw_in_earth", [False, True])
+def test_servo_angles_are_composed_by_the_mounts_axes(yaw_in_earth):
+    """Packed as Euler angles, turned in another order; straight down the roll servo levels the camera."""
+    rng = np.random.default_rng(3)
+    vehicle = Rotation.from_euler("ZYX", rng.uniform([-180, -30, -30], [180, 30, 30], (200, 3)), degrees=True)
+    yaw, pitch, roll = rng.uniform([-180, -89, -40], [180, 60, 40], (200, 3)).T
+    pitch[:100], roll[:100] = -90.0, 0.0
+    for row in range(100):  # what levels the camera at this yaw
+        down = Rotation.from_euler("Z", -yaw[row], degrees=True).apply(vehicle[row].inv().apply([0.0, 0.0, 1.0]))
+        roll[row] = np.degrees(np.arctan2(-down[1], down[2]))
+    heading = vehicle.as_euler("ZYX", degrees=True)[:, 0] if yaw_in_earth else 0.0
+    packed = Rotation.from_euler("ZYX", np.stack([yaw + heading, pitch, roll], axis=-1), degrees=True)
+    meant = Rotation.from_euler("ZXY", np.stack([yaw + heading, roll, pitch], axis=-1), degrees=True)
+    reported, bodies = wxyz(packed), wxyz(vehicle)
+    outer = mounted_wxyz(reported, MountAxes.ROLL_OUTER, bodies, yaw_in_earth=yaw_in_earth)
+    assert np.degrees((meant.inv() * Rotation.from_quat(outer, scalar_first=True)).magnitude()).max() < 0.1
+    assert mounted_wxyz(reported, MountAxes.TILT_OUTER, bodies, yaw_in_earth=yaw_in_earth) is reported

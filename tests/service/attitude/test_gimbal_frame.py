@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import ReportFrame
 from aerodft.service.attitude.gimbal_frame import (
-    LAGS_NS,
+    BODY_READINGS,
     PRIOR_BODY,
     FrameDetector,
     GravitySample,
@@ -41,7 +41,7 @@ class Flight:
         for _ in range(round(seconds * 10)):
             sway = sway_rad * math.sin(self.now_ns / 1e9 * 2)
             report = math.radians(pitch_deg) - undone * sway
-            if_body = np.tile(down(report + sway), (len(LAGS_NS), 1))
+            if_body = np.tile(down(report + sway), (BODY_READINGS, 1))
             self.detector.weigh(GravitySample(self.now_ns, report, down(sway), down(report), if_body))
             self.now_ns += STEP_NS
         return self.detector.evidence
@@ -80,7 +80,7 @@ def test_what_a_limit_explains_is_not_forgotten_for_chances():
     for k in range(6000):
         sway = SWAY_RAD * math.sin(k / 5)
         report = math.radians(-45) + SWAY_RAD / 30 * math.sin(k / 5)
-        if_body = np.tile(down(report + sway), (len(LAGS_NS), 1))
+        if_body = np.tile(down(report + sway), (BODY_READINGS, 1))
         if k // 60 % 2:
             if_body[2] = down(math.radians(-45))
         detector.weigh(GravitySample(k * STEP_NS, report, down(sway), down(report), if_body))
@@ -111,7 +111,7 @@ def flown(rng, count):
     rocks = np.repeat(rng.random(count // 50 + 1) < 0.4, 50)[:count]
     sways = np.where(rocks, SWAY_RAD, SWAY_RAD / 50) * np.sin(elapsed_ns / 1e9 * 2) + 1e-3 * rng.standard_normal(count)
     reports = math.radians(-40) - rng.choice([0.0, 1.0]) * sways
-    if_body = np.array([[down(report + sway)] * len(LAGS_NS) for report, sway in zip(reports, sways, strict=True)])
+    if_body = np.array([[down(report + sway)] * BODY_READINGS for report, sway in zip(reports, sways, strict=True)])
     own, seen = (np.array([down(each) for each in angles]) for angles in (sways, reports))
     stamps_ns, bends = 1_795_000_000 * 10**9 + elapsed_ns, 1e-4 * rng.random(count)
     return GravitySamples(rng.random(count) > 0.01, stamps_ns, reports, own, seen, if_body, bends)
@@ -151,7 +151,7 @@ def test_the_parts_of_one_motion_are_no_verdict():
     flight.detector.break_off()
     for lean in np.radians(np.linspace(0, 20, 11)):
         report = math.radians(-40) - lean
-        if_body = np.tile(down(report + lean), (len(LAGS_NS), 1))
+        if_body = np.tile(down(report + lean), (BODY_READINGS, 1))
         flight.detector.weigh(GravitySample(flight.now_ns, report, down(lean), down(report), if_body))
         flight.now_ns += STEP_NS
     evidence = flight.detector.evidence

@@ -30,10 +30,11 @@ from aerodft.adapters.config.tables import (
     to_percent,
     to_s,
 )
-from aerodft.model import HeightSource, ReportFrame
+from aerodft.model import HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, HeightSettings, TelemetrySettings
 
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
+_AXES = {"auto": None, **{str(axes): axes for axes in MountAxes}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
 AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "fixed"]
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
@@ -105,6 +106,10 @@ class AttitudeTable(Table):
     frame: Annotated[
         Literal["auto", "earth", "body"],
         SiAttribute(into=_FRAMES.get, out=lambda frame: None if frame is None else str(frame)),
+    ] = "auto"
+    axes: Annotated[
+        Literal["auto", "roll-outer", "tilt-outer"],
+        SiAttribute(into=_AXES.get, out=lambda axes: None if axes is None else str(axes)),
     ] = "auto"
     feedback: Annotated[
         Literal["auto", "measured", "demand"],

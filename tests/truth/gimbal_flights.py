@@ -116,6 +116,8 @@ def made(plan):
         joints = (vehicle.inv() * wanted).as_euler(order, degrees=True)
         joints[:, pitch_at] = np.clip(joints[:, pitch_at], *plan.limits_deg)
         looking = vehicle * Rotation.from_euler(order, joints, degrees=True)
+        if plan.axes is MountAxes.ROLL_OUTER:  # a servo's noise is that of its angle
+            joints += plan.noise_deg * generator.standard_normal(joints.shape)
         packed = Rotation.from_euler("ZYX", joints[:, [0, pitch_at, 3 - pitch_at]], degrees=True)
     return Flight(tracks=_tracks(plan, generator, vehicle, packed), looking=looking)
 
@@ -125,7 +127,8 @@ def _tracks(plan, generator, vehicle, packed):
     rows = np.arange(0, len(vehicle), period)
     boot = BOOT0_NS + rows * STEP_NS
     arrival = UTC0_NS + rows * STEP_NS + 20_000_000
-    noise = Rotation.from_rotvec(np.radians(plan.noise_deg) * generator.standard_normal((len(rows), 3)))
+    noise_rad = 0.0 if plan.axes is MountAxes.ROLL_OUTER else np.radians(plan.noise_deg)
+    noise = Rotation.from_rotvec(noise_rad * generator.standard_normal((len(rows), 3)))
     late = np.maximum(rows - round(plan.lag_s * 1e9 / STEP_NS), 0)
     report = packed[late] * noise
     if plan.yaw_in_earth:

@@ -96,6 +96,8 @@ _FIRST, _SECOND = HEAD
 _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
 _TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
+_TIME_SIZE: Final = 8
+_NEAR_US: Final = 10_000_000  # of two messages side by side; one that stands there by chance is years away
 _TYPES: Final = 256
 _BLOCK_MESSAGES: Final = 1 << 15
 _FIRST_MESSAGES: Final = 1 << 12
@@ -375,11 +377,65 @@ class DataflashDecoder:
 
 
 @njit
-def _size_at(data: Bytes, at: int, types: IntArray) -> int:
-    """The size of the message that starts at ``at``; 0 where none of a known type does."""
-    if at + HEAD_SIZE > len(data) or data[at] != _FIRST or data[at + 1] != _SECOND:
-        return 0
-    return int(types[data[at + 2]]) & 0xFF
+def _starts(data: Bytes, at: int) -> bool:
+    """Whether the two bytes stand here that every message starts with."""
+    return at + 1 < len(data) and data[at] == _FIRST and data[at + 1] == _SECOND
+
+
+@njit
+def _goes_on(data: Bytes, at: int, types: IntArray) -> bool:
+    """Whether a message starts at ``at``, or the log ends.
+
+    A head with one wrong byte is one where the log goes on behind the message that it is the head of; of heads that
+    were cut off, their first byte may be left.
+    """
+    while at < len(data):
+        first, second = data[at] == _FIRST, at + 1 >= len(data) or data[at + 1] == _SECOND
+        if first and second:
+            return True
+        if first and data[at + 1] == _FIRST:
+            at += 1
+            continue
+        size = types[data[at + 2]] & 0xFF if at + 2 < len(data) else 0
+        if size == 0 or not (first or second):
+            return False
+        at += size
+    return at == len(data)
+
+
+@njit
+def _is_near(data: Bytes, one: int, other: int, types: IntArray) -> bool:
+    """Whether messages that start at two places were logged at nearly one time; not where one has none."""
+    for at in (one, other):
+        if at + HEAD_SIZE + _TIME_SIZE > len(data) or not types[data[at + 2]] & _TIMED:
+            return False
+    return abs(_time_us(data, one + HEAD_SIZE) - _time_us(data, other + HEAD_SIZE)) < _NEAR_US
+
+
+@njit
+def _holds_another(data: Bytes, at: int, end: int, types: IntArray) -> bool:
+    """Whether another message starts before a message ends, by their bytes from ``at`` to ``end``.
+
+    A head may stand there by chance: then no other comes soon, the log does not go on behind its message, and its time
+    is another one, while what follows at the end is of the message's own.
+    """
+    if _starts(data, end - 2):
+        return True
+    for inner in range(at + HEAD_SIZE, min(end, len(data) - HEAD_SIZE + 1)):
+        if not _starts(data, inner) or types[data[inner + 2]] == 0:
+            continue
+        if (
+            not types[data[inner + 2]] & _TIMED
+            or _is_near(data, at, inner, types)
+            or not _is_near(data, at, end, types)
+        ):
+            return True
+        if _goes_on(data, inner + (types[data[inner + 2]] & 0xFF), types):
+            return True
+        for soon in range(inner + HEAD_SIZE, inner + HEAD_SIZE + _TIME_SIZE):
+            if _starts(data, soon):
+                return True
+    return False
 
 
 @njit
@@ -405,15 +461,6 @@ def _learn_type(data: Bytes, at: int, types: IntArray) -> None:
 
 
 @njit
-def _whole(data: Bytes, at: int, size: int, synced: bool, types: IntArray) -> bool:  # noqa: FBT001 - numba
-    """Whether a message may stand here: there is no checksum, so after damage the next one must follow at once."""
-    end = at + size
-    if size == 0 or end > len(data):
-        return False
-    return synced or end == len(data) or _size_at(data, end, types) > 0
-
-
-@njit
 def scan_dataflash(
     data: Bytes, start: int, limit: int, types: IntArray, rows: IntArray, state: IntArray
 ) -> tuple[int, int]:
@@ -434,18 +481,17 @@ def scan_dataflash(
     at, found, stop = start, 0, len(data)
     while at < min(stop, limit) and found < rows.shape[1]:
         kind, synced = 0, at == state[AT_SYNC]
-        # As ``_size_at``: such calls would take most of the time.
         if at + HEAD_SIZE <= stop and data[at] == _FIRST and data[at + 1] == _SECOND:
             kind = types[data[at + 2]]
         size = kind & 0xFF
-        is_due = synced and size > 0 and at + size <= stop
-        if not is_due and not _whole(data, at, size, synced, types):
-            if synced and (at + size > stop or stop - at < HEAD_SIZE):
+        end = at + size
+        is_whole = size > 0 and end <= stop and _goes_on(data, end, types)
+        if not is_whole or _holds_another(data, at, end, types):
+            if synced and (end > stop or stop - at < HEAD_SIZE):
                 state[N_TRUNCATED] += 1
             state[N_SKIPPED] += 1
             at += 1
             continue
-        end = at + size
         if data[at + 2] == FMT_TYPE:
             _learn_type(data, at, types)
         timed = kind & _TIMED and at + HEAD_SIZE + 8 <= stop

@@ -341,7 +341,7 @@ class FrameDetector:
         steps = [step for _, step in self._recent_steps]
         recent = np.sum(steps, axis=0) if steps else np.zeros_like(ratio)
         own = _floored(np.clip(ratio, -_MOST_A_MOTION, _MOST_A_MOTION), _MOST_A_MOTION)
-        step = np.clip(recent + own, -_MOST_AT_ONCE, _MOST_AT_ONCE) - recent
+        step = _floored(np.clip(recent + own, -_MOST_AT_ONCE, _MOST_AT_ONCE), _MOST_AT_ONCE) - recent
         self._recent_steps.append((stamp_ns, step))
         return np.asarray(step)
 

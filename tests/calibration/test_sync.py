@@ -79,6 +79,7 @@ def test_a_log_with_a_hole_is_aligned_by_what_is_there():
     assert np.all(np.abs(off) < 3 * found.stds), off / found.stds
 
 
+@pytest.mark.nightly
 def test_reports_against_north_leave_the_lag_open_and_the_camera_aligned():
     clocks, trajectory = Clocks(3.0, 0.01, 0.22), wandering(4, CLIP_S + 2 * MARGIN_S)
     pairs, reference_ns = filmed(trajectory, clocks, 4)

@@ -134,6 +134,7 @@ def test_the_report_is_one_page_with_its_pictures_in_it(calibrated):
             assert min(drawn.size) > 300
 
 
+@pytest.mark.nightly
 def test_a_video_of_a_charuco_board_gives_the_true_lens(tmp_path, aerodft):
     """The board moves from pose to pose; half of the images between them are near-duplicates."""
     board = parse_board("charuco")

@@ -221,6 +221,7 @@ def test_names_are_shown_as_they_are(calibrated):
     assert "# Calibration of yard \\| 1" in words
 
 
+@pytest.mark.nightly
 def test_landmarks_far_above_the_zero_of_heights_carry_the_grid(calibrated):
     _, report = calibrated(landmarks(PLACES, lambda x, y, up: [x, y, up + 640.0]))
     assert re.search(r"The grid is drawn at the landmarks' middle height, 640\.\d+ m", read(report)[2])

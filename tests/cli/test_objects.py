@@ -65,6 +65,7 @@ def test_vision_says_where_it_is_shown_too_few_images(yard, imported, aerodft, t
     assert any("[objects]" in each and "not recorded" in each for each in again.json["warnings"])
 
 
+@pytest.mark.nightly
 def test_a_drone_s_walkers_are_tracked_from_the_video_on_and_the_same_again(aerodft, tmp_path):
     write_flown_yard(tmp_path, seconds=6.0, width_px=640)
     done = aerodft(

@@ -206,6 +206,7 @@ def test_signals_end_a_loop_cleanly(flight_recording, number, code):
     assert len(station.heard) >= 300
 
 
+@pytest.mark.nightly
 def test_a_folder_that_vanishes_ends_it_in_one_sentence(flight_recording, tmp_path):
     gone = tmp_path / "gone"
     shutil.copytree(flight_recording, gone)

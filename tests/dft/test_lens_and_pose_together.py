@@ -4,11 +4,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from aerodft.dft import Request, Setup
 from aerodft.geometry import camera_pose, from_rotation_vector, multiply
 from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
+from tests.nights import at_night
 from tests.one_image import measure
 
 PIXELS = ((300.0, 500.0), (1600.0, 800.0))
@@ -19,7 +21,8 @@ def width(camera, pose):
     return measure(Setup(camera=camera), PoseSample(stamp_ns=0, status=Status.OK, pose=pose), (request,))[0]
 
 
-def test_the_joint_covariance_is_monte_carlos():
+@pytest.mark.parametrize(("count", "within"), [(500, 0.1), *at_night((3000, 0.05))])
+def test_the_joint_covariance_is_monte_carlos(count, within):
     rng = np.random.default_rng(2)
     root = 0.3 * rng.normal(size=(10, 10)) * np.array([1, 1, 1, 0.01, 0.01, 0.01, 20, 20, 8, 8])[:, None] / 3
     cov = root @ root.T
@@ -32,7 +35,7 @@ def test_the_joint_covariance_is_monte_carlos():
     found = width(camera, pose)
     exact = replace(camera, covariance=())
     draws = []
-    for _ in range(3000):
+    for _ in range(count):
         error = root @ rng.normal(size=10)
         fx, fy, cx, cy = np.array([1500.0, 1490.0, 960.0, 540.0]) + error[6:]
         turned = replace(
@@ -43,6 +46,6 @@ def test_the_joint_covariance_is_monte_carlos():
             lens_cov=np.zeros((6, 0)),
         )
         draws.append(width(replace(exact, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy), turned).value)
-    assert_allclose(found.std, np.std(draws), rtol=0.05)
+    assert_allclose(found.std, np.std(draws), rtol=within)
     apart = width(camera, replace(pose, lens_cov=np.zeros((6, 0))))
     assert not math.isclose(apart.std, found.std, rel_tol=0.05)

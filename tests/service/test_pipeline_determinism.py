@@ -170,6 +170,7 @@ def test_it_does_not_matter_which_ticks_are_taken_together(bench, eventful, coun
     answers_are_the_same()
 
 
+@pytest.mark.nightly
 def test_a_tick_that_cannot_be_taken_with_others_costs_only_those_next_to_it(bench):
     frames, images, seen = bench.events_of(30.0)
     batches, _ = bench.batches(*bench.blocks(frames), *images, *seen, idle_ticks_ns=SECOND)

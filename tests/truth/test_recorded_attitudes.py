@@ -169,6 +169,7 @@ def test_before_the_verdict_the_std_covers_both_readings(servo):
     assert all(abs(tilt_deg(s) - 60.0) < 3.0 * math.degrees(s.std.tilt_rad) for s in lied)
 
 
+@pytest.mark.nightly
 def test_the_quads_mount_is_against_the_vehicle_and_looks_above_the_horizon():
     samples, source = flown(QUAD)
     evidence = source.gimbal_frames()[GimbalSource.MOUNT_STATUS]
@@ -193,6 +194,7 @@ def test_what_is_stated_wrongly_is_refused_in_a_sentence(leg_ms):
         assert reason.endswith('; set telemetry.attitude.frame = "auto" or "body"')
 
 
+@pytest.mark.nightly
 def test_what_is_stated_rightly_needs_no_evidence(leg_ms):
     samples, _ = flown(SERVO, np.arange(leg_ms + 4000, leg_ms + 24000, 500), settings=with_frame(ReportFrame.BODY))
     assert max(abs(tilt_deg(sample) - 60.0) for sample in samples) <= 0.5

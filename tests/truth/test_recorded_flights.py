@@ -205,6 +205,7 @@ def quad_fixes():
     return np.concatenate([np.array(fixes_ns) + sorted(offsets)[len(offsets) // 2] for fixes_ns, offsets in boots])
 
 
+@pytest.mark.nightly
 def test_the_quads_gap_is_stale_and_so_is_all_after_its_end(flown, quad_fixes):
     poses = flown(QUAD).poses()
     longest = int(np.argmax(np.diff(quad_fixes)))
@@ -220,6 +221,7 @@ def test_the_quads_gap_is_stale_and_so_is_all_after_its_end(flown, quad_fixes):
     assert all(any("on both sides of the stamp within" in reason for reason in s.reasons) for s in in_gap)
 
 
+@pytest.mark.nightly
 def test_the_quad_has_poses_wherever_there_is_telemetry(flown, quad_fixes):
     poses = flown(QUAD).poses()
     covered = []

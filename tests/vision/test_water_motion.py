@@ -106,6 +106,7 @@ def test_a_later_look_at_another_place_says_nothing():
     np.testing.assert_array_equal(twice.widths.width_m, once.widths.width_m)
 
 
+@pytest.mark.nightly
 def test_far_away_slow_water_would_not_be_seen_moving():
     """Two looks 0.01 s apart: nothing has moved far enough, so nothing is said."""
     scene, image, later = looks(Waterside(**MUDDY), "straight", 40, after_s=0.01)

@@ -452,6 +452,7 @@ FULL_DISK = """
 """
 
 
+@pytest.mark.nightly
 def test_a_disk_that_refuses_costs_counted_messages_and_nothing_else(tmp_path: Path) -> None:
     with run(FULL_DISK, str(tmp_path / "r")) as process:
         out, _ = process.communicate(timeout=60)

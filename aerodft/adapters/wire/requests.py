@@ -15,6 +15,8 @@ from aerodft.model import Probe, ProbeKind
 _WHERE = "measure"
 _KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})
 _EXAMPLE = '{"kind": "distance", "pixels": [[812, 604.5], [1377, 611]]}'
+_HISTORY_EXAMPLE = '{"last": 10, "name": "width"}'
+_HISTORY_KEYS = frozenset({"last", "name"})
 _MAX_HISTORY = 1_000_000
 
 
@@ -71,7 +73,9 @@ def parse_history_request(data: bytes) -> tuple[int, str | None]:
     """
     if not data.strip():
         return _MAX_HISTORY, None
-    payload = load_object(data, "the question", "history", _EXAMPLE)
+    payload = load_object(data, "the question", "history", _HISTORY_EXAMPLE)
+    if unknown := sorted(payload.keys() - _HISTORY_KEYS):
+        raise InputError("unknown key", where="history", got=unknown[0], expected=", ".join(sorted(_HISTORY_KEYS)))
     last, name = payload.get("last", _MAX_HISTORY), payload.get("name")
     if type(last) is not int or last < 0:
         raise InputError("last is no count", where="history", got=repr(last), expected="an integer from 0")

@@ -190,6 +190,8 @@ def test_questions_are_answered(endpoint: str) -> None:
         assert [item["stamp_ns"] for item in ask(client, "aerodft/s/history", {"last": 1, "name": "b"})] == ["3"]
         assert ask(client, "aerodft/s/history", {"last": 0}) == []
         assert "error" in ask(client, "aerodft/s/history", {"last": "x"})
+        for malformed in ([1], {"kind": "width"}):
+            assert "last" in ask(client, "aerodft/s/history", malformed)["error"]
 
 
 @pytest.mark.parametrize(

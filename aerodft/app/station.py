@@ -91,6 +91,7 @@ class Station:
         self._live_observers = LiveObservers((), self._inbox.put_observations)
         self._outputs: tuple[Output, ...] = ()
         self._link: MavlinkLink | None = None
+        self._stream: StreamReader | None = None
         self._recorder: McapRecorder | None = None
         self._receivers: tuple[Output | McapRecorder, ...] = ()
         self._opened = ExitStack()
@@ -143,6 +144,7 @@ class Station:
             statistics=self._statistics,
             counts=self._pipeline.counts,
             observers=self._observers.report(self._live_observers.counts),
+            unmeasured=self._unmeasured(),
             warnings=() if signing is None else tuple(signing_sentences(signing)),
         )
 
@@ -202,7 +204,7 @@ class Station:
                 on_packet=self._take_packet,
                 time_offset_s=self._config.image_offset_s,
             )
-            stack.enter_context(reader)
+            self._stream = stack.enter_context(reader)
         else:
             rate_hz = source.rate_hz if isinstance(source, Rate) else DEFAULT_RATE_HZ
             rate = LiveRate(rate_hz, self._inbox.put_image, self._clock)
@@ -253,14 +255,19 @@ class Station:
         looks, statistics = self._live_observers.counts, self._statistics
         return {
             "images": statistics.images,
-            "dropped_images": self._inbox.dropped_images,
             "looks": sum(each.looked for each in looks),
             "skipped_looks": sum(each.skipped for each in looks),
+            **{f"unmeasured_{cause}": number for cause, number in self._unmeasured().items()},
             **({} if self._link is None else _link_counts(self._link)),
             **({} if self._recorder is None else self._recorder.totals.counts),
             **{f"poses_{status}": number for status, number in statistics.poses.items()},
             **{f"measurements_{status}": number for status, number in statistics.measurements.items()},
         }
+
+    def _unmeasured(self) -> dict[str, int]:
+        """Images that came and were never measured, by cause."""
+        left_out = {} if self._stream is None else self._stream.status.left_out
+        return {**left_out, "dropped": self._inbox.dropped_images}
 
 
 def _link_counts(link: MavlinkLink) -> dict[str, int]:

@@ -40,6 +40,7 @@ def report(
         document = {
             "recording": str(result.recording),
             "images": statistics.images,
+            "unmeasured": dict(result.unmeasured),
             "poses": dict(statistics.poses),
             "measurements": dict(statistics.measurements),
             "reasons": statistics.reasons,
@@ -79,6 +80,8 @@ def _calibrated(statistics: "RunStatistics") -> dict[str, object]:
 def _say_statistics(result: "RunResult") -> None:
     statistics, counts = result.statistics, result.counts
     say(f"recording: {result.recording}; {statistics.images} images; poses: {_listed(statistics.poses)}")
+    if any(result.unmeasured.values()):
+        say(f"images that were never measured: {_listed({why: n for why, n in result.unmeasured.items() if n})}")
     say(f"measurements: {_listed(statistics.measurements)}")
     if statistics.estimate is not None:
         say(f"landmarks: {statistics.estimate.updates} used, {statistics.estimate.refused} refused")

@@ -10,9 +10,9 @@ import threading
 import time
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -329,14 +329,15 @@ class StreamStatus:
     Attributes:
         connected: Whether images are coming.
         images: Delivered so far.
-        left_out: Too many for the receiver, damaged, or stamped not after the one before.
+        left_out: Images that came and were not delivered, by cause: ``too_many`` for the receiver, ``damaged``,
+            ``not_later`` than the one before, or before the stream's clock was known (``unstamped``).
         losses: How often the stream broke off.
         reason: Of the last loss.
     """
 
     connected: bool = False
     images: int = 0
-    left_out: int = 0
+    left_out: Mapping[str, int] = field(default_factory=dict)
     losses: int = 0
     reason: str = ""
 
@@ -496,7 +497,7 @@ class StreamReader:
         try:
             frames = packet.decode()
         except av.FFmpegError:
-            self._leave_out()
+            self._leave_out("damaged")
             return None
         for frame in frames:
             if frame.pts is None:
@@ -504,9 +505,10 @@ class StreamReader:
             elif arrivals.settled:
                 stamp_ns = arrivals.stamp_ns(round(frame.pts * base * SECOND_NS))
             else:
+                self._leave_out("unstamped")
                 continue
             if frame.is_corrupt or stamp_ns <= self._last_stamp_ns:
-                self._leave_out()
+                self._leave_out("damaged" if frame.is_corrupt else "not_later")
                 continue
             self._last_stamp_ns = stamp_ns
             image = self._put(frame, stamp_ns)
@@ -529,14 +531,15 @@ class StreamReader:
                 _LOG.info("%s: images are coming, %d x %d px", self.url, frame.width, frame.height)
             if len(self._waiting) == _WAITING:
                 self._waiting.popleft()
-                self._status = replace(self._status, left_out=self._status.left_out + 1)
+                self._leave_out("too_many")
             self._waiting.append(image)
             self._changed.notify_all()
         return image
 
-    def _leave_out(self) -> None:
+    def _leave_out(self, cause: str) -> None:
         with self._changed:
-            self._status = replace(self._status, left_out=self._status.left_out + 1)
+            left_out = self._status.left_out
+            self._status = replace(self._status, left_out={**left_out, cause: left_out.get(cause, 0) + 1})
 
     def _deliver(self) -> None:
         while True:

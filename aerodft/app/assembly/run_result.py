@@ -103,6 +103,8 @@ class RunResult:
         statistics: Images, poses and measurements by status.
         counts: Observations that came, and those that could not be used.
         observers: What became of looking at the images, by the table that asks for it; empty where nobody looked.
+        unmeasured: Images that came and were never measured, by cause: ``dropped``, as they came faster than they were
+            measured, and what the stream left out, as in ``StreamStatus``.
         warnings: What is wrong with the input, one sentence each.
         left_out: Parts of the input that could not be read, by what they are.
     """
@@ -111,6 +113,7 @@ class RunResult:
     statistics: RunStatistics
     counts: Counts
     observers: Mapping[str, object] = field(default_factory=dict)
+    unmeasured: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     left_out: Mapping[str, int] = field(default_factory=dict)
 

@@ -217,6 +217,7 @@ POSE = ("--height", 50, "--tilt", 60)
         ),
         (("--height", "nan", "--tilt", 60, "--probe", "range 1,1"), 3, "--height: got nan"),
         (("--height", 50, "--tilt", 200, "--probe", "range 1,1"), 3, "--tilt: got 200"),
+        (("--height", 50, "--tilt", -30, "--probe", "range 1,1"), 3, "pitch of -30 deg is a tilt of 60"),
         ((*POSE, "--roll", 300, "--probe", "range 1,1"), 3, "--roll: got 300"),
         ((*POSE, "--lat", 5, "--probe", "range 1,1"), 2, "--lat and --lon go together"),
         ((*POSE, "--lat", 95, "--lon", 0, "--probe", "range 1,1"), 3, "--lat: got 95"),

@@ -30,14 +30,14 @@ _LOWEST_M: Final = 1e-3
 _STEEPEST_DEG: Final = 80.0
 
 
-def in_range(name: str, value: float, low: float, high: float, expected: str) -> float:
+def in_range(name: str, value: float, low: float, high: float, expected: str, hint: str = "") -> float:
     """The value, of a parameter with this name.
 
     Raises:
         InputError: It is not between ``low`` and ``high``, or no number.
     """
     if not low <= value <= high:
-        raise InputError(f"`{name}`", got=f"{value:g}", expected=expected)
+        raise InputError(f"`{name}`", got=f"{value:g}", expected=expected, hint=hint)
     return value
 
 
@@ -122,7 +122,10 @@ class CameraPose:
     def __post_init__(self) -> None:
         if self.height_m is not None:
             in_range("height_m", self.height_m, _LOWEST_M, 100_000.0, "0.001 to 100000 m above the ground")
-        in_range("tilt_deg", self.tilt_deg, 0.0, 180.0, "0 to 180 deg from straight down: 0 nadir, 90 horizon")
+        pitch = f"a gimbal's pitch of {self.tilt_deg:g} deg is a tilt of {90 + self.tilt_deg:g}"
+        hint = pitch if -90 <= self.tilt_deg < 0 else ""  # noqa: PLR2004 - degrees
+        expected = "0 to 180 deg from straight down: 0 nadir, 90 horizon"
+        in_range("tilt_deg", self.tilt_deg, 0.0, 180.0, expected, hint)
         in_range("roll_deg", self.roll_deg, -180.0, 180.0, "-180 to 180 deg")
         in_range("heading_deg", self.heading_deg, -360.0, 360.0, "-360 to 360 deg")
         if self.lat_deg is not None and self.lon_deg is not None:

@@ -5,10 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.model import RawBlock, WireProtocol
 from aerodft.service import block_of
+
+settings.register_profile("untimed", deadline=None)  # the first example loads compiled functions
+settings.load_profile("untimed")
 
 TESTS = Path(__file__).parent
 DATA = TESTS.parents[1] / "shared" / "data"

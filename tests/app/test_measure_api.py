@@ -49,7 +49,7 @@ def test_one_probe_gives_one_measurement_and_a_miss_says_why(camera):
 
 def test_what_nobody_says_how_well_it_is_known_is_assumed_and_said(camera):
     found = ad.measure(camera, ad.CameraPose(height_m=10, tilt_deg=60), ad.Range((1944, 1500)))
-    assert any("assumed height 1 %" in reason for reason in found.reasons)
+    assert any("assumed: height 0.1 m, tilt 1 deg" in reason for reason in found.reasons)
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def test_a_bug_is_not_hidden(monkeypatch, aerodft):
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("aerodft.app.measure.assumed_std", broken)
+    monkeypatch.setattr("aerodft.adapters.config.camera.load_camera", broken)
     with pytest.raises(ZeroDivisionError):
         aerodft("measure", "--camera", "x", "--height", 1, "--tilt", 0, "--probe", "range 1,1")
 

@@ -167,16 +167,18 @@ def test_every_answer_follows_the_published_schema(aerodft, lens):
         validator.validate(measurement)
 
 
-def test_without_std_it_says_what_was_assumed(aerodft, lens):
-    (assumed,) = aerodft(
-        "measure", "--camera", lens, "--height", 50, "--tilt", 0, "--json", "--probe", "range 990,500"
-    ).json
-    assert assumed["reasons"] == ["no --std: assumed height 1 %, attitude 0.3 deg, px 1"]
-    assert assumed["std"] == pytest.approx(0.5, rel=1e-3)
-    (exact,) = aerodft(
-        "measure", "--camera", lens, "--height", 50, "--tilt", 0, "--json", "--std", "px=0", "--probe", "range 990,500"
-    ).json
-    assert (exact["reasons"], exact["std"]) == ([], 0.0)
+def test_every_answer_says_what_was_stated_and_what_assumed(aerodft, lens):
+    asked = ("measure", "--camera", lens, "--height", 50, "--tilt", 0, "--probe", "range 990,500")
+    (assumed,) = aerodft(*asked, "--json").json
+    said = "assumed: height 0.5 m, tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading"
+    assert assumed["reasons"] == [said, "std of pixels assumed: 1 px"]
+    assert assumed["std"] == pytest.approx(0.5, rel=2e-3)
+    (partly,) = aerodft(*asked, "--json", "--std", "height=0.1,px=1").json
+    said = "std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading"
+    assert partly["reasons"] == [said]
+    (exact,) = aerodft(*asked, "--json", "--std", "px=0,height=0,attitude=0").json
+    assert exact["std"] == 0.0
+    assert said in aerodft(*asked, "--std", "height=0.1").out.decode()
 
 
 def test_people_get_a_table(aerodft, lens):

@@ -120,7 +120,7 @@ def test_a_recorded_pose_has_a_depth_map(aerodft, flight_recording, tmp_path):
 
 
 def test_the_uncertainty_of_every_range_is_that_of_its_pixel(aerodft, depth, tmp_path):
-    std = ("--std", "height=0.5,tilt=0.4,roll=0.2,heading=1,px=0")
+    std = ("--std", "height=0.5,tilt=0.4,pan=0,roll=0.2,heading=1,px=0")
     found = depth(60, *std, "--json")
     pose = ("--camera", tmp_path / "camera.toml", "--height", 50, "--tilt", 60)
     alone = aerodft("measure", *pose, *std, "--probe", "range 40,200", "--json").json[0]
@@ -129,8 +129,8 @@ def test_the_uncertainty_of_every_range_is_that_of_its_pixel(aerodft, depth, tmp
         assert arrays["range_m"][200, 40] == pytest.approx(alone["value"], rel=1e-5)
         assert found.json["range_std_m"]["median"] == pytest.approx(np.median(arrays["range_std_m"]), rel=1e-5)
     assert found.json["range_std_m"]["ill_conditioned_share"] == 0.0
-    assert "no --std: assumed" in " ".join(depth(60, "--json").json["notes"])
-    assert depth(60, "--std", "height=0,tilt=0", "--json").json["range_std_m"] is None
+    assert "assumed: height 0.5 m, tilt 1 deg" in " ".join(depth(60, "--json").json["notes"])
+    assert depth(60, "--std", "height=0,attitude=0", "--json").json["range_std_m"] is None
 
 
 def up_of_slope_m(east_north_m):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.app.measure import assumed_std
+from aerodft.app.measure import PoseStd
 from aerodft.cli.scenes.image_options import Stds, parse_probes, parse_stds
 from aerodft.errors import UsageError
 from aerodft.model import Camera, CameraStd, ProbeKind
@@ -78,7 +78,7 @@ def test_a_malformed_probe_is_one_sentence(text, said):
 
 def test_degrees_become_radians_and_metres_stay():
     stds = parse_stds("height=0.5, position=2,tilt=1,pan=2,roll=3,heading=4,focal=8,elevation=0.1,px=0.5")
-    pose = stds.pose_std().si()
+    pose = stds.pose_std().si(50.0)
     assert (pose.height_agl_m, pose.horizontal_m, pose.time_s) == (0.5, 2.0, 0.0)
     assert [pose.tilt_rad, pose.pan_rad, pose.roll_rad, pose.heading_rad] == [math.radians(k) for k in (1, 2, 3, 4)]
     assert (stds.focal_px, stds.elevation_m, stds.px) == (8.0, 0.1, 0.5)
@@ -89,9 +89,9 @@ def test_attitude_sets_all_three_and_a_later_one_wins():
     assert (pose.tilt_deg, pose.pan_deg, pose.roll_deg) == (2.0, 0.0, 2.0)
 
 
-def test_what_is_not_said_is_exact_but_for_the_pixel():
+def test_what_is_not_said_is_not_stated():
     stds = parse_stds("height=0.1")
-    assert (stds.pose_std().tilt_deg, stds.focal_px, stds.px) == (0.0, 0.0, 1.0)
+    assert (stds.pose_std().tilt_deg, stds.focal_px, stds.px) == (None, 0.0, None)
 
 
 @pytest.mark.parametrize(
@@ -112,9 +112,13 @@ def test_a_malformed_std_is_one_sentence(text, said):
     assert said in str(caught.value)
 
 
-def test_assumptions_scale_with_the_height():
-    std = assumed_std(50.0)
-    assert (std.height_m, std.tilt_deg, std.pan_deg, std.roll_deg) == (0.5, 0.3, 0.3, 0.3)
+def test_what_is_not_stated_is_assumed_by_the_height():
+    std = PoseStd().assumed(50.0)
+    assert (std.height_m, std.tilt_deg, std.pan_deg, std.roll_deg) == (0.5, 1.0, 0.3, 0.3)
+    assert PoseStd(tilt_deg=0.2).assumed(50.0) == PoseStd(
+        height_m=0.5, tilt_deg=0.2, pan_deg=0.3, roll_deg=0.3, position_m=0.0, heading_deg=0.0
+    )
+    assert PoseStd(height_m=0.0).si(50.0).height_agl_m == 0.0
 
 
 def test_a_focal_std_overrules_the_cameras_and_nothing_else_does():

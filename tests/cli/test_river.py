@@ -86,7 +86,7 @@ def test_without_a_place_there_is_no_geojson(river, shot, tmp_path):
 def test_height_is_shared_by_all_widths(river, shot):
     """1 % of height is 1 % of every width, and of their median: it does not average out."""
     scene, image, options = shot
-    done = river(image, *options, "--std", f"height={0.01 * scene.height_m}", "--json")
+    done = river(image, *options, "--std", f"height={0.01 * scene.height_m},attitude=0", "--json")
     width = done.json["width_m"]
     assert width["std"] == pytest.approx(0.01 * width["median"], rel=0.08)
 

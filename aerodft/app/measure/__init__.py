@@ -22,6 +22,5 @@ from aerodft.app.measure.scene import (
     MeasuredSurface,
     PoseStd,
     Slope,
-    assumed_std,
     image_setup,
 )

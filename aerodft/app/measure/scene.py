@@ -1,7 +1,7 @@
 """Camera, ground and pose of one image, as users know them: in degrees and metres, or out of a calibration file."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -43,7 +43,10 @@ def in_range(name: str, value: float, low: float, high: float, expected: str, hi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseStd:
-    """Standard deviations of a pose, independent of each other; what is not named is taken as exact.
+    """Standard deviations of a pose, independent of each other; 0 says exact.
+
+    Of what is None, the height is assumed to be known to 1 %, the tilt to 1 deg, pan and roll to 0.3 deg: a gimbal
+    whose kind is not known may be off by that. Position and heading are taken as exact. Measurements say so.
 
     Attributes:
         height_m: Of the height.
@@ -54,32 +57,47 @@ class PoseStd:
         heading_deg: Of the rotation about the vertical.
 
     Example:
-        >>> PoseStd(height_m=0.1, tilt_deg=0.2).pan_deg
-        0.0
+        >>> PoseStd(height_m=0.1).said(50.0)
+        'std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading'
     """
 
-    height_m: float = 0.0
-    position_m: float = 0.0
-    tilt_deg: float = 0.0
-    pan_deg: float = 0.0
-    roll_deg: float = 0.0
-    heading_deg: float = 0.0
+    height_m: float | None = None
+    position_m: float | None = None
+    tilt_deg: float | None = None
+    pan_deg: float | None = None
+    roll_deg: float | None = None
+    heading_deg: float | None = None
 
-    def si(self) -> model.PoseStd:
-        """In m and rad."""
+    def assumed(self, height_m: float) -> "PoseStd":
+        """The standard deviations with those that are assumed of a pose at this height."""
+        return PoseStd(**{each.name: self._of(each.name, height_m) for each in fields(self)})
+
+    def said(self, height_m: float) -> str:
+        """Which are stated, assumed and taken as exact at this height, for people."""
+        parts: dict[str, list[str]] = {"std stated": [], "assumed": [], "taken as exact": []}
+        for each in fields(self):
+            (name, unit), value = each.name.split("_"), self._of(each.name, height_m)
+            is_stated = getattr(self, each.name) is not None
+            part = "std stated" if is_stated else "assumed" if value else "taken as exact"
+            parts[part].append(f"{name} {value:.3g} {unit}" if is_stated or value else name)
+        return "; ".join(f"{part}: {', '.join(names)}" for part, names in parts.items() if names)
+
+    def si(self, height_m: float) -> model.PoseStd:
+        """All of them at this height, in m and rad."""
+        known = {name: value or 0.0 for name, value in asdict(self.assumed(height_m)).items()}
         return model.PoseStd(
-            height_agl_m=self.height_m,
-            horizontal_m=self.position_m,
-            tilt_rad=math.radians(self.tilt_deg),
-            pan_rad=math.radians(self.pan_deg),
-            roll_rad=math.radians(self.roll_deg),
-            heading_rad=math.radians(self.heading_deg),
+            height_agl_m=known["height_m"],
+            horizontal_m=known["position_m"],
+            **{f"{name}_rad": math.radians(known[f"{name}_deg"]) for name in ("tilt", "pan", "roll", "heading")},
         )
 
+    def _of(self, name: str, height_m: float) -> float:
+        stated: float | None = getattr(self, name)
+        assumed = {"height_m": 0.01 * height_m, "tilt_deg": 1.0, "pan_deg": 0.3, "roll_deg": 0.3}
+        return assumed.get(name, 0.0) if stated is None else stated
 
-def assumed_std(height_m: float) -> PoseStd:
-    """What is assumed where nobody says how well a pose is known: exactness would be a lie."""
-    return PoseStd(height_m=0.01 * height_m, tilt_deg=0.3, pan_deg=0.3, roll_deg=0.3)
+
+_UNSTATED: Final = PoseStd()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,8 +112,7 @@ class CameraPose:
         heading_deg: Clockwise from true north.
         lat_deg: WGS84 latitude; None where it is not known, with the longitude.
         lon_deg: WGS84 longitude.
-        std: How well all this is known; None to assume 1 % of the height and 0.3 deg of attitude, which the
-            measurement's reasons then say.
+        std: How well all this is known; what it leaves out is assumed, which the measurement's reasons say.
         covariance: ``(6, 6)`` instead of ``std``: position ENU (m), then a small rotation in camera axes (rad).
         reasons: What goes into every measurement's reasons.
 
@@ -115,7 +132,7 @@ class CameraPose:
     heading_deg: float = 0.0
     lat_deg: float | None = None
     lon_deg: float | None = None
-    std: PoseStd | None = None
+    std: PoseStd = _UNSTATED
     covariance: FloatArray | None = None
     reasons: tuple[str, ...] = ()
 
@@ -141,21 +158,15 @@ class CameraPose:
             return None
         return GeoOrigin(lat_rad=math.radians(self.lat_deg), lon_rad=math.radians(self.lon_deg))
 
-    @property
-    def known_std(self) -> PoseStd:
-        """How well the pose is known: as said, else as assumed; nothing beside a covariance."""
-        if self.std is not None:
-            return self.std
-        return PoseStd() if self.covariance is not None else assumed_std(self.height_m or self.altitude_m or 0.0)
-
     def pose(self, origin: GeoOrigin | None = None) -> model.Pose:
         """The pose in ENU of the camera's foot, SI units and radians; ``origin`` says the altitude of the ground."""
+        height_m = self._height_m(origin)
         pose = camera_pose(
-            height_agl_m=self._height_m(origin),
+            height_agl_m=height_m,
             tilt_rad=math.radians(self.tilt_deg),
             roll_rad=math.radians(self.roll_deg),
             heading_rad=math.radians(self.heading_deg),
-            std=self.known_std.si(),
+            std=self._std(height_m),
         )
         return pose if self.covariance is None else replace(pose, cov=self.covariance)
 
@@ -169,16 +180,15 @@ class CameraPose:
             UsageError: There is no height, or there are two.
             InputError: The altitude is below the ground.
         """
-        pose = self.pose(origin)
-        is_assumed = self.std is None and self.covariance is None
-        assumed = ("no std: assumed height 1 %, attitude 0.3 deg",) if is_assumed else ()
+        pose, height_m = self.pose(origin), self._height_m(origin)
+        said = (self.std.said(height_m),) if self.covariance is None else ()
         ground_msl_m = None if origin is None else origin.alt_msl_m
         return PoseSample(
             stamp_ns=0,
             status=Status.OK,
-            reasons=(*assumed, *self.reasons),
+            reasons=(*said, *self.reasons),
             pose=pose,
-            std=self.known_std.si(),
+            std=self._std(height_m),
             origin=origin,
             lat_rad=None if origin is None else origin.lat_rad,
             lon_rad=None if origin is None else origin.lon_rad,
@@ -187,6 +197,10 @@ class CameraPose:
             height_datum="manual",
             attitude_source=GimbalSource.MANUAL,
         )
+
+    def _std(self, height_m: float) -> model.PoseStd:
+        """How well the pose is known; nothing beside a covariance."""
+        return self.std.si(height_m) if self.covariance is None else model.PoseStd()
 
     def _height_m(self, origin: GeoOrigin | None) -> float:
         if self.height_m is not None and self.altitude_m is not None:

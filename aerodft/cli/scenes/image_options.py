@@ -25,7 +25,10 @@ LatOption = Annotated[float | None, typer.Option(help="Camera latitude, WGS84, d
 LonOption = Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")]
 StdOption = Annotated[
     str | None,
-    typer.Option(help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude."),
+    typer.Option(
+        help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude. What is not"
+        " named is assumed, which is said; 0 says exact."
+    ),
 ]
 CovarianceOption = Annotated[
     Path | None, typer.Option(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.")
@@ -39,19 +42,19 @@ _PROBE_OPTIONS: Final = ("elevation", "name")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stds:
-    """What ``--std`` says; what it does not name is taken as exact.
+    """What ``--std`` says.
 
     Attributes:
         pose: Of height (m), position (m) and angles (deg), by the names of ``--std``.
         focal_px: Of the focal length.
         elevation_m: Of the measured surface.
-        px: Of each pixel coordinate.
+        px: Of each pixel coordinate; None for the assumed 1 px.
     """
 
     pose: Mapping[str, float] = field(default_factory=dict)
     focal_px: float = 0.0
     elevation_m: float = 0.0
-    px: float = 1.0
+    px: float | None = None
 
     def pose_std(self) -> "PoseStd":
         """Of the pose."""
@@ -128,7 +131,6 @@ def scene_of_options(
     *,
     ground: Mapping[str, Any] | None = None,
     model: ProjectionModel | None = None,
-    says_exact: bool = False,
 ) -> "tuple[Setup, PoseSample]":
     """Camera, ground and pose out of options.
 
@@ -140,7 +142,6 @@ def scene_of_options(
         surface: What is measured.
         ground: The options of the ground by their names.
         model: Projection model; None for the calibration's, else the pinhole.
-        says_exact: Say which part of the pose ``std`` leaves out and thereby takes as exact.
 
     Raises:
         UsageError: There is no camera, or options do not go together.
@@ -148,7 +149,7 @@ def scene_of_options(
     """
     from aerodft.adapters.config import load_covariance
     from aerodft.adapters.config.camera import load_calibration, load_camera
-    from aerodft.app.measure import CameraPose, ElevationModel, Slope, assumed_std, image_setup
+    from aerodft.app.measure import CameraPose, ElevationModel, Slope, image_setup
 
     stds, known = parse_stds(std), None if calibration is None else load_calibration(calibration)
     terms = ground or {"terrain": None, "slope": None, "uphill": None}
@@ -170,14 +171,9 @@ def scene_of_options(
         raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
     if pose["tilt"] is None:
         raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
-    covariance, pose_std, reasons = pose["covariance"], stds.pose_std(), tuple[str, ...]()
+    covariance = pose["covariance"]
     if covariance is not None:
         stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
-    elif std is None:
-        pose_std = assumed_std(pose["height"] or pose.get("altitude") or 0.0)
-        reasons = ("no --std: assumed height 1 %, attitude 0.3 deg, px 1",)
-    elif says_exact:
-        reasons = tuple(_taken_as_exact(pose_std))
     place = CameraPose(
         height_m=pose["height"],
         altitude_m=pose.get("altitude"),
@@ -186,20 +182,11 @@ def scene_of_options(
         heading_deg=pose["heading"] or 0.0,
         lat_deg=pose["lat"],
         lon_deg=pose["lon"],
-        std=pose_std,
+        std=stds.pose_std(),
         covariance=None if covariance is None else load_covariance(covariance),
-        reasons=reasons,
     )
     lens = stds.on_camera(load_camera(camera))
     return image_setup(lens, place, ground=shape, model=model, calibration=calibration, surface=surface)
-
-
-def _taken_as_exact(std: "PoseStd") -> Iterator[str]:
-    """What ``--std`` leaves out, though widths depend on it."""
-    attitude = any((std.tilt_deg, std.pan_deg, std.roll_deg))
-    left_out = [name for name, known in (("height", std.height_m), ("attitude", attitude)) if not known]
-    if left_out:
-        yield f"--std leaves out {' and '.join(left_out)}: taken as exact"
 
 
 def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> "tuple[Request, ...]":
@@ -240,7 +227,7 @@ def _parse_probe(text: str, stds: Stds, elevation_m: float) -> "ImageProbe":
         return PROBES[ProbeKind(kind)](
             pixels,
             name=options.get("name"),
-            std_px=stds.px,
+            std_px=1.0 if stds.px is None else stds.px,
             elevation_m=elevation_m,
             elevation_std_m=stds.elevation_m,
             on_top_of=elevation if named else None,

@@ -124,6 +124,8 @@ def measure(
         setup = setup if model is None else replace(setup, model=model)
     else:
         setup, sample = scene_of_options(pose, camera, calibration, std, surface, ground=ground, model=model)
+        if stds.px is None:
+            sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
     _check_model(setup, sample, model, roll, compare=compare)
     if depth_map is not None:
         _write_depth(setup, sample, depth_map, image, step, as_json=json)

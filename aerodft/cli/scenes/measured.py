@@ -60,6 +60,9 @@ def _print_measurements(measurements: list[Measurement], budgets: list[tuple[Sha
         table.add_row(item.name, item.kind, value, interval, ground, status)
     console = tables()
     console.print(table)
+    answered = [item for item in measurements if item.status is Status.OK]
+    for reason in dict.fromkeys(reason for item in answered for reason in item.reasons):
+        console.print(reason, soft_wrap=True, markup=False)
     for item, budget in zip(measurements, budgets, strict=False):
         parts = ", ".join(f"{part.source} {100 * part.share:.0f} % ({part.std:.3g} {item.unit})" for part in budget)
         sentence = f"{parts}. {advice(budget)}" if budget else "no single number whose uncertainty could be divided"

@@ -94,8 +94,7 @@ def river(
     network = None if water_model is None else WaterNetwork.read(water_model)
     check_folder(output)
     stds, most = parse_stds(std), MOST_IMAGES if images is None else images
-    bank_std_px = stds.px if std and any(part.strip().startswith("px") for part in std.split(",")) else None
-    question = river_question(None if seed is None else _pixel(seed), spacing, flow, network, bank_std_px)
+    question = river_question(None if seed is None else _pixel(seed), spacing, flow, network, stds.px)
     surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
     if is_recording(what):
         refuse_beside(pose, "a recording")
@@ -104,7 +103,7 @@ def river(
     else:
         if config is not None:
             raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
-        setup, sample = scene_of_options(pose, camera, calibration, std, surface, says_exact=True)
+        setup, sample = scene_of_options(pose, camera, calibration, std, surface)
         views = None
         if what.suffix.lower() in VIDEO_SUFFIXES:
             with steps("reading the video twice: seconds") as progress:

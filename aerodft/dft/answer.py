@@ -1,7 +1,9 @@
 """What requests of one kind come to in many images: the one place where a status is decided.
 
-Numbers are by first order where that is enough, drawn where it is not: as long as no point's slant range is less
-certain than ``FIRST_ORDER_LIMIT``; over 5 % the ground runs away from the ray too fast for a straight line. The dft
+Numbers are by first order where that is enough, drawn where it is not. Over 5 % of a slant range the ground runs away
+from the ray too fast for a straight line. Below, a bound of what second order adds tells for most that it is nothing.
+For the rest a few draws are compared with first order, however small its standard deviation is: where the slope is
+zero, all there is to measure is second order. What pixels' noise adds to the length of a line is taken off it. The dft
 model has first order only.
 
 ``n`` images, ``g`` requests of a kind with ``q`` pixels each, ``s`` shared errors as in ``projection``.
@@ -9,12 +11,13 @@ model has first order only.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from aerodft.dft.covariance import (
+    CHI2_2D_95,
     STD_NAMES,
     Z95,
     Share,
@@ -25,11 +28,14 @@ from aerodft.dft.covariance import (
     standard_deviations,
     variance_budgets,
 )
-from aerodft.dft.monte_carlo import Drawn, Interval, Uncertain, draw, draw_ranges
+from aerodft.dft.monte_carlo import Drawn, Interval, Uncertain, beyond_first_order, draw, draw_lengths, draw_ranges
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
 from aerodft.dft.projection import (
     ELEVATION,
+    FOCAL,
     POSITION,
+    PRINCIPAL_POINT,
+    ROTATION,
     Codes,
     Directions,
     GroundPoints,
@@ -40,6 +46,7 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient, RayGeometry
 from aerodft.dft.request import Setup
+from aerodft.geometry import matrix
 from aerodft.model import (
     CODE_OF,
     CODES,
@@ -62,6 +69,16 @@ _NO_RAY: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS_MODEL
 _OK: Final = CODE_OF[Status.OK]
 _STATED: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
 _EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
+_BOUND: Final = 0.1
+"""Of a standard deviation: what second order adds at most that need not be looked at."""
+_NONLINEAR: Final = 0.15
+"""Of a standard deviation: what draws differ by from first order, as root mean square, that first order can do with."""
+_STEADY: Final = 12
+"""Standard deviations of pixels that a step of a line is longer than, for its direction to be known."""
+_LONGER: Final = 0.2
+"""Of a standard deviation: what noise may add to a line without being taken off."""
+_NARROW: Final = 5e-3
+"""Of an ellipse's length: what it is wide at least, where a straight line is compared with what draws come to."""
 _GRAZING_RAD: Final = math.radians(15)  # below the horizon: from here on, small angles are large errors
 _NO_DIRECTIONS: Final = np.empty((0, 3))
 
@@ -278,13 +295,17 @@ class Answers:
             half = Z95 * self._range_std_m
             self._refuse(worst > MAX_RELATIVE_RANGE_STD, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
             return
-        needed = (worst > FIRST_ORDER_LIMIT) | self._kind.needs_draws(self)
+        needed = self.is_open & (worst > FIRST_ORDER_LIMIT)
+        is_longer = self._is_longer() & self.is_open
+        needed |= is_longer
+        needed |= self._is_bent(self.is_open & ~needed)
         surface = self._view.setup.ground
         if surface is not None and surface.has_edges and self._on_ground:
             needed |= self._has_edge(self.is_open & ~needed)
-        needed &= self.is_open
         if needed.any():
             self._redo(*np.nonzero(needed))
+        if is_longer.any():
+            self._shorten(*np.nonzero(is_longer & self.is_open))
 
     def _redo(self, rows: IntArray, members: IntArray) -> None:
         """Answer from drawn errors, or refuse as they justify."""
@@ -300,8 +321,90 @@ class Answers:
         self._refuse(refused, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
         self._cov[rows, members] = found.cov_enu_m2
         if self._kind.scalar is not None:
-            self._ends.low[rows, members], self._ends.high[rows, members] = found.scalar.low, found.scalar.high
-            self.std[rows, members] = (found.scalar.high - found.scalar.low) / (2 * Z95)
+            low, high = found.scalar.low, found.scalar.high
+            if not self._kind.is_signed:  # what cannot be told from nothing may be nothing
+                low = np.where(self.value[rows, members] <= math.sqrt(CHI2_2D_95) * self.std[rows, members], 0.0, low)
+            self._ends.low[rows, members], self._ends.high[rows, members] = low, high
+            self.std[rows, members] = (high - low) / (2 * Z95)
+
+    def _is_longer(self) -> BoolArray:
+        """Whether the pixels' noise makes a line of several steps longer, by second order."""
+        points_m = self._ground.points_enu_m[..., :2]
+        if self.kind is not ProbeKind.LENGTH or points_m.shape[2] <= 2:  # noqa: PLR2004 - one step has its interval
+            return np.zeros(self.code.shape, dtype=np.bool_)
+        steps = np.diff(points_m, axis=2)
+        length = np.hypot(steps[..., 0], steps[..., 1])
+        across = np.stack([-steps[..., 1], steps[..., 0]], axis=-1) / length[..., None]
+        by_px = self._ground.jac_px[..., :2, :]
+        ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (by_px[:, :, :-1], by_px[:, :, 1:])]
+        across_var = np.sum(np.square(ends), axis=(0, -1)) * self._vars[1][:, None]
+        return np.asarray(~(np.sum(across_var / (2 * length), axis=-1) <= _LONGER * self.std))
+
+    def _shorten(self, rows: IntArray, members: IntArray) -> None:
+        """Take off what noise adds to the lengths of lines."""
+        if not len(rows):
+            return
+        view, columns = self._view, self._columns[members]
+        is_shared = view.pixels_px.ndim == 2  # noqa: PLR2004 - all images share the pixels
+        pixels = view.pixels_px[columns] if is_shared else view.pixels_px[rows[:, None], columns]
+        zoom = view.poses.zoom[rows, 0]
+        rays = pixel_rays(view.setup.camera, _smooth(pixels, self.std_px[members]), np.where(np.isnan(zoom), 1.0, zoom))
+        found = draw_lengths(replace(self._uncertain(rows, members), rays=rays))
+        value = np.maximum(self.value[rows, members] - found.longer_m, 0.0)
+        low, high = np.minimum(found.interval.low, 0.0), np.maximum(found.interval.high, 0.0)
+        self.value[rows, members] = value
+        self._ends.low[rows, members], self._ends.high[rows, members] = np.maximum(value + low, 0.0), value + high
+        self.std[rows, members] = std = (high - low) / (2 * Z95)
+        for row, member, longer_m, own in zip(rows, members, found.longer_m, std, strict=True):
+            if longer_m > own:
+                sentence = f"noise of the pixels made the line longer: {longer_m:.2g} m are taken off"
+                sample = view.poses.variants[view.poses.variant_index[row]]
+                self.reasons[int(member)][int(row)] = (sentence, *sample.reasons)
+
+    def _is_bent(self, asked: BoolArray) -> BoolArray:
+        """Whether what errors do is no straight line."""
+        view, found = self._view, np.zeros(self.code.shape, dtype=np.bool_)
+        if view.setup.ground is None:
+            camera, rotation = view.setup.camera, view.shared_cov[:, ROTATION, ROTATION]
+            up_cam = matrix(view.poses.pose.wxyz)[:, 2]
+            lean_var = np.trace(rotation, axis1=1, axis2=2) - np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)
+            lens = slice(FOCAL.start, PRINCIPAL_POINT.stop)
+            lens_var = np.trace(view.shared_cov[:, lens, lens], axis1=1, axis2=2) / camera.fx_px**2
+            self.ray_std_rad = np.sqrt((lean_var + lens_var)[:, None] + self._vars[1] / camera.fx_px**2)
+            ground_m = self._ground.points_enu_m[:, :, : self._on_ground, 2]
+            slant = self._range_m / (self._camera_m[..., None, 2] - ground_m)
+            self.slant = np.max(slant, axis=-1, initial=1.0)
+            self.noise_m = np.max(self._range_m * slant, axis=-1, initial=0.0) * self.std_px / camera.fx_px
+            if self._kind.scalar is None:
+                turn_var = np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)[:, None]
+                second = self._range_m[..., 0] * (np.square(self.ray_std_rad * self.slant) + turn_var / 2)
+                axes = ellipses95(self._cov) / math.sqrt(CHI2_2D_95)
+                first = np.maximum(axes[..., 1], _NARROW * axes[..., 0])
+            else:
+                second, first = self._kind.second_order(self), self.std
+            asked = asked & ~(second <= _BOUND * first)
+        rows, members = np.nonzero(asked)
+        if len(rows):
+            found[rows, members] = self._draws_differ(rows, members)
+        return found
+
+    def _draws_differ(self, rows: IntArray, members: IntArray) -> BoolArray:
+        """``(p,)`` whether a few draws of requests are not where first order has them."""
+        at = rows, members
+        uncertain = self._uncertain(rows, members)
+        if self._kind.scalar is not None:
+            by = self.by_shared[at][:, None], self.by_px[at][:, None]
+            apart = beyond_first_order(uncertain, *by, self.value[at][:, None])[:, 0]
+            return np.asarray(~(np.sqrt(np.mean(np.square(apart), axis=-1)) <= _NONLINEAR * self.std[at]))
+        east_north = (*at, 0, slice(2))
+        by = self._ground.jac_shared[east_north], self._ground.jac_px[east_north][:, :, None]
+        apart = beyond_first_order(uncertain, *by, self._ground.points_enu_m[east_north])
+        cov = self._cov[at][:, :2, :2]
+        least_var = _NARROW**2 * np.trace(cov, axis1=1, axis2=2)
+        least = _NONLINEAR**2 * cov + least_var[:, None, None] * np.eye(2)
+        least -= apart @ apart.swapaxes(-1, -2) / apart.shape[-1]
+        det = least[:, 0, 0] * least[:, 1, 1] - least[:, 0, 1] * least[:, 1, 0]
+        return np.asarray(~((least[:, 0, 0] >= 0) & (least[:, 1, 1] >= 0) & (det >= 0)))  # in every direction
 
     def _has_edge(self, asked: BoolArray) -> BoolArray:
         """Whether the ground's shape makes more, or less, of the errors than its slope where it is met says."""
@@ -424,6 +527,24 @@ def _select_rays(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> 
     if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
         return PixelRays(*(part[columns] for part in parts))
     return PixelRays(*(part[rows, columns] for part in parts))
+
+
+def _smooth(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
+    """Lines ``(p, q, 2)`` with vertices as means of so many that their steps are longer than noise.
+
+    A line stays as it is where that would take away more than noise of these standard deviations ``(p,)``: a zigzag.
+    """
+    squares = np.sum(np.square(np.diff(pixels_px, axis=1)), axis=-1)
+    step_px = np.sqrt(np.maximum(np.mean(squares, axis=-1) - 4 * std_px**2, std_px**2 / 4))
+    vertex, last = np.arange(pixels_px.shape[1]), pixels_px.shape[1] - 1
+    wanted = np.floor(_STEADY * std_px / step_px + 0.5).astype(np.int64)[:, None]
+    half = np.minimum(wanted, np.minimum(vertex, last - vertex))
+    line, sums = np.arange(len(pixels_px))[:, None], np.pad(np.cumsum(pixels_px, axis=1), ((0, 0), (1, 0), (0, 0)))
+    counts = 2 * half + 1
+    smooth = (sums[line, vertex + half + 1] - sums[line, vertex - half]) / counts[..., None]
+    noise = np.sum(np.square(pixels_px - smooth), axis=(1, 2))
+    most = 2 * std_px**2 * (np.sum(1 - 1 / counts, axis=1) + 2 * np.sqrt(last))
+    return np.where((noise <= most)[:, None, None], smooth, pixels_px)
 
 
 def _directions(rays: PixelRays, columns: IntArray, poses: PoseBatch) -> Directions:

@@ -24,7 +24,7 @@ from aerodft.dft.projection import (
     shared_count,
 )
 from aerodft.dft.quantities import Gradient
-from aerodft.geometry import intrinsics_covariance, matrix
+from aerodft.geometry import intrinsics_covariance, matrix, pose_covariance
 from aerodft.model import Camera, FloatArray, FloatLike, Pose, PoseBatch, PoseStd
 
 Z95 = 1.959963984540054
@@ -264,8 +264,7 @@ def advice(budget: tuple[Share, ...]) -> str:
 def _attitude(by_rotation: FloatArray, poses: PoseBatch) -> dict[str, FloatArray]:
     up_cam = matrix(poses.pose.wxyz)[:, 2]
     tilt, pan, roll, heading = (poses.std[:, STD_NAMES.index(name)] for name in _STATED)
-    stated = np.square(heading)[:, None, None] * up_cam[:, :, None] * up_cam[:, None]
-    stated[:, [0, 1, 2], [0, 1, 2]] += np.square([tilt, pan, roll]).T
+    stated = pose_covariance(poses.pose.wxyz, poses.std)[:, ROTATION, ROTATION]
     actual = poses.pose.cov[:, ROTATION, ROTATION]
     is_stated = np.all(np.abs(stated - actual) <= 1e-15 + 1e-6 * np.abs(actual), axis=(1, 2))
     parts = {

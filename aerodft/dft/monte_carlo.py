@@ -3,11 +3,14 @@
 The draws are a fixed Sobol sequence, so that the same input gives the same bytes. A scalar's interval is the central
 95 % of what the draws give: near the horizon it is long on the far side, as the truth's distribution is. The pinhole
 model is drawn only; the lens is taken as linear over the errors of pixels and intrinsics.
+
+A camera's turn about the vertical is drawn apart from how it leans, and composed with that: ``Rz(turn) exp(lean) R``.
+An unknown heading moves points around the camera's foot, however large its error is, and nothing else.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final, TypeAlias
 
@@ -15,17 +18,27 @@ import numpy as np
 
 from aerodft.dft.covariance import CHI2_2D_95
 from aerodft.dft.probe_kinds import PROBE_KINDS
-from aerodft.dft.projection import ELEVATION, INTRINSICS, PixelRays
+from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION, PixelRays
 from aerodft.dft.quantities import RayGeometry
-from aerodft.geometry import Ground
+from aerodft.geometry import Ground, camera_angles, matrix
 from aerodft.jit import njit, njit_fused
 from aerodft.model import BoolArray, FloatArray, IntArray, Pose, ProbeKind
 
 DRAWS: Final = 1024
 _SEED: Final = 20
-_RAYS_AT_ONCE: Final = 32
-"""So many rays' draws stay in the cache together."""
+_EVEN: Final = 64
+_AT_ONCE: Final = 32 * DRAWS
+"""So many draws of rays stay in the cache together."""
 
+_EVERY: Final = slice(None)
+_FEW: Final = np.r_[0:8, DRAWS // 2 : DRAWS // 2 + 8]
+"""Eight draws, each of another eighth of every error, and their mirror images."""
+
+_TURN: Final = ROTATION.stop - 1
+_SINGULAR: Final = 1e-12
+"""Of an error's variance: what is less than this share of it follows from the errors before it."""
+_ROUNDING: Final = 1e-14
+"""Of a rotation's variance: what rounding makes of it about other axes."""
 
 _NARROW: Final = 1e-6
 """Of a squared trace: a determinant that is smaller than this share of it is known to half of its digits only."""
@@ -42,7 +55,10 @@ def standard_draws(dimensions: int) -> FloatArray:
     from scipy.special import ndtri  # noqa: PLC0415 - half a second with what follows, and most commands never draw
     from scipy.stats import qmc  # noqa: PLC0415
 
-    half = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(_SEED)).random(DRAWS // 2)
+    half = qmc.Sobol(min(dimensions, _EVEN), scramble=True, rng=np.random.default_rng(_SEED)).random(DRAWS // 2)
+    if dimensions > _EVEN:  # in more dimensions so few points of the sequence go together
+        more = qmc.LatinHypercube(dimensions - _EVEN, rng=np.random.default_rng(_SEED)).random(DRAWS // 2)
+        half = np.concatenate([half, more], axis=1)
     normal = ndtri(np.clip(half, 1e-9, 1 - 1e-9))
     draws = np.asfortranarray(np.concatenate([normal, -normal]))
     draws.setflags(write=False)
@@ -121,7 +137,7 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
     cov, is_known = np.full((count, 3, 3), np.nan), np.empty(count, dtype=np.bool_)
     kind = PROBE_KINDS[probes.kind]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for own, every in _draws(probes, 1):
+        for own, every in _draws(probes, _EVERY):
             ranges[:, own] = _central(_ranges(every, on_ground))
             is_known[own] = np.all(Interval(*ranges[:, own]).half <= most_half_m[own], axis=-1)
             known = np.flatnonzero(is_known[own])
@@ -130,10 +146,9 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
             rows, seen = own.start + known, every if is_known[own].all() else tuple(part[known] for part in every)
             if kind.scalar is not None:
                 values = kind.scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in seen)))
-                if kind.is_angle:  # on the same turn as without errors
-                    middle = centre[rows, None]
-                    values = middle + np.remainder(values - middle + np.pi, 2 * np.pi) - np.pi
-                scalars[:, rows] = _central(values)
+                if kind.is_angle:
+                    values = _on_turn_of(centre[rows, None], values)
+                scalars[:, rows] = _around(values, centre[rows])
             if on_ground:
                 cov[rows] = _scatters(np.ascontiguousarray(seen[-1][:, 0]), first_enu_m[rows])
     return Drawn(Interval(*ranges), is_known, Interval(*scalars), cov)
@@ -141,26 +156,144 @@ def draw(probes: Uncertain, most_half_m: FloatArray, centre: FloatArray, first_e
 
 def draw_ranges(probes: Uncertain, on_ground: int, every: int) -> Interval:
     """A quick look at slant ranges ``(p, k)`` alone, by only every so many-th draw."""
-    return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in _draws(probes, every)], axis=1))
+    some = slice(None, None, every)
+    return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in _draws(probes, some)], axis=1))
 
 
-def _draws(probes: Uncertain, every: int) -> Iterator[tuple[slice, _DrawnRays]]:
-    """The draws of some probes after the other."""
-    image, rays, errors = probes.image, probes.rays, probes.shared_cov.shape[-1]
-    pixels = rays.rays_cam.shape[1]
-    draws = np.ascontiguousarray(standard_draws(errors + 2 * pixels).T[:, ::every])
+def beyond_first_order(probes: Uncertain, by_shared: FloatArray, by_px: FloatArray, first: FloatArray) -> FloatArray:
+    """What a few draws differ by from first order ``(p, c, 16)``: infinite where a draw has no answer.
+
+    Args:
+        probes: The probes.
+        by_shared: ``(p, c, s)`` derivatives of their value, or of the east and north of a position.
+        by_px: ``(p, c, q, 2)``.
+        first: ``(p, c)`` those without errors.
+    """
+    kind, count = PROBE_KINDS[probes.kind], by_shared.shape[-1]
+    normal = standard_draws(count + 2 * by_px.shape[2]).T[:, _FEW]
+    roots, poses = _roots(probes)
+    turned = by_shared.copy()
+    turned[..., ROTATION] = by_shared[..., ROTATION] @ matrix(probes.pose.wxyz)[probes.image].swapaxes(-1, -2)
+    own = probes.std_px[:, None, None] * by_px.reshape(*first.shape, -1)
+    linear = first[..., None] + (turned @ roots[poses]) @ normal[:count] + own @ normal[count:]
+    if kind.scalar is None:
+        found = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, _FEW)])
+    else:
+        values = _values(probes, _FEW)
+        found = (_on_turn_of(first, values) if kind.is_angle else values)[:, None]
+    return np.where(np.isfinite(found), found - linear, np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnLengths:
+    """What noise makes of ``p`` lines.
+
+    Attributes:
+        longer_m: ``(p,)`` how much longer the pixels' noise makes them.
+        interval: ``(p,)`` 95 % of their errors, from all that is uncertain, about 0.
+    """
+
+    longer_m: FloatArray
+    interval: Interval
+
+
+def draw_lengths(smooth: Uncertain) -> DrawnLengths:
+    """Draw lines whose vertices are hardly farther apart than their pixels' noise.
+
+    A vertex that is off across the line makes it longer, whichever side it is off to: noise that is drawn about noisy
+    vertices would do so twice. It is drawn about smoothed ones, whose steps are nearly as long as the true ones.
+
+    Args:
+        smooth: The lines through smoothed pixels.
+    """
+    sure = replace(smooth, std_px=np.zeros_like(smooth.std_px))
+    exact = replace(sure, shared_cov=np.zeros_like(smooth.shared_cov), elevation_std_m=np.zeros_like(smooth.std_px))
+    noisy, shared = _values(smooth, _EVERY), _values(sure, _EVERY)
+    longer_m = np.nanmean(noisy - shared, axis=-1)
+    return DrawnLengths(longer_m, Interval(*_central(noisy - _values(exact, _FEW)[:, :1] - longer_m[:, None])))
+
+
+def _values(probes: Uncertain, some: slice | IntArray) -> FloatArray:
+    """What draws of probes of a kind that has a scalar come to, ``(p, d)``."""
+    scalar, found = PROBE_KINDS[probes.kind].scalar, []
+    assert scalar is not None  # noqa: S101 - the callers' own condition, for the type checker
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        found += [scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in seen))) for _, seen in _draws(probes, some)]
+    return np.concatenate(found)
+
+
+def _on_turn_of(middle_rad: FloatArray, angles_rad: FloatArray) -> FloatArray:
+    """Angles within half a turn of ``middle_rad``."""
+    return middle_rad + np.remainder(angles_rad - middle_rad + np.pi, 2 * np.pi) - np.pi
+
+
+def _roots(probes: Uncertain) -> tuple[FloatArray, IntArray]:
+    """Roots ``(u, s, s)`` of covariances of the shared errors, and which of them each probe ``(p,)`` has.
+
+    Rotations are about east, north and up. The turn about the vertical comes last, so that no other error is drawn
+    otherwise for it; horizontal axes turn with the camera, so that headings make no difference.
+    """
+    image = probes.image
     is_new = np.ones(len(image), dtype=np.bool_)
     is_new[1:] = (image[1:] != image[:-1]) | (probes.elevation_std_m[1:] != probes.elevation_std_m[:-1])
     cov = probes.shared_cov[image[is_new]]
     cov[:, ELEVATION, ELEVATION] += np.square(probes.elevation_std_m[is_new])
-    variances, axes = np.linalg.eigh(cov)  # a covariance may be singular
-    poses, roots = np.cumsum(is_new) - 1, axes * np.sqrt(np.clip(variances, 0.0, None))[:, None]
-    is_bent = np.any(cov[:, INTRINSICS, INTRINSICS])
+    wxyz = probes.pose.wxyz[image[is_new]]
+    _, _, heading = camera_angles(wxyz)
+    level = np.zeros((len(cov), 3, 3))  # right, ahead and up in ENU
+    level[:, 0, 0] = level[:, 1, 1] = np.cos(heading)
+    level[:, 1, 0] = np.sin(heading)
+    level[:, 0, 1], level[:, 2, 2] = -level[:, 1, 0], 1.0
+    turn = level @ matrix(wxyz)
+    cov[:, ROTATION] = turn @ cov[:, ROTATION]
+    cov[..., ROTATION] = cov[..., ROTATION] @ turn.swapaxes(-1, -2)
+    least = _SINGULAR * np.diagonal(cov, axis1=1, axis2=2)
+    lean = slice(ROTATION.start, _TURN)  # axes that nothing leans about have the turn's rounding errors
+    least[:, lean] += _ROUNDING * np.trace(cov[:, ROTATION, ROTATION], axis1=1, axis2=2)[:, None]
+    order = np.r_[:_TURN, ROTATION.stop : cov.shape[-1], _TURN]
+    roots = np.empty(cov.shape)
+    roots[:, order] = _semidefinite_roots(np.ascontiguousarray(cov[:, order[:, None], order]), least[:, order])
+    roots[:, ROTATION] = level.swapaxes(-1, -2) @ roots[:, ROTATION]
+    return roots, np.cumsum(is_new) - 1
+
+
+@njit
+def _semidefinite_roots(covs: FloatArray, least: FloatArray) -> FloatArray:
+    """Lower triangles ``(u, s, s)`` of which covariances ``(u, s, s)``, that may be singular, are the squares.
+
+    Variances of ``least (u, s)`` and less, beside what follows from the errors before, are none.
+    """
+    roots = np.zeros(covs.shape)
+    for u in range(len(covs)):
+        root = roots[u]
+        for j in range(covs.shape[1]):
+            pivot = covs[u, j, j]
+            for k in range(j):
+                pivot -= root[j, k] * root[j, k]
+            if not pivot > least[u, j]:
+                continue
+            root[j, j] = math.sqrt(pivot)
+            for i in range(j + 1, covs.shape[1]):
+                rest = covs[u, i, j]
+                for k in range(j):
+                    rest -= root[i, k] * root[j, k]
+                root[i, j] = rest / root[j, j]
+    return roots
+
+
+def _draws(probes: Uncertain, some: slice | IntArray) -> Iterator[tuple[slice, _DrawnRays]]:
+    """The draws, all or some of them, of some probes after the other."""
+    image, rays, errors = probes.image, probes.rays, probes.shared_cov.shape[-1]
+    pixels = rays.rays_cam.shape[1]
+    draws = np.ascontiguousarray(standard_draws(errors + 2 * pixels).T[:, some])
+    roots, poses = _roots(probes)
+    is_bent = np.any(probes.shared_cov[:, INTRINSICS, INTRINSICS])
     by_px = probes.std_px[:, None, None, None] * rays.by_px
     by_intrinsics = np.ascontiguousarray(rays.by_intrinsics[..., slice(None if is_bent else 0)])
     wxyz, cameras_m = probes.pose.wxyz[image], probes.pose.position_enu_m[image]
-    most = max(_RAYS_AT_ONCE // pixels, 1)
-    size = draws.shape[1]  # each piece is drawn into the memory of the one before: new memory takes longer than draws
+    size = draws.shape[1]
+    most = max(_AT_ONCE // (size * pixels), 1)
+    # Each piece is drawn into the memory of the one before: new memory takes longer than draws.
     room = np.empty((most, 3, size)), np.empty((most, size)), *np.empty((2, most, pixels, 3, size))
     for first in range(0, len(image), most):
         own = slice(first, first + most)
@@ -227,19 +360,21 @@ def _add(factors: FloatArray, values: FloatArray, total: FloatArray) -> None:
 
 
 @njit_fused
-def _turn(wxyz: FloatArray, rotvec_rad: FloatArray, found: FloatArray) -> None:
-    """Rows of the matrices ``(9, d)`` of a rotation after rotation vectors ``(3, d)``."""
-    a, b, c, e = wxyz
-    for d in range(rotvec_rad.shape[1]):  # by itself: what calls for sines takes one draw at a time
-        x, y, z = rotvec_rad[:, d]
-        angle = math.sqrt(x * x + y * y + z * z)
+def _turn(wxyz: FloatArray, errors_rad: FloatArray, found: FloatArray) -> None:
+    """Rows of the matrices ``(9, d)`` of a rotation after errors ``(3, d)`` about east and north, then about up."""
+    b, c, e, f = wxyz
+    for d in range(errors_rad.shape[1]):  # by itself: what calls for sines takes one draw at a time
+        x, y = errors_rad[0, d], errors_rad[1, d]
+        angle = math.sqrt(x * x + y * y)
         found[0, d] = math.cos(angle / 2)
         found[1, d] = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
-    for d in range(rotvec_rad.shape[1]):
-        s, share = found[0, d], found[1, d]
-        p, q, r = share * rotvec_rad[0, d], share * rotvec_rad[1, d], share * rotvec_rad[2, d]
-        w, x = a * s - b * p - c * q - e * r, b * s + a * p - e * q + c * r  # a quaternion's product
-        y, z = c * s + e * p + a * q - b * r, e * s - c * p + b * q + a * r
+        found[2, d] = math.cos(errors_rad[2, d] / 2)
+        found[3, d] = math.sin(errors_rad[2, d] / 2)
+    for d in range(errors_rad.shape[1]):
+        x, y, cosine, sine = found[1, d] * errors_rad[0, d], found[1, d] * errors_rad[1, d], found[2, d], found[3, d]
+        s, p, q, r = cosine * found[0, d], cosine * x - sine * y, cosine * y + sine * x, sine * found[0, d]
+        w, x = s * b - p * c - q * e - r * f, s * c + p * b + q * f - r * e  # a quaternion's product
+        y, z = s * e - p * f + q * b + r * c, s * f + p * e - q * c + r * b
         found[0, d], found[4, d], found[8, d] = (
             1 - 2 * (y * y + z * z),
             1 - 2 * (x * x + z * z),
@@ -285,6 +420,23 @@ def _ranges(seen: _DrawnRays, count: int) -> FloatArray:
 def _central(values: FloatArray) -> FloatArray:
     """Low and high end ``(2, ...)`` of the central 95 % of ``values (..., d)``; NaN are beyond everything."""
     return _ends(np.ascontiguousarray(values).reshape(-1, values.shape[-1])).reshape(2, *values.shape[:-1])
+
+
+def _around(values: FloatArray, centre: FloatArray) -> FloatArray:
+    """Ends ``(2, m)`` of 95 % of ``values (m, d)``: the central ones, or those next to ``centre (m,)`` outside of them.
+
+    Of two pixels in one place all draws are apart: what they hold is 95 % of the draws, and the distance 0.
+    """
+    low, high = ends = _central(values)
+    for row in np.flatnonzero((centre < low) | (centre > high)).tolist():
+        own, last = np.sort(np.where(np.isnan(values[row]), np.inf, values[row])), values.shape[1] - 1
+        if centre[row] < low[row]:
+            low[row], at = centre[row], np.searchsorted(own, centre[row]) + 0.95 * last
+            high[row] = own[min(math.ceil(at), last)]
+        else:
+            high[row], at = centre[row], np.searchsorted(own, centre[row]) - 0.95 * last
+            low[row] = own[max(math.floor(at), 0)]
+    return ends
 
 
 @njit

@@ -19,7 +19,6 @@ from aerodft.dft.quantities import (
     bearing,
     bearing_gradient,
     crosses_itself,
-    foot_distance,
     ground_distance,
     height_gradient,
     lateral_offset,
@@ -41,15 +40,12 @@ MAX_RELATIVE_RANGE_STD: Final = 0.3
 """A point whose slant range is less certain than this is ``ILL_CONDITIONED``."""
 
 MAX_BEARING_STD_RAD: Final = 0.3
-"""A direction that is less certain than this is ``ILL_CONDITIONED``; over a third of it, errors are drawn."""
-
-NEAR_FOOT: Final = 0.1
-"""An object's height is drawn where its distance from the camera's foot is less certain than this share of it."""
+"""A direction that is less certain than this is ``ILL_CONDITIONED``."""
 
 LEANING_STDS: Final = 6.0
 """What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
 
-_MOST_PIXELS: Final = 64
+_MOST_PIXELS: Final = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,12 +73,18 @@ class FirstOrder(Protocol):
         value: ``(n, g)`` in SI units.
         std: ``(n, g)`` standard deviations of the values.
         is_pinhole: Whether rays are known; the paper's model has none.
+        ray_std_rad: ``(n, g)`` of the rays against the vertical, by lean, lens and pixels.
+        slant: ``(n, g)`` the largest slant range over height of the points that have to lie on the ground.
+        noise_m: ``(n, g)`` no point's pixel moves it by a larger standard deviation.
     """
 
     geometry: RayGeometry
     value: FloatArray
     std: FloatArray
     is_pinhole: bool
+    ray_std_rad: FloatArray
+    slant: FloatArray
+    noise_m: FloatArray
 
     @property
     def highest(self) -> FloatArray:
@@ -146,9 +148,13 @@ class Kind:
         """Which points ``(..., k, 3)`` can have no answer, however small the errors, its status, and why; or None."""
         return None
 
-    def needs_draws(self, found: FirstOrder) -> BoolArray:
-        """``(n, g)`` where first order does not do although the points are known well."""
-        return np.full(found.value.shape, fill_value=False)
+    def second_order(self, found: FirstOrder) -> FloatArray:
+        """``(n, g)`` what second order adds to the values at most, over level ground; infinite where that is not known.
+
+        An angle that is off by ``a`` moves a point at the slant range ``r``, seen from the height ``h``, by ``a r / h``
+        of its range, and by the square of that beyond first order.
+        """
+        return np.full(found.value.shape, np.inf)
 
     def refusals(self, found: FirstOrder) -> Iterator[Refusal]:  # noqa: ARG002 - as above
         """What has no answer although its points are known well enough, in the order in which it is said."""
@@ -176,7 +182,26 @@ class Kind:
         return self.scalar(geometry), self.gradient(geometry)
 
 
+class _Range(Kind):
+    def second_order(self, found: FirstOrder) -> FloatArray:
+        return np.asarray(found.value * np.square(found.ray_std_rad * found.slant))
+
+
+class _Length(Kind):
+    """Of one step or of several: across each, noise makes it longer."""
+
+    def second_order(self, found: FirstOrder) -> FloatArray:
+        steps = found.geometry.points_enu_m.shape[-2] - 1
+        longer_m = np.square(steps * found.noise_m) / found.value
+        return np.asarray(2 * found.value * np.square(found.ray_std_rad * found.slant) + longer_m)
+
+
 class _Area(Kind):
+    def second_order(self, found: FirstOrder) -> FloatArray:
+        corners = found.geometry.points_enu_m.shape[-2]
+        bent = 4 * found.value * np.square(found.ray_std_rad * found.slant)
+        return np.asarray(bent + corners * np.square(found.noise_m))
+
     def blocked(self, points_enu_m: FloatArray) -> tuple[BoolArray, Status, str]:
         sentence = "the polygon crosses or touches itself; name its corners in order, each once"
         return crosses_itself(points_enu_m), Status.SELF_CROSSING, sentence
@@ -193,10 +218,10 @@ class _UprightHeight(Kind):
         shown_m[..., 1, 2] += value
         return shown_m
 
-    def needs_draws(self, found: FirstOrder) -> BoolArray:
-        # From nearly above, the base may be on either side of the camera's foot.
-        away, by = foot_distance(found.geometry)
-        return np.asarray(found.std_of(by) > NEAR_FOOT * away)
+    def second_order(self, found: FirstOrder) -> FloatArray:
+        # The nearer base and top are to the camera's foot, the more their directions turn.
+        share = found.ray_std_rad * np.maximum(found.slant, _outwards(found.geometry))
+        return np.asarray((3 * np.abs(found.value) * share + found.std) * share)
 
     def refusals(self, found: FirstOrder) -> Iterator[Refusal]:
         """What is not base and top of an upright object whose height can be told."""
@@ -228,8 +253,11 @@ class _Bearing(Kind):
     def shown(self, points_enu_m: FloatArray, value: FloatArray) -> FloatArray:  # noqa: ARG002 - other kinds need it
         return points_enu_m[:, :, :0] if points_enu_m.shape[2] == 1 else points_enu_m
 
-    def needs_draws(self, found: FirstOrder) -> BoolArray:
-        return np.asarray(~(found.std <= MAX_BEARING_STD_RAD / 3))
+    def second_order(self, found: FirstOrder) -> FloatArray:
+        if found.geometry.points_enu_m.shape[-2] == 1:
+            return np.square(found.ray_std_rad * _outwards(found.geometry))
+        apart_m = ground_distance(found.geometry)
+        return np.asarray(2 * np.square(found.ray_std_rad * found.slant) + np.square(found.noise_m / apart_m))
 
     def refusals(self, found: FirstOrder) -> Iterator[Refusal]:
         half_deg = np.where(np.isfinite(found.std), np.minimum(np.degrees(Z95 * found.std), 180.0), 180.0)
@@ -245,16 +273,23 @@ class _Bearing(Kind):
         return paper_bearing(geometry)
 
 
+def _outwards(geometry: RayGeometry) -> FloatArray:
+    """``(n, g)`` the largest of the rays' lengths over their horizontal parts: infinite straight down."""
+    away = geometry.directions_enu
+    level = np.square(away[..., 0]) + np.square(away[..., 1])
+    return np.asarray(np.sqrt(1 + np.max(np.square(away[..., 2]) / level, axis=-1)))
+
+
 _ONE, _TWO = (1, 1), (2, 2)
 
 PROBE_KINDS: Final[dict[ProbeKind, Kind]] = {
     kind.name: kind
     for kind in (
         Kind(name=ProbeKind.POSITION, pixels=_ONE, scalar=None, gradient=None),
-        Kind(name=ProbeKind.RANGE, pixels=_ONE, scalar=slant_range, gradient=range_gradient),
-        Kind(name=ProbeKind.DISTANCE, pixels=_TWO, scalar=ground_distance, gradient=length_gradient),
-        Kind(name=ProbeKind.WIDTH, pixels=_TWO, scalar=ground_distance, gradient=length_gradient),
-        Kind(name=ProbeKind.LENGTH, pixels=(2, _MOST_PIXELS), scalar=polyline_length, gradient=length_gradient),
+        _Range(name=ProbeKind.RANGE, pixels=_ONE, scalar=slant_range, gradient=range_gradient),
+        _Length(name=ProbeKind.DISTANCE, pixels=_TWO, scalar=ground_distance, gradient=length_gradient),
+        _Length(name=ProbeKind.WIDTH, pixels=_TWO, scalar=ground_distance, gradient=length_gradient),
+        _Length(name=ProbeKind.LENGTH, pixels=(2, _MOST_PIXELS), scalar=polyline_length, gradient=length_gradient),
         _Area(name=ProbeKind.AREA, pixels=(3, _MOST_PIXELS), scalar=polygon_area, gradient=area_gradient, unit="m2"),
         _UprightHeight(
             name=ProbeKind.HEIGHT,

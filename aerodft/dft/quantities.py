@@ -114,15 +114,6 @@ def lateral_offset(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
     return off, Gradient(-by_points[..., 0, :], by_directions, by_points)
 
 
-def foot_distance(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
-    """Horizontal distance ``(...)`` of the first point from the camera's foot, m, and its derivatives."""
-    away = (geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m) * _LEVEL
-    by_points = np.zeros_like(geometry.points_enu_m)
-    by_points[..., 0, :] = _unit(away, _EAST)
-    by = Gradient(-by_points[..., 0, :], np.zeros_like(geometry.directions_enu), by_points)
-    return np.asarray(np.sqrt(_dot(away, away))), by
-
-
 def range_gradient(geometry: RayGeometry) -> Gradient:
     """Derivatives of ``slant_range``; of a camera in the point itself, those straight down."""
     by_points, by_directions = _no_derivatives(geometry)
@@ -299,7 +290,7 @@ def _pair_widths(points: FloatArray) -> FloatArray:
 
 
 def _signed_area(points: FloatArray) -> FloatArray:
-    x, y = points[..., 0], points[..., 1]
+    x, y = points[..., 0] - points[..., :1, 0], points[..., 1] - points[..., :1, 1]  # far away, products lose digits
     return _total(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)) / 2
 
 

@@ -1,17 +1,22 @@
 """Poses from the angles and standard deviations that people say."""
 
+import math
 from dataclasses import astuple, replace
+from typing import Final
 
 import numpy as np
 
 from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model import FloatArray, Pose, PoseStd
 
+_UNKNOWN_HEADING_VAR: Final = (2 * math.pi) ** 2
+"""A heading that is off by a turn (one std) may be anything: larger variances would only hide the other errors'."""
+
 
 def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> FloatArray:
     """6 x 6 covariance (ENU position, small rotation in camera axes) of independent stds, ``(..., 6, 6)``.
 
-    Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical.
+    Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical, a turn at most.
 
     Args:
         enu_wxyz_cam: ``(..., 4)``.
@@ -25,6 +30,7 @@ def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> Floa
     cov = np.zeros((*up_cam.shape[:-1], 6, 6))
     for axis, variance in enumerate((horizontal, horizontal, height, tilt, pan, roll)):
         cov[..., axis, axis] = variance
+    heading = np.minimum(heading, _UNKNOWN_HEADING_VAR)
     cov[..., 3:, 3:] += heading[..., None, None] * up_cam[..., :, None] * up_cam[..., None, :]
     return cov
 

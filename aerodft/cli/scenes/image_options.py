@@ -1,7 +1,7 @@
 """Camera, pose, ground, probes and their standard deviations, as options of the commands about one image."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final

@@ -305,6 +305,10 @@ class Resolver:
         return 2 * is_doubtful + is_turning, notes
 
 
+_LEFT_OUT: Final = 0.05
+"""The chance of what lies outside an interval."""
+
+
 def _looking(readings: Readings, report: AttitudeBrackets, frame: ReportFrame, axes: MountAxes) -> RotatingFrame:
     """Gimbals' attitudes in NED, if reports are read in one way."""
     vehicle, in_earth = readings.vehicle, readings.yaw_in_earth
@@ -317,7 +321,7 @@ def _looking(readings: Readings, report: AttitudeBrackets, frame: ReportFrame, a
 def _doubt_std(readings: Readings, report: AttitudeBrackets, looking: RotatingFrame) -> FloatArray:
     """Standard deviations ``(n, 3)`` in gimbal axes of reading reports in one way where they may be meant in others.
 
-    At least half of what any of these is apart, until it is excluded: how likely each is may itself be wrong.
+    At least half of what another is apart that is likelier than what a 95 % interval may leave out: it reaches there.
     """
     variance = np.zeros((len(looking.wxyz), 3))
     least = np.zeros_like(variance)
@@ -330,7 +334,7 @@ def _doubt_std(readings: Readings, report: AttitudeBrackets, looking: RotatingFr
             apart_rad = to_rotation_vector(multiply(inverse(looking.wxyz), other.wxyz))
         squared = apart_rad**2 * (probability > 0)[:, None]
         variance += probability[:, None] * squared
-        least = np.maximum(least, squared / 4)
+        least = np.maximum(least, np.where((probability > _LEFT_OUT)[:, None], squared / 4, 0.0))
     return np.sqrt(np.maximum(variance, least))
 
 

@@ -107,7 +107,7 @@ def test_measurements_carry_the_lens_uncertainty(calibrated, aerodft, tmp_path):
         "--tilt",
         45,
         "--std",
-        "height=0,tilt=0,px=0",
+        "height=0,attitude=0,px=0",
         "--probe",
         "distance 200,300 700,310",
         "--json",

@@ -118,7 +118,7 @@ def test_a_recording_without_any_configuration_asks_for_one(aerodft, tmp_path):
     run = aerodft("recompute", bare, "-o", tmp_path / "out")
     assert (
         run.code,
-        "no config.toml beside the segments; `aerodft recompute` takes one with --config" in run.last,
+        "no config.toml beside the segments; `aerodft recompute` takes one as --config" in run.last,
     ) == (3, True)
 
 

@@ -1,12 +1,14 @@
 """A station that measures live: MAVLink and images in, measurements out on the bus and into a recording."""
 
+import math
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
 from aerodft.adapters.images import LiveRate, StreamReader
@@ -37,6 +39,8 @@ from aerodft.service.clocks import WallClock
 
 if TYPE_CHECKING:
     from aerodft.adapters.recording.write import McapRecorder
+
+_WAKE_S: Final = 0.5  # Python handles a signal when the main thread runs: one that came just before a wait is not lost
 
 
 class Station:
@@ -122,7 +126,9 @@ class Station:
         Args:
             seconds: How long at most; None for as long as it takes.
         """
-        self._thread.join(seconds)
+        until_s = math.inf if seconds is None else time.monotonic() + seconds
+        while self._thread.is_alive() and (left_s := until_s - time.monotonic()) > 0:
+            self._thread.join(min(left_s, _WAKE_S))
 
     @property
     def output_warnings(self) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from aerodft.service.streams import Missing
 
 _CAM_FROM_STRAIGHT: Final = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))  # of a camera that looks along x
 _USUAL_TILT_RAD: Final = math.radians(5)  # of a vehicle that does not report its attitude
+_LEFT_OUT: Final = 0.05  # the chance of what lies outside a 95 % interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,10 +304,6 @@ class Resolver:
             for turns in (False, True)
         )
         return 2 * is_doubtful + is_turning, notes
-
-
-_LEFT_OUT: Final = 0.05
-"""The chance of what lies outside an interval."""
 
 
 def _looking(readings: Readings, report: AttitudeBrackets, frame: ReportFrame, axes: MountAxes) -> RotatingFrame:

@@ -113,9 +113,9 @@ def test_a_malformed_std_is_one_sentence(text, said):
 
 
 def test_what_is_not_stated_is_assumed_by_the_height():
-    std = PoseStd().assumed(50.0)
+    std = PoseStd().with_assumed(50.0)
     assert (std.height_m, std.tilt_deg, std.pan_deg, std.roll_deg) == (0.5, 1.0, 0.3, 0.3)
-    assert PoseStd(tilt_deg=0.2).assumed(50.0) == PoseStd(
+    assert PoseStd(tilt_deg=0.2).with_assumed(50.0) == PoseStd(
         height_m=0.5, tilt_deg=0.2, pan_deg=0.3, roll_deg=0.3, position_m=0.0, heading_deg=0.0
     )
     assert PoseStd(height_m=0.0).si(50.0).height_agl_m == 0.0

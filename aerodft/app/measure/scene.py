@@ -57,7 +57,7 @@ class PoseStd:
         heading_deg: Of the rotation about the vertical.
 
     Example:
-        >>> PoseStd(height_m=0.1).said(50.0)
+        >>> PoseStd(height_m=0.1).description(50.0)
         'std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading'
     """
 
@@ -68,11 +68,11 @@ class PoseStd:
     roll_deg: float | None = None
     heading_deg: float | None = None
 
-    def assumed(self, height_m: float) -> "PoseStd":
+    def with_assumed(self, height_m: float) -> "PoseStd":
         """The standard deviations with those that are assumed of a pose at this height."""
         return PoseStd(**{each.name: self._of(each.name, height_m) for each in fields(self)})
 
-    def said(self, height_m: float) -> str:
+    def description(self, height_m: float) -> str:
         """Which are stated, assumed and taken as exact at this height, for people."""
         parts: dict[str, list[str]] = {"std stated": [], "assumed": [], "taken as exact": []}
         for each in fields(self):
@@ -84,7 +84,7 @@ class PoseStd:
 
     def si(self, height_m: float) -> model.PoseStd:
         """All of them at this height, in m and rad."""
-        known = {name: value or 0.0 for name, value in asdict(self.assumed(height_m)).items()}
+        known = {name: value or 0.0 for name, value in asdict(self.with_assumed(height_m)).items()}
         return model.PoseStd(
             height_agl_m=known["height_m"],
             horizontal_m=known["position_m"],
@@ -181,7 +181,7 @@ class CameraPose:
             InputError: The altitude is below the ground.
         """
         pose, height_m = self.pose(origin), self._height_m(origin)
-        said = (self.std.said(height_m),) if self.covariance is None else ()
+        said = (self.std.description(height_m),) if self.covariance is None else ()
         ground_msl_m = None if origin is None else origin.alt_msl_m
         return PoseSample(
             stamp_ns=0,

@@ -16,22 +16,22 @@ class Keys:
 
     def __init__(self, station: str) -> None:
         self.root = f"aerodft/{key_part(station)}"
-        self.pose = f"{self.root}/pose"
-        self.image = f"{self.root}/image"
-        self.jpeg = f"{self.root}/image/jpeg"
-        self.video = f"{self.root}/image/video"
-        self.camera = f"{self.root}/camera"
-        self.measurements = f"{self.root}/measurements"
-        self.height = f"{self.root}/height"
-        self.location = f"{self.root}/location"
-        self.calibration = f"{self.root}/calibration"
-        self.camera_motion = f"{self.root}/camera_motion"
-        self.status = f"{self.root}/status"
-        self.alive = f"{self.root}/alive"
-        self.measure = f"{self.root}/measure"
-        self.probes = f"{self.root}/probes"
-        self.history = f"{self.root}/history"
-        self.observations = f"{self.root}/observation/*"
+        self.pose = f"{self.root}/pose"  # the pose of every image
+        self.image = f"{self.root}/image"  # JPEGs, with the image's index and UTC stamp attached
+        self.jpeg = f"{self.root}/image/jpeg"  # in a recording: images as JPEG
+        self.video = f"{self.root}/image/video"  # in a recording: an H.264 stream as it came
+        self.camera = f"{self.root}/camera"  # in a recording: the camera file
+        self.measurements = f"{self.root}/measurements"  # in a recording: all of an image's
+        self.height = f"{self.root}/height"  # heights are of another source from now on, with the step
+        self.location = f"{self.root}/location"  # in a recording: the vehicle's place
+        self.calibration = f"{self.root}/calibration"  # what landmarks add to the telemetry, after each image
+        self.camera_motion = f"{self.root}/camera_motion"  # whether a fixed camera looks where it looked
+        self.status = f"{self.root}/status"  # the state once a second, with the vehicle's health
+        self.alive = f"{self.root}/alive"  # liveliness token
+        self.measure = f"{self.root}/measure"  # ask with {kind, pixels}, get measurements
+        self.probes = f"{self.root}/probes"  # ask: what is measured
+        self.history = f"{self.root}/history"  # ask: what was measured lately
+        self.observations = f"{self.root}/observation/*"  # yours to publish: pixels of an observed probe
 
     def measurement(self, probe: str) -> str:
         """Where a probe's measurements are published."""

@@ -1,5 +1,5 @@
 # Two commands are all there is to know: `make demo` and `make test`. Both set everything up in .venv first; `make nightly`
-# runs the slow truth.
+# runs the slow truth, `make docs` builds the site.
 
 PYTHON ?= python3
 VENV := .venv
@@ -11,10 +11,15 @@ INSTALLED := $(VENV)/.installed
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
-.PHONY: demo test nightly compiled lint types imports unit coverage bench bench-peer format clean
+.PHONY: demo test docs nightly compiled lint types imports unit coverage bench bench-peer format clean
 
 demo: $(INSTALLED)
 	$(BIN)/aerodft demo --output demo
+
+# Broken links and names are errors; `make test` builds it too.
+docs: $(INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo 'open build/site/index.html; to search, serve it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory build/site 8000'
 
 # What is wrong in seconds is said at once; types take one core half a minute, beside the first tests.
 test: lint imports

@@ -31,6 +31,7 @@ LONGEST = (
     "truth/test_river_stills.py",
     "truth/test_river_painted.py",
     "truth/test_walkers_from_above.py",
+    "test_documentation.py",
     "cli/test_demo.py",
     "service/test_pipeline_determinism.py",
     "cli/test_serve.py",

@@ -1,0 +1,134 @@
+"""What the documentation says is true: its commands run, its output is theirs, its site knows every name."""
+
+import contextlib
+import importlib.util
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from aerodft.adapters.config.station.station_tables import ConfigTable
+from aerodft.adapters.wire.keys import Keys
+from aerodft.cli.main import COMMANDS
+from aerodft.model import Status
+from replay.export.table import COLUMNS
+from tests.commands import run_aerodft
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?", re.MULTILINE | re.DOTALL)
+SLOW = ("demo/", "aerodft.sim", "aerodft serve", "sync", "dataset", "aerodft paper")
+PATIENCE_S = 900.0
+IN_HERE = os.environ | {
+    "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+    "COLUMNS": "132",
+    "NO_MKDOCS_2_WARNING": "1",
+}
+
+
+def blocks_of(page):
+    return [match.groups() for match in BLOCK.finditer(page.read_text(encoding="utf-8"))]
+
+
+def run(command, folder, code=0):
+    done = subprocess.run(
+        command, cwd=folder, env=IN_HERE, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.returncode == code, f"{command}\n{done.stdout[-1000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
+
+
+def run_line(line, folder):
+    code = int(found[1]) if (found := re.search(r"# exit (\d+)", line)) else 0
+    program, *words = shlex.split(line, comments=True)
+    if program != "aerodft" or "serve" in words:
+        return run(["bash", "-c", line], folder, code)
+    with contextlib.chdir(folder):
+        done = run_aerodft(*words)
+    assert done.code == code, f"{line}\n{done.err[-2000:]}"
+    return done.out.decode()
+
+
+def run_block(language, text, output, folder):
+    if language == "sh":
+        said = "".join(run_line(line, folder) for line in text.replace("\\\n", " ").splitlines())
+    elif language == "python":
+        said = run([sys.executable, "-c", text], folder)
+    elif language == "toml":
+        tomllib.loads(text)
+        return
+    elif language == "json":
+        json.loads(text)
+        return
+    else:
+        return
+    if output is not None:
+        assert said.strip() == output.strip()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with what a clone has, to write in."""
+    for name in ("configs", "samples", "docs", "tests"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
+
+
+def with_blocks(is_slow):
+    found = [page for page in PAGES if any(is_slow(text) for _, text, _ in blocks_of(page))]
+    return pytest.mark.parametrize("page", found, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+@with_blocks(lambda text: not any(word in text for word in SLOW))
+def test_blocks_run_and_say_what_is_shown(page, folder):
+    for language, text, output in blocks_of(page):
+        if not any(word in text for word in SLOW):
+            run_block(language, text, output, folder)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3600)
+@with_blocks(lambda text: any(word in text for word in SLOW))
+def test_slow_blocks_run_too(page, folder):
+    if "demo/" in page.read_text(encoding="utf-8"):
+        run([sys.executable, "-m", "aerodft", "demo", "--output", "demo", "--duration", "10"], folder)
+    for language, text, output in blocks_of(page):
+        run_block(language, text, output, folder)
+
+
+def test_the_readme_is_read_in_five_minutes():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built site: warnings, broken links and names that are not there are errors."""
+    if importlib.util.find_spec("mkdocs") is None:
+        pytest.skip('the extra "docs" is not installed')
+    out = tmp_path_factory.mktemp("site")
+    run([sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(out)], ROOT)
+    return out
+
+
+def test_pages_load_nothing_from_the_network(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 50
+    loaded = re.compile(r"<(?:script|img|iframe)[^>]*src=\"https?:|<link[^>]*rel=\"(?:stylesheet|preload)[^>]*https?:")
+    assert [page.name for page in pages if loaded.search(page.read_text(encoding="utf-8"))] == []
+
+
+def test_the_search_finds_every_name(site):
+    index = json.loads((site / "search/search_index.json").read_text(encoding="utf-8"))
+    text = "\n".join(f"{entry['title']} {entry['text']}" for entry in index["docs"])
+    names = {*map(str, Status), *COLUMNS, *(f"aerodft {name}" for name in COMMANDS), "--redetect", "--max-stamp-gap"}
+    names |= set(vars(Keys("{station}")).values()) - {"aerodft/{station}"}
+    names |= {
+        name for table in ConfigTable.model_json_schema()["$defs"].values() for name in table.get("properties", {})
+    }
+    assert [name for name in sorted(names) if name not in text] == []

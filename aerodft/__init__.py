@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from aerodft.app.assembly import RunResult
     from aerodft.app.calibrate import CalibrationResult, calibrate
     from aerodft.app.calibrate_lens import LensCalibration, calibrate_lens, print_board
+    from aerodft.app.cameras import find_cameras, write_camera
     from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
     from aerodft.app.importing import import_flight
     from aerodft.app.measure import (
@@ -91,6 +92,7 @@ _ROOM_OF: Final = {
     "compare": "aerodft.app.recordings",
     "diagnose": "aerodft.app.diagnose",
     "export": "aerodft.app.recordings",
+    "find_cameras": "aerodft.app.cameras",
     "ground_points": "aerodft.app.measure",
     "import_flight": "aerodft.app.importing",
     "load_camera": "aerodft.adapters.config.camera",
@@ -100,6 +102,7 @@ _ROOM_OF: Final = {
     "recompute": "aerodft.app.recompute",
     "recover": "aerodft.app.recordings",
     "survey_river": "aerodft.app.river",
+    "write_camera": "aerodft.app.cameras",
 }
 
 __all__ = [
@@ -142,6 +145,7 @@ __all__ = [
     "compare",
     "diagnose",
     "export",
+    "find_cameras",
     "ground_points",
     "import_flight",
     "load_camera",
@@ -151,6 +155,7 @@ __all__ = [
     "recompute",
     "recover",
     "survey_river",
+    "write_camera",
 ]
 
 

@@ -153,6 +153,20 @@ def still_mode(path: Path) -> tuple[CameraMode, tuple[int, int] | None]:
     return mode, None if size[0] is None or size[1] is None else (round(size[0]), round(size[1]))
 
 
+def image_size_and_mode(path: Path) -> tuple[tuple[int, int], CameraMode]:
+    """Width and height of a still as it is stored, and its mode.
+
+    Raises:
+        InputError: It is none.
+    """
+    try:
+        with PillowImage.open(path) as image:
+            size_px = image.size
+    except UNREADABLE as error:
+        raise InputError("not a readable image", where=path, got=looks_like(path), expected="an image") from error
+    return size_px, still_mode(path)[0]
+
+
 def _positive(value: object) -> float | None:
     """A positive number; EXIF has 0, and fractions by 0, for what is not known."""
     try:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from aerodft.app.assembly import RunResult
     from aerodft.app.calibrate import CalibrationResult, calibrate
     from aerodft.app.calibrate_lens import LensCalibration, calibrate_lens, print_board
-    from aerodft.app.cameras import find_cameras, write_camera
     from aerodft.app.diagnose import Diagnosis, LinkOptions, diagnose
     from aerodft.app.importing import import_flight
     from aerodft.app.measure import (
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
         recover,
     )
     from aerodft.app.river import RiverSurvey, survey_river
+    from aerodft.app.setup import StationDraft, draft_station, find_cameras, write_camera
     from aerodft.app.station import Station
     from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined
     from replay.compare import Comparison
@@ -83,6 +83,7 @@ _ROOM_OF: Final = {
     "RunResult": "aerodft.app.assembly",
     "Slope": "aerodft.app.measure",
     "Station": "aerodft.app.station",
+    "StationDraft": "aerodft.app.setup",
     "StationRecording": "aerodft.app.recordings",
     "VideoAlignment": "aerodft.app.align",
     "Width": "aerodft.app.measure",
@@ -91,8 +92,9 @@ _ROOM_OF: Final = {
     "calibrate_lens": "aerodft.app.calibrate_lens",
     "compare": "aerodft.app.recordings",
     "diagnose": "aerodft.app.diagnose",
+    "draft_station": "aerodft.app.setup",
     "export": "aerodft.app.recordings",
-    "find_cameras": "aerodft.app.cameras",
+    "find_cameras": "aerodft.app.setup",
     "ground_points": "aerodft.app.measure",
     "import_flight": "aerodft.app.importing",
     "load_camera": "aerodft.adapters.config.camera",
@@ -102,7 +104,7 @@ _ROOM_OF: Final = {
     "recompute": "aerodft.app.recompute",
     "recover": "aerodft.app.recordings",
     "survey_river": "aerodft.app.river",
-    "write_camera": "aerodft.app.cameras",
+    "write_camera": "aerodft.app.setup",
 }
 
 __all__ = [
@@ -135,6 +137,7 @@ __all__ = [
     "RunResult",
     "Slope",
     "Station",
+    "StationDraft",
     "StationRecording",
     "VideoAlignment",
     "Width",
@@ -144,6 +147,7 @@ __all__ = [
     "calibrate_lens",
     "compare",
     "diagnose",
+    "draft_station",
     "export",
     "find_cameras",
     "ground_points",

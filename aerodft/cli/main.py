@@ -32,6 +32,7 @@ _PIPE_CLOSED = 141
 COMMANDS: Final = {
     "measure": "Measure pixels of one image with a known pose.",
     "serve": "Measure live: MAVLink and images in, zenoh and a recording out.",
+    "init": "Write first station and camera files for what you have.",
     "import": "Turn a flight's log (and video) into a recording with measurements.",
     "replay": "Publish a recording again.",
     "recompute": "Compute one recording's measurements anew, or those of many.",
@@ -52,6 +53,7 @@ COMMANDS: Final = {
 _MODULE_OF: Final = {
     "measure": "aerodft.cli.scenes.measure",
     "serve": "aerodft.cli.flights.serve",
+    "init": "aerodft.cli.flights.init",
     "import": "aerodft.cli.flights.import_",
     "replay": "aerodft.cli.recordings.replay",
     "recompute": "aerodft.cli.recordings.recompute",

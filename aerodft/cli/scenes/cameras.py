@@ -29,7 +29,7 @@ def cameras(
       aerodft cameras
       aerodft cameras "Mavic 3 Enterprise photo" -o camera.toml
     """
-    from aerodft.app.cameras import find_cameras, write_camera
+    from aerodft.app.setup import find_cameras, write_camera
 
     found = find_cameras(name)
     if output is not None:

@@ -1,0 +1,375 @@
+"""First station files of one's own: from a log or link, and a video, photos or a stream."""
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import orjson
+
+from aerodft.adapters.atomic_file import whole_file
+from aerodft.adapters.config.camera import KnownCamera, load_camera
+from aerodft.adapters.config.station import load_station
+from aerodft.adapters.images import STILLS, image_size_and_mode, video_info
+from aerodft.adapters.telemetry.mavlink import is_link
+from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.app.diagnose import diagnose
+from aerodft.app.setup.cameras import find_cameras, write_camera
+from aerodft.diagnosis import DiagnosisReport
+from aerodft.errors import InputError, NoAnswerError, UsageError
+
+_FILM_DIAGONAL_MM: Final = 43.27
+_FILM_STD: Final = 0.04  # whole millimetres, and of a crop that nobody states
+_ASSUMED_HFOV_DEG: Final = 70.0  # most drones' wide cameras: 60 to 80
+_ASSUMED_STD: Final = 0.15
+_ASSUMED_SIZE_PX: Final = (1920, 1080)
+_STREAMS: Final = ("rtsp://", "rtmp://", "udp://", "tcp://", "http://", "https://", "srt://")
+_HEIGHTS: Final = ("rangefinder", "terrain", "home")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationDraft:
+    """A first station file and its camera file, as they were written.
+
+    Attributes:
+        station: The station file.
+        camera: The camera file.
+        taken: One sentence for each thing that was taken from somewhere, with from where.
+        to_do: One sentence for each thing that is assumed, and that only the user can measure; what counts most first.
+        next_command: The command line that uses them.
+    """
+
+    station: Path
+    camera: Path
+    taken: tuple[str, ...]
+    to_do: tuple[str, ...]
+    next_command: str
+
+
+@dataclass(slots=True)
+class _Sources:
+    """What is measured from: at most one telemetry, and one input of images."""
+
+    log: Path | None = None
+    link: str | None = None
+    images: Path | None = None
+    stream: str | None = None
+
+    @property
+    def telemetry(self) -> str | None:
+        return self.link if self.log is None else str(self.log)
+
+
+@dataclass(slots=True)
+class _Draft:
+    lines: list[str] = field(default_factory=list)
+    taken: list[str] = field(default_factory=list)
+    to_do: list[str] = field(default_factory=list)
+
+
+def draft_station(
+    sources: Sequence[str | Path],
+    folder: str | Path,
+    *,
+    camera: str | Path | None = None,
+    home_above_plane_m: float | None = None,
+    overwrite: bool = False,
+) -> StationDraft:
+    """Write ``station.toml`` and ``camera.toml`` for what there is, commented; they work as they are.
+
+    Args:
+        sources: A log (.tlog, .bin, MCAP) or link (``udpin:14550``), and a video, photo, folder of photos or the URL of
+            a stream; each at most once. Without a log or link the camera is taken to be a fixed one.
+        folder: Where to write; made where it is missing.
+        camera: Camera file to use as it is, or words of a camera of the library; None to tell it by the images.
+        home_above_plane_m: Height of the take-off point above the water, metres; None where nobody knows it yet: 0.
+        overwrite: Whether files that exist are replaced.
+
+    Raises:
+        UsageError: No source, or two of one kind.
+        InputError: A source cannot be read, or the files exist or cannot be written.
+        NoAnswerError: No camera of the library has this name.
+
+    Example:
+        >>> import aerodft as ad
+        >>> draft = ad.draft_station(["samples/copter.tlog"], "mine")
+        >>> draft.to_do[0].partition(":")[0]
+        'Measure how high the take-off point lies above the water'
+    """
+    found, folder = _sorted(sources), Path(folder)
+    station, own_camera = folder / "station.toml", folder / "camera.toml"
+    folder.mkdir(parents=True, exist_ok=True)
+    draft = _Draft()
+    size_px = _write_camera(draft, found.images, camera, own_camera, overwrite=overwrite)
+    used = Path(camera) if camera is not None and Path(camera).is_file() else own_camera
+    report = None if found.telemetry is None else diagnose(found.telemetry).report
+    draft.lines += [
+        "# A first station file, by `aerodft init`. What is left out takes its default; the site lists all keys.",
+        "[station]",
+        f'name = "{_slug(folder.absolute().name)}"           # part of every key on the bus',
+        "",
+        "[camera]",
+        f"file = {_from(folder, used)}",
+        "",
+        *(_fixed(draft) if report is None else _telemetry(draft, found, report, home_above_plane_m)),
+        "",
+        *_images(draft, found, report, folder),
+        *_probes(size_px),
+    ]
+    with whole_file(station, overwrite=overwrite) as partial:
+        partial.write_text("\n".join(draft.lines) + "\n", encoding="utf-8")
+    load_station(station)
+    return StationDraft(
+        station=station,
+        camera=used,
+        taken=tuple(draft.taken),
+        to_do=tuple(draft.to_do),
+        next_command=_next_command(found, station),
+    )
+
+
+def _sorted(sources: Sequence[str | Path]) -> _Sources:
+    """The sources by what they are.
+
+    Raises:
+        UsageError: None at all, or two of one kind.
+        InputError: A file is missing.
+    """
+    found = _Sources()
+    for source in sources:
+        path, text = Path(source), str(source)
+        kind: str
+        if text.startswith(_STREAMS):
+            kind, value = "stream", source
+        elif is_link(text):
+            kind, value = "link", source
+        elif not path.exists():
+            raise InputError("no such file or folder", where=source, expected="a log, link, video, photo or stream")
+        else:
+            kind, value = ("images" if _is_images(path) else "log"), path
+        if getattr(found, kind) is not None:
+            raise UsageError("two sources of one kind", got=f"{getattr(found, kind)} and {source}", expected="one")
+        setattr(found, kind, value)
+    if found == _Sources():
+        expected = "a log or link, and a video, photo, folder of photos or stream"
+        raise UsageError("nothing to measure from", got="no source", expected=expected)
+    if None not in (found.log, found.link) or None not in (found.images, found.stream):
+        raise UsageError("two sources of one kind", got="a file and a live one", expected="one of them")
+    return found
+
+
+def _is_images(path: Path) -> bool:
+    """Whether this is a photo, a folder of photos or a video: no log, and no recording."""
+    if path.is_dir():
+        return any(each.suffix.lower() in STILLS for each in path.iterdir())
+    if path.suffix.lower() in STILLS:
+        return True
+    try:
+        video_info(path)
+    except InputError:
+        return False
+    return True
+
+
+def _write_camera(
+    draft: _Draft, images: Path | None, wanted: str | Path | None, path: Path, *, overwrite: bool
+) -> tuple[int, int]:
+    """Write the camera file, unless one is given, and return its image size in pixels."""
+    if wanted is not None and Path(wanted).is_file():
+        camera = load_camera(wanted)
+        draft.taken.append(f"camera: {camera.name}, from {wanted}")
+        return camera.width_px, camera.height_px
+    photo = _photo(images)
+    known = _known(wanted, images if photo is None else photo)
+    if known is not None:
+        write_camera(known, path, overwrite=overwrite)
+        share = 100 * known.camera.std.focal_px / known.camera.fx_px
+        by = "by its name" if wanted is not None else f"by the EXIF data of {photo}"
+        draft.taken.append(f"camera: {known.camera.name}, {by}; its focal length is known to {share:.1f} % (1 sigma)")
+        if share > 2:  # noqa: PLR2004 - percent, of a calibration
+            draft.to_do.append(f"Calibrate the lens (aerodft calibrate-lens): widths are uncertain by {share:.1f} %")
+        return known.camera.width_px, known.camera.height_px
+    return _unknown_camera(draft, images, photo, path, overwrite=overwrite)
+
+
+def _photo(images: Path | None) -> Path | None:
+    """The photo, or the first one of a folder; None for a video or nothing."""
+    if images is None or not (images.is_dir() or images.suffix.lower() in STILLS):
+        return None
+    return images if images.is_file() else min(each for each in images.iterdir() if each.suffix.lower() in STILLS)
+
+
+def _known(wanted: str | Path | None, image: Path | None) -> KnownCamera | None:
+    """The camera of the library by name and size of the image, or by the image's EXIF data; None where it has none.
+
+    Raises:
+        NoAnswerError: It has none of this name.
+    """
+    if wanted is not None:
+        found = find_cameras(wanted)
+        if image is not None:
+            size_px = _size_px(image)
+            of_size = [each for each in found if (each.camera.width_px, each.camera.height_px) == size_px]
+            if not of_size:
+                sizes = ", ".join(f"{each.camera.width_px} x {each.camera.height_px}" for each in found)
+                got = f"{size_px[0]} x {size_px[1]} px of {image}"
+                raise NoAnswerError("no mode of this camera", where=wanted, got=got, expected=f"one of {sizes}")
+            return of_size[0]
+        return found[0]
+    if image is None or image.suffix.lower() not in STILLS:
+        return None
+    try:
+        return find_cameras(image)[0]
+    except NoAnswerError:
+        return None
+
+
+def _size_px(image: Path) -> tuple[int, int]:
+    if image.suffix.lower() in STILLS:
+        return image_size_and_mode(image)[0]
+    info = video_info(image)
+    return info.width_px, info.height_px
+
+
+def _unknown_camera(
+    draft: _Draft, images: Path | None, photo: Path | None, path: Path, *, overwrite: bool
+) -> tuple[int, int]:
+    """A camera file of what EXIF data say, or of a usual field of view; and its image size in pixels."""
+    image = photo or images
+    width_px, height_px = _ASSUMED_SIZE_PX if image is None else _size_px(image)
+    focal_mm = None if photo is None else image_size_and_mode(photo)[1].focal_35mm_mm
+    if focal_mm is None:
+        focal_px = width_px / 2 / math.tan(math.radians(_ASSUMED_HFOV_DEG) / 2)
+        share, source = _ASSUMED_STD, f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"
+        to_do = "Name your camera (--camera, see aerodft cameras) or calibrate its lens: its field of view is assumed"
+        draft.to_do.append(f"{to_do}, to {100 * share:.0f} %")
+    else:
+        focal_px = focal_mm / _FILM_DIAGONAL_MM * math.hypot(width_px, height_px)
+        share, source = _FILM_STD, f"{focal_mm:g} mm for 35 mm film, by the EXIF data of {photo}"
+        draft.taken.append(f"camera: {source}; its focal length is known to {100 * share:.0f} % (1 sigma)")
+    text = (
+        f"# {source}. `aerodft calibrate-lens` finds it, with the distortion.\n"
+        f'name = "{_slug(path.absolute().parent.name)}"\nwidth_px = {width_px}\nheight_px = {height_px}\n'
+        f"fx_px = {focal_px:.1f}\nfy_px = {focal_px:.1f}\ncx_px = {(width_px - 1) / 2}\ncy_px = {(height_px - 1) / 2}\n"
+        f"focal_std_px = {share * focal_px:.1f}           # how well it is known, 1 sigma\n"
+        f"principal_point_std_px = {0.005 * width_px:.1f}\n"
+    )
+    with whole_file(path, overwrite=overwrite) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return width_px, height_px
+
+
+def _telemetry(
+    draft: _Draft, found: _Sources, report: DiagnosisReport, home_above_plane_m: float | None
+) -> Iterator[str]:
+    """The tables of telemetry: which heights and attitudes the log has."""
+    heights = {each.name: each for each in report.heights if each.count}
+    attitudes = [each.name for each in report.attitudes if each.count]
+    if home_above_plane_m is None and ("home" in heights or not heights):
+        said = "until then heights count from the take-off point"
+        draft.to_do.insert(0, f"Measure how high the take-off point lies above the water: home_above_plane_m; {said}")
+    yield "[telemetry]"
+    if found.link is not None:
+        yield f"connection = {_quoted(found.link)}"
+    yield "\n[telemetry.height]"
+    order = [name for name in _HEIGHTS if name in heights] or ["home"]
+    yield f"order = [{', '.join(map(_quoted, order))}]   # the first that has a value counts"
+    said = "as you stated" if home_above_plane_m is not None else "MEASURE THIS"
+    yield f"home_above_plane_m = {float(home_above_plane_m or 0.0)}   # take-off point above the water, m: {said}"
+    for name in order:
+        if name in heights:
+            each = heights[name]
+            draft.taken.append(f"height: {name}, {each.count} values from {each.low:.1f} to {each.high:.1f} m")
+    yield "\n[telemetry.attitude]"
+    if attitudes:
+        yield f"order = [{', '.join(map(_quoted, attitudes))}]"
+        draft.taken.append(f"camera's attitude: {', '.join(attitudes)}")
+    else:
+        yield 'order = ["fixed"]           # no gimbal speaks: a camera bolted to the vehicle, looking down'
+        yield "fixed_mount = { yaw_deg = 0.0, pitch_deg = -90.0, roll_deg = 0.0 }"
+        draft.to_do.append("State how the camera is mounted (fixed_mount): no gimbal speaks, straight down is assumed")
+
+
+def _fixed(draft: _Draft) -> Iterator[str]:
+    """The table of a fixed camera's pose, which nobody knows yet."""
+    draft.to_do.insert(0, "Find where the camera hangs and looks: aerodft calibrate EVIDENCE.toml -o calibration.toml")
+    yield "[pose]                     # ASSUMED: find it with `aerodft calibrate`"
+    yield '# calibration = "calibration.toml"   # then this, instead of the numbers below'
+    yield "height_agl_m = 5.0         # of the lens above the ground or water"
+    yield "tilt_deg = 60.0            # from straight down: 0 looks at its own foot, 90 at the horizon"
+    yield "roll_deg = 0.0             # right side down is positive"
+    yield "std = { height_m = 1.0, tilt_deg = 5.0, pan_deg = 2.0, roll_deg = 2.0 }   # 1 sigma"
+
+
+def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, folder: Path) -> Iterator[str]:
+    """The table of where images come from."""
+    yield "[images]"
+    if found.stream is not None:
+        yield f"stream = {_quoted(found.stream)}"
+    elif found.images is None:
+        yield "rate_hz = 10               # no images: numbers at this rate; or video = ..., stills = ..., stream = ..."
+    elif (photo := _photo(found.images)) is not None:
+        yield f"stills = {_from(folder, photo.parent)}"
+        yield '# utc_offset = "+02:00"    # whose time EXIF means, where it does not say'
+        draft.taken.append(f"images: those of {photo.parent}, stamped by their EXIF data")
+    else:
+        yield f"video = {_from(folder, found.images)}"
+        yield from _video_start(draft, found.images, report)
+
+
+def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> Iterator[str]:
+    """When a video begins: as its container says, else with the log."""
+    sync = "aerodft sync VIDEO LOG --camera CAMERA finds it to milliseconds"
+    start_ns = video_info(video).start_ns
+    if start_ns is not None:
+        yield "# start = ...               # UTC of its first image; the file says " + unix_ns_to_iso(start_ns)
+        yield "time_std_s = 0.6           # it says so to whole seconds"
+        draft.taken.append(f"video's start: {unix_ns_to_iso(start_ns)}, as the file says, to whole seconds")
+        if report is not None:
+            draft.to_do.append(f"Align the video with the log: {sync}")
+        return
+    first_ns = 0 if report is None or report.first_ns is None else report.first_ns
+    yield f'start = "{unix_ns_to_iso(first_ns)}"   # ASSUMED: the file does not say'
+    if report is not None:
+        draft.to_do.append(f"State when the video begins (images.start): the log's start is assumed; {sync}")
+
+
+def _probes(size_px: tuple[int, int]) -> Iterator[str]:
+    """One probe in the middle, and what others look like."""
+    u, v = (size_px[0] - 1) / 2, (size_px[1] - 1) / 2
+    yield from (
+        "",
+        "[[probe]]                  # where the middle of the image is",
+        'name = "centre"',
+        'kind = "position"',
+        f"pixels = [[{u}, {v}]]",
+        "",
+        "# [[probe]]                # the river's width, its banks found in the images",
+        '# name = "river"',
+        '# kind = "river"',
+        "# observed = true",
+        "# [river]",
+    )
+
+
+def _next_command(found: _Sources, station: Path) -> str:
+    if found.link is not None or (found.stream is not None and found.log is None):
+        return f"aerodft serve {station}"
+    log = "" if found.log is None else f"{found.log} "
+    return f"aerodft import {log}--config {station} -o {station.parent / 'recording'}"
+
+
+def _from(folder: Path, path: Path) -> str:
+    """A path as the station file has it, in quotes: from its own folder."""
+    return _quoted(Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix())
+
+
+def _quoted(name: str) -> str:
+    return orjson.dumps(name).decode()  # a string of JSON is one of TOML
+
+
+def _slug(name: str) -> str:
+    kept = "".join(each if each.isascii() and (each.isalnum() or each in "._-") else "-" for each in name)
+    return kept.strip("._-") or "station"

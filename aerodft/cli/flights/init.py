@@ -1,0 +1,58 @@
+"""``aerodft init``: first station and camera files for one's own log, video, photos or stream."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from aerodft.cli.output import print_json, say
+
+
+def init(
+    sources: Annotated[
+        list[str] | None, typer.Argument(metavar="SOURCES...", help="A log or link; a video, photo, folder or stream.")
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for station.toml and camera.toml.")] = Path(),
+    camera: Annotated[str | None, typer.Option(help="Camera file, or a name out of `aerodft cameras`.")] = None,
+    home_above_plane: Annotated[
+        float | None, typer.Option(help="Height of the take-off point above the water, m.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+) -> None:
+    r"""Write station.toml and camera.toml for what you have, commented, and say what you must still measure.
+
+    On a terminal it asks for the height of the take-off point above the water; elsewhere it says what it assumes.
+
+    \b
+    Example:
+      aerodft init flight.tlog flight.mp4 --camera "Mini 4 Pro" -o mine
+      aerodft init rtsp://192.168.1.10/stream -o yard
+    """
+    from aerodft.app.setup import draft_station
+
+    if home_above_plane is None and sys.stdin.isatty() and sys.stderr.isatty() and not json:
+        text = "Height of the take-off point above the water in metres (Enter: not known yet)"
+        answer = typer.prompt(text, default="", show_default=False, err=True)
+        home_above_plane = float(answer) if answer.replace(".", "", 1).lstrip("-").isdigit() else None
+    draft = draft_station(
+        sources or (), output, camera=camera, home_above_plane_m=home_above_plane, overwrite=overwrite
+    )
+    if json:
+        print_json(
+            {
+                "station": str(draft.station),
+                "camera": str(draft.camera),
+                "taken": draft.taken,
+                "to_do": draft.to_do,
+                "next_command": draft.next_command,
+            }
+        )
+        return
+    typer.echo(f"wrote {draft.station} (camera: {draft.camera})")
+    for each in draft.taken:
+        typer.echo(f"  {each}")
+    for number, each in enumerate(draft.to_do, start=1):
+        typer.echo(f"{number}. {each}")
+    say(f"next: {draft.next_command}")

@@ -1,0 +1,81 @@
+"""First station files work as they are, and say where all that is in them comes from."""
+
+import subprocess
+import sys
+
+import pytest
+from PIL import Image
+
+import aerodft as ad
+from aerodft.adapters.config.station import VideoFile, load_station
+from tests.commands import run_aerodft
+
+LOG = "samples/copter.tlog"
+
+
+def test_a_log_alone_becomes_measurements(tmp_path):
+    done = run_aerodft("init", LOG, "-o", tmp_path / "mine", "--home-above-plane", "2.5", "--json")
+    assert done.code == 0, done.err
+    assert not any("take-off point" in sentence for sentence in done.json["to_do"])
+    station = load_station(tmp_path / "mine" / "station.toml")
+    assert station.pipeline.telemetry.height.home_above_plane_m == 2.5
+    assert [str(each) for each in station.pipeline.telemetry.height.order] == ["rangefinder", "terrain", "home"]
+    result = ad.import_flight(LOG, station=tmp_path / "mine" / "station.toml", output=tmp_path / "recording")
+    assert result.statistics.poses["ok"] > 500
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sim") / "flight"
+    command = [sys.executable, "-m", "aerodft.sim", "--out", str(folder), "--duration", "2", "--size", "320x240"]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder
+
+
+def test_a_video_and_its_log_become_measurements(flight, tmp_path):
+    draft = ad.draft_station([flight / "flight.tlog", flight / "video.mp4"], tmp_path, camera=flight / "camera.toml")
+    station = load_station(draft.station)
+    assert station.pipeline.camera == ad.load_camera(flight / "camera.toml")
+    assert isinstance(station.images.source, VideoFile)
+    assert station.images.source.path.samefile(flight / "video.mp4")
+    assert any("home_above_plane_m" in sentence for sentence in draft.to_do)
+    result = ad.import_flight(flight / "flight.tlog", station=draft.station, output=tmp_path / "recording")
+    assert result.statistics.poses["ok"] > 0
+
+
+def test_a_photo_tells_its_camera(tmp_path):
+    exif = Image.Exif()
+    exif[0x0110] = "FC7303"
+    Image.new("RGB", (4000, 3000)).save(tmp_path / "photo.jpg", exif=exif)
+    draft = ad.draft_station([tmp_path / "photo.jpg"], tmp_path / "yard")
+    assert ad.load_camera(draft.camera) == ad.find_cameras("FC7303 photo")[0].camera
+    assert load_station(draft.station).fixed_pose.height_agl_m == 5.0
+    assert "calibrate" in draft.to_do[0]
+
+
+def test_the_focal_length_for_film_is_taken_where_the_camera_is_not_known(tmp_path):
+    exif = Image.Exif()
+    exif[0x0110] = "Somebody's"
+    exif.get_ifd(0x8769)[0xA405] = 26
+    Image.new("RGB", (400, 300)).save(tmp_path / "photo.jpg", exif=exif)
+    camera = ad.load_camera(ad.draft_station([tmp_path / "photo.jpg"], tmp_path).camera)
+    assert camera.fx_px == pytest.approx(26 / 43.27 * 500, abs=0.1)
+    assert camera.std.focal_px == pytest.approx(0.04 * camera.fx_px, rel=0.01)
+
+
+def test_what_makes_no_sense_is_refused_and_nothing_is_replaced(tmp_path):
+    assert run_aerodft("init", "-o", tmp_path).code == 2
+    assert run_aerodft("init", LOG, LOG, "-o", tmp_path).code == 2
+    assert run_aerodft("init", "nowhere.tlog", "-o", tmp_path).code == 3
+    assert run_aerodft("init", LOG, "--camera", "Brownie", "-o", tmp_path).code == 4
+    assert run_aerodft("init", LOG, "-o", tmp_path).code == 0
+    before = (tmp_path / "station.toml").read_bytes()
+    assert run_aerodft("init", LOG, "-o", tmp_path).code == 3
+    assert (tmp_path / "station.toml").read_bytes() == before
+    assert run_aerodft("init", LOG, "-o", tmp_path, "--overwrite").code == 0
+
+
+def test_a_stream_is_written_as_it_is_named(tmp_path):
+    draft = ad.draft_station(["rtsp://127.0.0.1:8554/yard"], tmp_path)
+    assert load_station(draft.station).images.source.url == "rtsp://127.0.0.1:8554/yard"
+    assert draft.next_command == f"aerodft serve {draft.station}"

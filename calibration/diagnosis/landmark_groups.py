@@ -69,10 +69,10 @@ def unseen_error(found: EvidenceFile, result: Result) -> InputError | None:
 
 
 def _strays(found: EvidenceFile, result: Result) -> Iterator[_Stray]:
-    sigma_scale = result.solution.sigma_scale
+    misfit = max(result.solution.misfit, 1.0)
     for evidence, stated, is_kept in zip(found.known.evidence, found.stated, result.solution.kept, strict=True):
         if not is_kept and isinstance(evidence, Landmark) and None not in evidence.position_m:
-            yield _Stray(evidence, stated, max(_NEAR_PX, _NEAR_STDS * sigma_scale * evidence.std_px))
+            yield _Stray(evidence, stated, max(_NEAR_PX, _NEAR_STDS * misfit * evidence.std_px))
 
 
 def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:

@@ -88,7 +88,7 @@ def likely_mistake(attempt: Attempt) -> AerodftError | None:
     if swapped is not None:
         return swapped
     solution = attempt.result.solution
-    if solution.sigma_scale <= _DOUBT and np.all(solution.kept) and not _is_pulled(attempt.result):
+    if solution.misfit <= _DOUBT and np.all(solution.kept) and not _is_pulled(attempt.result):
         return None
     searches: tuple[Callable[[Attempt], AerodftError | None], ...] = (
         _missing_unknowns,

@@ -191,7 +191,8 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
     end, kept = without_outliers(problem, robust, len(problem.evidence), problem.count)
     weights = Loss(end.residuals.owner, None, kept).weights(end.residuals)
     chi2, dof = float(weights @ np.square(end.residuals.values)), int(np.count_nonzero(weights)) - problem.count
-    p_value, sigma_scale = goodness(chi2, dof)
+    p_value, scale = goodness(chi2, dof)
+    sigma_scale = max(scale, 1.0)  # landmarks that fit well say nothing of telemetry's stds
     normal = end.residuals.normal(weights)
     return ImagesSolution(
         state=end.state,

@@ -15,8 +15,8 @@ from calibration.pose import LIMIT, Result, State
 SIZE: Final = 0.25  # by which a marker may look larger or smaller than it is
 STDS: Final = 5.0  # and what its corners' errors may add
 _MAX_FALSE: Final = 0.5  # share of the markers that can be false
-_SCALED: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
-_MAX_SCALE: Final = 10.0
+_MISFIT: Final = 4.0  # times the stated stds: what is larger is no bad luck, and no survey a little worse than stated
+_MAX_MISFIT: Final = 10.0
 _SURE: Final = 0.99  # that one explanation is better than the next, by the ratio of their variances
 _CHANCE: Final = 1e-4  # of a true explanation to be as bad
 _MIN_VARIANCE: Final = 0.1  # a fit that is better still is luck
@@ -105,7 +105,7 @@ def _conflict(
 ) -> str:
     if not _determined(result):
         return ""
-    if result.solution.sigma_scale > _MAX_SCALE:
+    if result.solution.misfit > _MAX_MISFIT:
         return "no camera explains them all, and they are too few to tell which one is wrong"
     if _of_wrong_size(result, seen, trusted, sides_m):
         ratio = np.median([seen_m / sides_m[marker] for marker, seen_m, _ in _looks(result, seen, trusted, sides_m)])
@@ -115,7 +115,7 @@ def _conflict(
 
 def _agrees(result: Result) -> bool:
     """Whether nothing stands off, and errors are not much larger than stated."""
-    return bool(np.all(result.solution.kept)) and result.solution.sigma_scale < _SCALED
+    return bool(np.all(result.solution.kept)) and result.solution.misfit < _MISFIT
 
 
 def _disagreeing(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:

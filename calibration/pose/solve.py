@@ -47,6 +47,12 @@ _BEST, _ENOUGH, _SUBSETS, _ROUNDS = 4, 3.0, 60, 10
 _FORGIVABLE = 8  # observations; more that were wrongly left out would have shown in the scatter of the rest
 _FEW, _FAR = 4, 50.0
 _SINGULAR = 1e-13  # least eigenvalue beside a largest of about 1
+_STATED_DOF: Final = 2.0
+"""Residuals to spare that a stated std is worth: 95 of 100 stds that people state are right to a factor of 2.5."""
+
+_LEAST_SCALE: Final = 0.7
+"""Below which small residuals make no std smaller: they do not show errors that all observations share."""
+
 _SAME = 1e-6  # share of the cost, and cost, that makes no difference
 _AS_LIKELY, _ELSEWHERE = 14.0, 6.0  # in chi-square: one to a thousand; and standard deviations
 
@@ -175,12 +181,12 @@ class Fit(Generic[StateT, RowsT_co]):
         state: What was found.
         residuals: At the state, of all evidence, outliers too.
         kept: ``(k,)`` whether each observation was used.
-        covariance: ``(n, n)`` of the unknowns as they are named (SI units), scaled up where the residuals are larger
-            than stated; infinite where they are not determined.
+        covariance: ``(n, n)`` of the unknowns as they are named (SI units), scaled by what the residuals tell of the
+            stated stds; infinite where they are not determined.
         chi2: Weighted sum of squares of what was used.
         dof: Degrees of freedom.
         p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
-        sigma_scale: What the stated stds had to be multiplied with; 1 where they hold.
+        sigma_scale: What the stated stds are multiplied with, see :func:`goodness`.
     """
 
     state: StateT
@@ -191,6 +197,11 @@ class Fit(Generic[StateT, RowsT_co]):
     dof: int
     p_value: float | None
     sigma_scale: float
+
+    @property
+    def misfit(self) -> float:
+        """How many times as large as stated the residuals are; 1 without degrees of freedom."""
+        return math.sqrt(self.chi2 / self.dof) if self.dof > 0 else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -362,14 +373,16 @@ def _unlikeliness(residuals: Rows, kept: np.ndarray) -> float:
 
 
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
-    """Chance of so large a chi-square, None without degrees of freedom; and by how much stated stds are too small.
+    """Chance of so large a chi-square, None without degrees of freedom; and what to multiply stated stds with.
 
-    Found from few residuals, that is itself uncertain: 1.96 stds then hold what Student's distribution says.
+    Stated stds may be wrong by a common factor, of which few residuals tell little: its square has an inverse
+    chi-square distribution around 1 before these are seen, and after. 1.96 of the scaled stds then hold what Student's
+    distribution says (Gelman et al., "Bayesian Data Analysis", 3rd ed., section 3.3).
     """
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
-    if p_value is None or p_value >= 0.01:  # noqa: PLR2004 - 1 %
-        return p_value, 1.0
-    return p_value, math.sqrt(chi2 / dof) * float(stdtrit(dof, 0.975) / ndtri(0.975))
+    known = max(dof, 0) + _STATED_DOF
+    scale = math.sqrt((chi2 + _STATED_DOF) / known)
+    return p_value, max(scale, _LEAST_SCALE) * float(stdtrit(known, 0.975) / ndtri(0.975))
 
 
 def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
@@ -406,7 +419,7 @@ def _alternative(problem: Problem, solution: Solution, ends: list[End]) -> State
         if _is_hopeless(end.residuals) or not _is_elsewhere(names, solution.state, end.state, stds):
             continue
         other = descend(problem, end.state, None, solution.kept, end.residuals)
-        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * solution.sigma_scale**2
+        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * max(solution.sigma_scale, 1.0) ** 2
         if as_likely and _is_elsewhere(names, solution.state, other.state, stds):
             return other.state
     return None

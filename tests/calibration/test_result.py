@@ -80,7 +80,7 @@ def test_a_lens_comes_with_its_covariance_and_with_that_of_the_pose():
     by = ground(exact.solution.state, pixel, world.elevation_m).jac_shared[0, :2]
     assert_allclose(exact.lens_covariance, exact.solution.joint[:6, 7:])
     assert_allclose(np.array(exact.camera.covariance), exact.solution.joint[7:, 7:])
-    stds = np.sqrt(np.diag(by @ exact.solution.joint @ by.T))
+    stds = np.sqrt(np.diag(by @ exact.solution.joint @ by.T)) / exact.solution.sigma_scale
     assert_allclose(stds, np.std(points, axis=0), rtol=4 / math.sqrt(2 * 300))
 
 
@@ -151,7 +151,7 @@ def test_the_papers_horizon_is_the_row_at_a_right_angle_to_straight_down(is_sea,
     assert_allclose(found.solution.state.value("tilt"), tilt_rad, atol=1e-9)
     assert_allclose(found.left[0].px, np.ptp(rows) / math.sqrt(2), rtol=1e-6)
     std_rad = 2.0 * camera.vfov_rad / camera.height_px / math.sqrt(2)
-    assert_allclose(math.sqrt(found.solution.covariance[0, 0]), std_rad, rtol=1e-6)
+    assert_allclose(math.sqrt(found.solution.covariance[0, 0]), std_rad * found.solution.sigma_scale, rtol=1e-6)
 
 
 def test_the_papers_field_of_view_follows_from_a_horizon_and_a_tilt():

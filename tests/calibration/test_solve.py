@@ -166,7 +166,7 @@ def test_stds_that_are_stated_too_small_are_scaled_up(stated):
     world, known = drawn(task, rng, std_px=(1.0,), std_share=(0.0,))
     said = tuple(replace(each, std_px=stated) for each in known.evidence)
     solution, _ = solved(task, world, replace(known, evidence=said))
-    assert_allclose(solution.sigma_scale, max(1.0, 1 / stated), rtol=0.25)
+    assert_allclose(solution.sigma_scale, max(0.7, 1 / stated), rtol=0.25)
     truth = poses(replace(known, evidence=said), world.state(), task.unknowns, is_good=True)
     own = truth.residuals.by_unknowns
     to_angles = Unknowns(task.unknowns).to_angles(truth.state)
@@ -178,7 +178,8 @@ def test_without_degrees_of_freedom_nothing_is_tested():
     task = Task(("height", "tilt"), ranges(2, 2), {})
     world, known = drawn(task, np.random.default_rng(12), std_px=(1.0,), std_share=(0.0,))
     solution = poses(known, world.state(), task.unknowns, is_good=True)
-    assert (solution.dof, solution.p_value, solution.sigma_scale) == (0, None, 1.0)
+    assert (solution.dof, solution.p_value, solution.misfit) == (0, None, 1.0)
+    assert_allclose(solution.sigma_scale, 4.303 / 1.960, rtol=1e-3)  # Student's t of the two that stated stds count for
     assert_allclose(solution.chi2, 0.0, atol=1e-9)
 
 
@@ -191,7 +192,7 @@ def test_a_prior_and_what_is_seen_are_weighed_by_their_stds():
     known = EvidenceSet(evidence=(below,), priors={"height": Prior(value=21.0, std=0.4)})
     solution = poses(known, replace(world, camera=camera).state(), ("height",), is_good=True)
     assert_allclose(solution.state.value("height"), (20 / 0.09 + 21 / 0.16) / (1 / 0.09 + 1 / 0.16), rtol=1e-9)
-    assert_allclose(solution.covariance, [[1 / (1 / 0.09 + 1 / 0.16)]], rtol=1e-6)
+    assert_allclose(solution.covariance / solution.sigma_scale**2, [[1 / (1 / 0.09 + 1 / 0.16)]], rtol=1e-6)
 
 
 def test_what_nothing_tells_is_not_certain_at_all():

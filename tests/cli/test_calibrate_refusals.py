@@ -1,6 +1,7 @@
 """What people mix up in evidence is found, named in one sentence, and leaves no file behind."""
 
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -287,3 +288,24 @@ def test_a_horizon_tells_tilt_and_roll_at_any_height_but_no_pose_for_a_file(tmp_
     run, output = calibrate(tmp_path, LOCAL + HORIZON + stated, unknowns="tilt,roll")
     assert run.code == 0, run.err
     assert output.is_file()
+
+
+def test_four_points_off_by_more_than_their_stds_are_taken_on_demand(tmp_path):
+    """Eight numbers for seven unknowns: the figure is the root of chi-square by degrees of freedom."""
+    few, rng = Field.of(4), np.random.default_rng(1)
+    text = LOCAL + landmarks(few.pixels + rng.normal(0.0, 20.0, (4, 2)), few.places)
+    run, output = calibrate(tmp_path, text, unknowns=f"{POSE},focal")
+    assert (run.code, run.out) == (4, b"")
+    assert not output.exists()
+    run, output = calibrate(tmp_path, text, "--accept-misfit", "--json", unknowns=f"{POSE},focal")
+    assert run.code == 0, run.err
+    document, provenance = run.json, tomllib.loads(output.read_text())["provenance"]
+    assert document["degrees_of_freedom"] == 1
+    assert document["misfit"] == pytest.approx(math.sqrt(document["chi2"]))
+    assert f"residuals are {document['misfit']:.3g} times as large as the stated stds" in run.err
+    assert provenance["misfit_accepted"] is True
+    assert provenance["misfit"] == pytest.approx(document["misfit"])
+    truth = {"height_agl_m": EYE_M[2], "tilt_deg": TILT_DEG, "heading_deg": HEADING_DEG}
+    for name, value in truth.items():
+        found = document["parameters"][name]
+        assert abs(found["value"] - value) < 1.96 * found["std"], name

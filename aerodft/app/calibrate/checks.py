@@ -1,6 +1,7 @@
 """Whether a calibration may be asked for, and whether its evidence determines what is asked."""
 
 import difflib
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -26,8 +27,9 @@ _SYNONYMS: Final = {
     "y": "north",
     "z": "height",
 }
+_DOUBT: Final = 3.0  # of residuals, in stated stds; below that it is not these that leave an unknown undetermined
 _LINE, _NARROW = 3, 0.01  # landmarks that make one, and how narrow it is for its length
-_MAX_SCALE = 30.0  # of residuals, in stated stds; beyond that no scaling makes them true
+_MAX_MISFIT: Final = 30.0  # of residuals, in stated stds; beyond that they are taken for a mistake
 _MAX_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
 
 
@@ -103,20 +105,31 @@ def unstated(result: Result, evidence: EvidenceFile, *, is_saved: bool) -> NotDe
     return None
 
 
-def not_determined(result: Result | ImagesResult, evidence: EvidenceFile) -> NotDetermined | None:
-    """Why the evidence gives no calibration; None where it gives one."""
-    why_not = _why_not(result, evidence)
+def not_determined(
+    result: Result | ImagesResult, evidence: EvidenceFile, *, accept_misfit: bool
+) -> NotDetermined | None:
+    """Why the evidence gives no calibration; None where it gives one.
+
+    Args:
+        result: The calibration.
+        evidence: What it is from.
+        accept_misfit: Observations may contradict each other by more than stated stds explain.
+    """
+    why_not = _why_not(result, evidence, accept_misfit=accept_misfit)
     return NotDetermined("no calibration", where=evidence.path, got=why_not) if why_not else None
 
 
-def _why_not(result: Result | ImagesResult, evidence: EvidenceFile) -> str:
+def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_misfit: bool) -> str:
     solution, kept = result.solution, result.solution.kept
-    if result.weakest.std_share > LIMIT * solution.sigma_scale:
+    is_told = result.weakest.std_share <= LIMIT * solution.sigma_scale  # if the stated stds were true
+    if not is_told or (not result.weakest.is_determined and solution.misfit <= _DOUBT):
         return f"{result.weakest.sentence}{_in_line(result)}"
-    if not result.weakest.is_determined or solution.sigma_scale > _MAX_SCALE:
+    if (not result.weakest.is_determined or solution.misfit > _MAX_MISFIT) and not accept_misfit:
+        worst = max(result.left, key=lambda left: left.sigma if math.isfinite(left.sigma) else 0.0)
         return (
-            f"the observations contradict each other: residuals are {solution.sigma_scale:.0f} times as large as the"
-            " stated stds; check the coordinates, the pixels and the stds"
+            f"the observations contradict each other: residuals are {solution.misfit:.3g} times as large as the stated"
+            f" stds ({worst.name} is {worst.px:.3g} px off); check the coordinates, the pixels and the stds, or take it"
+            " with stds scaled up by `accept_misfit`"
         )
     if isinstance(result, Result) and result.solution.alternative is not None:
         values = values_of(result.solution.alternative, result.names, evidence.frame)

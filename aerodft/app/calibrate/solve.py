@@ -43,6 +43,7 @@ class CalibrationResult:
         unknowns: What was asked for.
         inputs: Names and hashes of other files that it is from, for the provenance.
         mistake: What looks wrong with evidence that does not fit; None where nothing does.
+        accept_misfit: Observations that contradict each other are no reason to refuse it.
     """
 
     fit: Result | ImagesResult
@@ -50,6 +51,7 @@ class CalibrationResult:
     unknowns: tuple[str, ...]
     inputs: dict[str, Any] = field(default_factory=dict)
     mistake: AerodftError | None = None
+    accept_misfit: bool = False
 
     @property
     def camera(self) -> Camera:
@@ -83,9 +85,9 @@ class CalibrationResult:
             is_saved: It goes into a file, which needs a height and a tilt.
         """
         if isinstance(self.fit, ImagesResult):
-            return not_determined(self.fit, self.evidence)
+            return not_determined(self.fit, self.evidence, accept_misfit=self.accept_misfit)
         missing = self.mistake or unstated(self.fit, self.evidence, is_saved=is_saved)
-        return missing or not_determined(self.fit, self.evidence)
+        return missing or not_determined(self.fit, self.evidence, accept_misfit=self.accept_misfit)
 
     def document(self, *, is_saved: bool = False) -> dict[str, Any]:
         """Everything as ``aerodft calibrate --json`` prints it, with why it cannot be used, as ``refusal``."""
@@ -120,6 +122,9 @@ class CalibrationResult:
             "rms_px": self.fit.rms_px,
             "chi2": self.fit.solution.chi2,
             "degrees_of_freedom": self.fit.solution.dof,
+            "misfit": self.fit.solution.misfit,
+            "sigma_scale": self.fit.solution.sigma_scale,
+            "misfit_accepted": True if not_determined(self.fit, self.evidence, accept_misfit=False) else None,
             "outliers": [left.name for left in self.fit.left if left.is_outlier],
         }
         write_calibration(Path(path), found, lens, model, provenance)
@@ -149,6 +154,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     telemetry: Path | str | None = None,
     images: Sequence[Path | str] | None = None,
     progress: Progress = no_progress,
+    accept_misfit: bool = False,
     check: bool = True,
 ) -> CalibrationResult:
     """Find a camera's pose (and lens) from landmarks, ranges, lengths, heights, verticals, lines and the horizon.
@@ -165,6 +171,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         telemetry: Log or recording that the poses of the file's images are looked up in.
         images: Stills, folders or videos in which the surveyed ArUco or AprilTag markers of ``evidence`` are found.
         progress: Called with how many thousandths of these images are done, and 1000.
+        accept_misfit: Take observations that contradict each other by far more than stated, with stds scaled up.
         check: Raise what ``refusal`` would return; without, a fit that cannot be used is returned too, to be looked at.
 
     Returns:
@@ -210,6 +217,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         if known.flight is None:
             of_camera["camera_sha256"] = _sha256(camera_file)
         found = replace(found, inputs=found.inputs | of_camera)
+    found = replace(found, accept_misfit=accept_misfit)
     if check and (error := found.refusal()):
         raise error
     return found

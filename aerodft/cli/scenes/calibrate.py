@@ -34,6 +34,9 @@ def calibrate(
         typer.Option(help="With [[image]] in the file: log or recording that their poses are looked up in."),
     ] = None,
     crs: Annotated[str | None, typer.Option(help="Of a CSV file: local, geo or an EPSG code.")] = None,
+    accept_misfit: Annotated[
+        bool, typer.Option("--accept-misfit", help="Take observations that contradict each other, with larger stds.")
+    ] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the calibration to this file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write pictures and tables to this folder.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
@@ -63,16 +66,18 @@ def calibrate(
             telemetry=telemetry,
             images=None if detect is None else observations,
             progress=advance,
+            accept_misfit=accept_misfit,
             check=False,
         )
     is_saved = output is not None
+    error = found.refusal(is_saved=is_saved)
     if json:
         print_json(found.document(is_saved=is_saved))
-    else:
+    elif not error:
         _print(found)
-    for sentence in found.notes:
+    for sentence in found.evidence.notes if error else found.notes:
         say(f"aerodft: {sentence}")
-    if error := found.refusal(is_saved=is_saved):
+    if error:
         raise error
     if report is not None:
         say(f"wrote {found.write_report(report)}")

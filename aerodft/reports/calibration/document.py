@@ -12,6 +12,8 @@ from aerodft.model import FloatArray, Landmark
 from calibration.flight import ImagesResult
 from calibration.pose import Result, State, angles_deg, correlations, display_unit
 
+_UNLIKELY_P = 0.01
+_NOTICED = 1.2  # of what stds are multiplied with
 _SUSPICIOUS_P = 1e-4
 _MAX_DECIMALS = 6
 
@@ -30,10 +32,16 @@ def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> 
             notes.append(f"Rejected {left.name}: {where}.")
     if solution.dof == 0:
         notes.append("there is no observation to spare: a wrong one would not be noticed, add one")
-    if solution.sigma_scale > 1.0:
+    spare = f"{solution.dof} numbers to spare" if solution.dof != 1 else "1 number to spare"
+    if solution.p_value is not None and solution.p_value < _UNLIKELY_P:
         notes.append(
-            f"the residuals are {solution.sigma_scale:.1f} times as large as the stated stds: all stds are scaled up by"
-            " that"
+            f"the residuals are {solution.misfit:.3g} times as large as the stated stds ({spare}): all stds are"
+            f" multiplied by {solution.sigma_scale:.3g}"
+        )
+    elif solution.sigma_scale > _NOTICED:
+        notes.append(
+            f"all stds are multiplied by {solution.sigma_scale:.2g}: {spare} tell little of whether the stated ones are"
+            " true"
         )
     elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
         notes.append("the residuals are much smaller than the stated stds: these may be too large")
@@ -70,6 +78,7 @@ def calibration_document(
         "chi2": solution.chi2,
         "degrees_of_freedom": solution.dof,
         "p_value": solution.p_value,
+        "misfit": solution.misfit,
         "sigma_scale": solution.sigma_scale,
         "residuals": [
             {

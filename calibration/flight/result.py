@@ -27,7 +27,6 @@ from calibration.pose import (
     State,
     Unknowns,
     above_ground,
-    coefficient_names,
     combined,
     covariance_of,
     descend,
@@ -40,9 +39,11 @@ from calibration.pose import (
     joined,
     natural_size,
     own_steps,
+    possible_coefficients,
     residuals_of,
     rms_px,
     start_state,
+    with_coefficients,
     without_outliers,
 )
 
@@ -350,7 +351,7 @@ def shared_unknowns(
         ValueError: An unknown that there is not, or that excludes another.
     """
     is_paper = model is ProjectionModel.DFT
-    lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *coefficient_names(camera))
+    lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *possible_coefficients(camera))
     possible = (*(name for name in BIASES if not (is_paper and name == "roll")), *lens)
     requested = each_possible(names, (*possible, "position"))
     more = tuple(name for name, prior in priors.items() if prior.std > 0)
@@ -377,7 +378,7 @@ def calibrate_images(
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    unknowns = shared_unknowns(names, priors, camera, model)
+    unknowns, camera = shared_unknowns(names, priors, camera, model), with_coefficients(camera, names)
     known = {name: prior for name, prior in priors.items() if prior.std > 0}
     problem = ImagesProblem(views, unknowns, known, model)
     biases = np.array([priors[name].value if name in priors else 0.0 for name in BIASES])

@@ -24,4 +24,12 @@ from calibration.pose.result import (
     unknowns_of,
 )
 from calibration.pose.solve import ROBUST, Fit, covariance_of, goodness, without_outliers
-from calibration.pose.state import BOUNDS, State, Unknowns, coefficient_names, expanded
+from calibration.pose.state import (
+    BOUNDS,
+    State,
+    Unknowns,
+    coefficient_names,
+    expanded,
+    possible_coefficients,
+    with_coefficients,
+)

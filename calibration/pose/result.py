@@ -30,7 +30,15 @@ from aerodft.model import (
 from calibration.pose.descent import Rows, used_rows
 from calibration.pose.residuals import Problem
 from calibration.pose.solve import Solution, covariance_of, solve
-from calibration.pose.state import GROUPS, State, Unknowns, coefficient_names, expanded
+from calibration.pose.state import (
+    GROUPS,
+    State,
+    Unknowns,
+    coefficient_names,
+    expanded,
+    possible_coefficients,
+    with_coefficients,
+)
 
 _NOTHING_LEFT: Final = 1e-9
 """One less a leverage below which the other observations determine no fit."""
@@ -451,7 +459,7 @@ def display_unit(name: str) -> tuple[str, float]:
 
 def possible_unknowns(camera: Camera) -> tuple[str, ...]:
     """What may be asked for of a camera: single unknowns and groups of them."""
-    return (*_DISPLAY_UNITS, *coefficient_names(camera), *GROUPS)
+    return (*_DISPLAY_UNITS, *possible_coefficients(camera), *GROUPS)
 
 
 def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> Unknowns:
@@ -465,7 +473,7 @@ def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, mode
     if model is ProjectionModel.DFT and of_rays:
         expected = "expected ranges, lengths, landmarks, a horizon, ..."
         raise ValueError(f"got {of_rays[0]} for the dft model, which has no rays: {expected}")
-    not_there = ("cx", "cy", "roll", *coefficient_names(camera)) if model is ProjectionModel.DFT else ()
+    not_there = ("cx", "cy", "roll", *possible_coefficients(camera)) if model is ProjectionModel.DFT else ()
     wrong = next((name for name in requested if name in not_there), None)
     if wrong is not None:
         raise ValueError(f"got {wrong} for the dft model, expected height, tilt, heading, position or focal")
@@ -495,14 +503,15 @@ def calibrate(
 
     Args:
         known: Observations and priors. A prior with a std of 0 is exact, or where to start from if it is asked for.
-        camera: The camera; what is not asked for stays, and is as uncertain as the camera says.
+        camera: The camera; what is not asked for stays, and is as uncertain as the camera says. Distortion that it has
+            none of is 0.
         names: What is asked for, see ``display_unit``; also ``position`` and ``principal_point``.
         model: Projection model.
 
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    unknowns = unknowns_of(names, known, camera, model)
+    unknowns, camera = unknowns_of(names, known, camera, model), with_coefficients(camera, names)
     priors = {name: prior for name, prior in known.priors.items() if prior.std > 0}
     problem = Problem(EvidenceSet(evidence=known.evidence, priors=priors), unknowns, model)
     start = start_state(known.priors, camera, model)

@@ -376,13 +376,15 @@ def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
     """Chance of so large a chi-square, None without degrees of freedom; and what to multiply stated stds with.
 
     Stated stds may be wrong by a common factor, of which few residuals tell little: its square has an inverse
-    chi-square distribution around 1 before these are seen, and after. 1.96 of the scaled stds then hold what Student's
-    distribution says (Gelman et al., "Bayesian Data Analysis", 3rd ed., section 3.3).
+    chi-square distribution around 1 before these are seen, and after (Gelman et al., "Bayesian Data Analysis", 3rd ed.,
+    section 3.3); around theirs where they are larger. 1.96 of the scaled stds then hold what Student's distribution
+    says.
     """
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
+    seen = chi2 / dof if dof > 0 else 1.0
     known = max(dof, 0) + _STATED_DOF
-    scale = math.sqrt((chi2 + _STATED_DOF) / known)
-    return p_value, max(scale, _LEAST_SCALE) * float(stdtrit(known, 0.975) / ndtri(0.975))
+    variance = max(seen, (max(dof, 0) * seen + _STATED_DOF) / known, _LEAST_SCALE**2)
+    return p_value, math.sqrt(variance) * float(stdtrit(known, 0.975) / ndtri(0.975))
 
 
 def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:

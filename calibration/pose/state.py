@@ -24,6 +24,7 @@ _COEFFICIENTS = {
     LensModel.BROWN: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
     LensModel.FISHEYE: ("k1", "k2", "k3", "k4"),
 }
+_COUNTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 _PLACE = {"east": 0, "north": 1, "height": 2}
 _ANGLES = ("tilt", "roll", "heading")
 _LENS = {"fx": 0, "fy": 1, "cx": 2, "cy": 3}
@@ -112,6 +113,28 @@ class State:
 def coefficient_names(camera: Camera) -> tuple[str, ...]:
     """Names of the camera's distortion coefficients, in their order."""
     return _COEFFICIENTS[camera.lens][: len(camera.distortion)]
+
+
+def possible_coefficients(camera: Camera) -> tuple[str, ...]:
+    """Names of all distortion coefficients that a lens of the camera's kind may have."""
+    return _COEFFICIENTS[camera.lens]
+
+
+def with_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
+    """The camera with as many distortion coefficients as the named ones take; those that it lacks are 0 and exact."""
+    known = possible_coefficients(camera)
+    wanted = max((known.index(name) + 1 for name in names if name in known), default=0)
+    more = next(count for count in _COUNTS[camera.lens] if count >= max(wanted, len(camera.distortion)))
+    zeros = (0.0,) * (more - len(camera.distortion))
+    if not zeros:
+        return camera
+    std, rows = camera.std, [(*row, *zeros) for row in camera.covariance]
+    return replace(
+        camera,
+        distortion=(*camera.distortion, *zeros),
+        std=replace(std, distortion=(*std.distortion, *zeros) if std.distortion else ()),
+        covariance=(*rows, *((0.0,) * len(rows[0]) for _ in zeros)) if rows else (),
+    )
 
 
 @dataclass(frozen=True, slots=True)

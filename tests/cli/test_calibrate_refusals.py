@@ -224,7 +224,7 @@ def test_another_mode_of_the_camera_is_named(tmp_path):
         ("heigth", "did you mean height?"),
         ("tilt_deg", "did you mean tilt?"),
         ("height,pitch", "did you mean tilt"),
-        (f"{POSE},k1", "camera file needs a distortion"),
+        (f"{POSE},k9", "got k9"),
         ("", "none"),
     ],
 )

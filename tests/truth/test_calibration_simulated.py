@@ -84,11 +84,12 @@ def test_errors_are_as_large_as_stated():
         rng, kinds[name] = np.random.default_rng([20, len(kinds)]), []
         for _ in range(count):
             z, joint, solution = scores(TASKS[name], *drawn(TASKS[name], rng))
+            joint *= solution.sigma_scale**2  # stds are true here: the covariance is judged as they say it
             left_out += np.count_nonzero(~solution.kept)
             observations += len(solution.kept)
             kinds[name].append(joint)
             for unknown, score in z.items():
-                found[unknown].append(score)
+                found[unknown].append(score * solution.sigma_scale)
     print(f"\n{left_out} of {observations} observations left out\nunknown    scenes  std of z  mean of z  largest")
     for unknown, z in found.items():
         print(f"{unknown:10s} {len(z):6d} {np.std(z):9.3f} {np.mean(z):10.3f} {np.max(np.abs(z)):8.2f}")

@@ -72,8 +72,6 @@ def wrong_unknowns(error: ValueError) -> UsageError:
 
 def _suggestion(wrong: str, possible: tuple[str, ...]) -> str:
     lower = wrong.lower()
-    if lower[:1] in ("k", "p") and lower[1:].isdigit():
-        return "the camera file needs a distortion with that coefficient, which may be 0"
     stem = next((lower.removesuffix(unit) for unit in _UNITS if lower.endswith(unit)), lower)
     close = difflib.get_close_matches(stem, possible, n=1, cutoff=0.6)
     meant = _SYNONYMS.get(stem) or next(iter(close), "")

@@ -151,6 +151,8 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     *,
     model: ProjectionModel = ProjectionModel.PINHOLE,
     crs: str | None = None,
+    plane_elevation_m: float | None = None,
+    image: str | None = None,
     telemetry: Path | str | None = None,
     images: Sequence[Path | str] | None = None,
     progress: Progress = no_progress,
@@ -162,12 +164,16 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     With several images in the file, each with a pose by telemetry: what telemetry is off by, in all of them.
 
     Args:
-        evidence: What is known: TOML, or CSV with a row for each landmark; with ``images``, a file of markers.
+        evidence: What is known: TOML, CSV with a row for each landmark, or OpenDroneMap's ``gcp_list.txt``; with
+            ``images``, a file of markers.
         camera: The camera, or its file.
         unknowns: What to find: height, tilt, roll, heading, position, focal (or fx, fy), principal_point, elevation,
             k1, k2, ...; in many images height, tilt, roll, heading, pan, position and time.
         model: Projection model.
         crs: Of a CSV file: local, geo or an EPSG code.
+        plane_elevation_m: Of a CSV file or list of ground control points: elevation of the measured plane, in the
+            heights of the landmarks.
+        image: Of a list of ground control points in several images: the one that the camera took.
         telemetry: Log or recording that the poses of the file's images are looked up in.
         images: Stills, folders or videos in which the surveyed ArUco or AprilTag markers of ``evidence`` are found.
         progress: Called with how many thousandths of these images are done, and 1000.
@@ -190,7 +196,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         ...     unknowns=["position", "height", "tilt", "roll", "heading", "focal"],
         ... )
         >>> round(found.values["tilt_deg"], 1), round(found.stds["tilt_deg"], 2)
-        (62.3, 0.05)
+        (62.3, 0.04)
         >>> found.save("bridge.toml")
     """
     camera_file = None if isinstance(camera, Camera) else Path(camera)
@@ -198,12 +204,13 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     names = tuple(unknowns)
     check_unique(names)
     if images is None:
-        known = load_evidence(Path(evidence), crs)
+        known = load_evidence(Path(evidence), crs, plane_elevation_m, image)
         known = known.with_notes(*check_mode(known.image_paths, lens))
-    elif crs is None:
+    elif crs is None and plane_elevation_m is None and image is None:
         known = detected_evidence(Path(evidence), list(map(Path, images)), lens, names, model, progress)
     else:
-        raise UsageError("`crs` beside images of markers", expected="it in the file of markers")
+        what = "`crs`, `plane_elevation_m` or `image` beside images of markers"
+        raise UsageError(what, expected="crs and elevation_m in the file of markers")
     check_against(known, lens)
     if known.flight is not None:
         log = None if telemetry is None else Path(telemetry)

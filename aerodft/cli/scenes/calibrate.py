@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def calibrate(
     observations: Annotated[
         list[Path],
-        typer.Argument(help="What is known: TOML, or CSV with a row for each landmark; with --detect, images."),
+        typer.Argument(help="What is known: TOML, CSV of landmarks, ODM's gcp_list.txt; with --detect, images."),
     ],
     camera: Annotated[Path, typer.Option(help="Camera file (TOML).")],
     unknowns: Annotated[
@@ -37,6 +37,12 @@ def calibrate(
     accept_misfit: Annotated[
         bool, typer.Option("--accept-misfit", help="Take observations that contradict each other, with larger stds.")
     ] = False,
+    plane_elevation: Annotated[
+        float | None, typer.Option(help="Of a CSV file or GCP list: elevation of the measured plane, in metres.")
+    ] = None,
+    image: Annotated[
+        str | None, typer.Option(help="Of a GCP list of several images: the one that the camera took.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the calibration to this file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write pictures and tables to this folder.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
@@ -63,6 +69,8 @@ def calibrate(
             [name.strip() for name in unknowns.split(",") if name.strip()],
             model=model,
             crs=crs,
+            plane_elevation_m=plane_elevation,
+            image=image,
             telemetry=telemetry,
             images=None if detect is None else observations,
             progress=advance,

@@ -9,7 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.config.evidence.evidence_tables import SPACE, CameraPriorTable, EvidenceTable
-from aerodft.adapters.config.evidence.local_frame import LocalFrame, check_on_map, takes_degrees
+from aerodft.adapters.config.evidence.local_frame import (
+    LocalFrame,
+    check_on_map,
+    is_used_at,
+    takes_degrees,
+)
 from aerodft.adapters.config.tables import LOCAL
 from aerodft.errors import ConfigError
 from aerodft.geometry import rays_from_pixels
@@ -24,6 +29,8 @@ _DOUBT_RAD = math.radians(10.0)
 _LARGE_M = 1e5  # local coordinates beyond it are somebody's projection, and lose digits if computed with as they are
 _DATUM_M, _STDS = 10.0, 6.0  # by which datums differ at least, where it matters
 _DEGREE_DIGITS = 5  # a metre
+_NEAR_ZERO_M = 1e4  # coordinates within it of a projection's zero are rather somebody's own
+_DEGREE_WIDE = 0.5  # by which a scene's latitudes and longitudes differ at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,9 +280,10 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
     """
     camera = table.camera.place
     placed = [(each.label, each.place) for each in stated if each.place is not None]
+    hint = _own_metres(stated, crs)
     for label, (first, second, *_) in [*placed, *([] if camera is None else [("camera", camera)])]:
         if first is not None and second is not None:
-            check_on_map(crs, (first, second), f"{label}: place", where)
+            check_on_map(crs, (first, second), f"{label}: place", where, hint)
     places = [place for _, place in placed]
     middle = [_middle(_known(places, axis) or _known([camera or ()], axis), crs, axis) for axis in (0, 1)]
     zero_m = None if table.elevation_m is None else table.elevation_m.value
@@ -288,6 +296,27 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
         got, hint = f'"{crs}" and no place in it', 'without any place on the map, write crs = "local"'
         raise ConfigError("crs", where=where, got=got, expected="a landmark, or the camera's position", hint=hint)
     return LocalFrame(crs, (x, y, _zero(places, camera, where) if zero_m is None else zero_m))
+
+
+def _own_metres(stated: Sequence[Stated], crs: str) -> str:
+    """What to do where all places look like metres from somebody's own zero; empty where they do not."""
+    places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
+    if crs == LOCAL or takes_degrees(crs) or not places:
+        return ""
+    at = np.array(places, dtype=np.float64)
+    are_degrees = len(at) > 1 and float(np.max(np.ptp(at, axis=0))) < _DEGREE_WIDE
+    if are_degrees or float(np.max(np.abs(at))) > _LARGE_M or any(is_used_at(crs, (x, y)) for x, y in at.tolist()):
+        return ""
+    return 'they look like metres from a zero of your own: write crs = "local"'
+
+
+def check_is_map(stated: Sequence[Stated], crs: str) -> Iterator[str]:
+    """A sentence where a projection's coordinates are so near its zero that they may be somebody's own metres."""
+    places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
+    if crs == LOCAL or takes_degrees(crs) or not places:
+        return
+    if float(np.max(np.abs(np.array(places, dtype=np.float64)))) <= _NEAR_ZERO_M:
+        yield f'all places are near the zero of {crs}: if they are metres of your own, write crs = "local"'
 
 
 def _check_elevation(ground_m: float, std_m: float, heights_m: Sequence[float], where: str) -> None:

@@ -1,6 +1,7 @@
 """Files of evidence: what people know about a scene, for a calibration.
 
-A TOML file (``configs/calibration/`` has one with every key explained), or a CSV file with a row for each landmark.
+A TOML file (``configs/calibration/`` has one with every key explained), a CSV file with a row for each landmark, or
+OpenDroneMap's list of ground control points.
 """
 
 import codecs
@@ -21,6 +22,7 @@ from aerodft.adapters.config.evidence.cross_checks import (
     check_datums,
     check_degrees,
     check_duplicates,
+    check_is_map,
     check_names,
     check_pixels,
     check_tilt,
@@ -37,6 +39,7 @@ from aerodft.adapters.config.evidence.evidence_tables import (
     ObservationTable,
     priors_from,
 )
+from aerodft.adapters.config.evidence.gcp_list import gcp_rows, is_gcp_list
 from aerodft.adapters.config.evidence.images import Flight, FlightDocument, flight_from, read_flight
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
@@ -125,28 +128,51 @@ class _File:
     table: EvidenceTable
     rows: list[_Row]
     flight: FlightDocument | None = None
+    is_table: bool = False
 
 
-def load_evidence(path: Path, crs: str | None = None) -> EvidenceFile:
+def load_evidence(
+    path: Path, crs: str | None = None, plane_elevation_m: float | None = None, image: str | None = None
+) -> EvidenceFile:
     """Read a file of evidence.
 
     Args:
-        path: A TOML file; or, by its ending ``.csv``, ``.tsv`` or ``.txt``, a CSV file with a header.
-        crs: What the places of a CSV file are in: ``local`` metres, ``geo`` or an EPSG code. TOML files say it.
+        path: A TOML file; or, by its ending ``.csv``, ``.tsv`` or ``.txt``, a CSV file with a header, or a list of
+            ground control points as OpenDroneMap takes it.
+        crs: What the places of a CSV file are in: ``local`` metres, ``geo`` or an EPSG code. Other files say it.
+        plane_elevation_m: Of the measured plane, in the heights of the landmarks. TOML files say it.
+        image: Of a list of ground control points: the image whose points are meant, where it has several.
 
     Raises:
         ConfigError: Missing or unreadable, a syntax error, an unknown key or column, an impossible value, or
             observations that cannot all be true.
     """
     where, data = str(path), read_bytes(path)
-    if path.suffix.lower() in _CSV_SUFFIXES:
-        file = _from_csv(data, crs, where)
-    elif crs is None:
-        file = _from_document(parse_toml(data, where), where)
+    is_table = path.suffix.lower() in _CSV_SUFFIXES
+    if not is_table:
+        _refuse_in_file("crs", crs, f'write crs = "{crs}" in it', where)
+        hint = f"write elevation_m = {plane_elevation_m} in it"
+        _refuse_in_file("plane_elevation_m", plane_elevation_m, hint, where)
+    text = _text(data, where) if is_table else ""
+    if is_gcp_list(text):
+        _refuse_in_file("crs", crs, "its first line says it", where)
+        file = _from_gcp_list(text, plane_elevation_m, image, path)
+    elif image is not None:
+        expected = "a list of ground control points of several images"
+        raise ConfigError("image", where=where, got=f'"{image}"', expected=expected)
+    elif is_table:
+        file = _from_csv(data, crs, plane_elevation_m, where)
     else:
-        got = f'"{crs}" for a TOML file'
-        raise ConfigError("crs", where=where, got=got, expected="it in the file", hint=f'write crs = "{crs}" in it')
+        file = _from_document(parse_toml(data, where), where)
     return _check_and_resolve(file, path, hashlib.sha256(data).hexdigest())
+
+
+def _refuse_in_file(key: str, value: object, hint: str, where: str) -> None:
+    """Refuse what the file itself says."""
+    if value is not None:
+        raise ConfigError(
+            f"`{key}`", where=where, got=f"{value} beside this file", expected="it in the file", hint=hint
+        )
 
 
 def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> EvidenceFile:
@@ -177,6 +203,7 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
         check_degrees(stated, where)
     frame = frame_around(stated, table.model_copy(update={"camera": _cameras(file)[0]}), crs, where)
     check_together(stated, frame, where)
+    notes = (*check_is_map(stated, crs), *_plane_note(file, frame))
     priors, fixed = priors_from(table, frame)
     evidence = tuple(_observation(row.table, name, frame) for row, name in zip(rows, names, strict=True))
     return EvidenceFile(
@@ -189,8 +216,23 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
         sha256=sha256,
         path=path,
         flight=None if file.flight is None else _flight(file.flight, stated, evidence, frame, path),
+        notes=notes,
         image_paths=tuple(each for each in _image_paths(file, path) if each.is_file()),
     )
+
+
+def _plane_note(file: _File, frame: LocalFrame) -> Iterator[str]:
+    """What elevation heights count from, where the file does not say it."""
+    is_middle = frame.crs != LOCAL or frame.origin != (0.0, 0.0, 0.0)
+    key = "`plane_elevation_m`" if file.is_table else "elevation_m in the file"
+    if file.table.elevation_m is not None:
+        if file.is_table:
+            yield f"heights count from the measured plane at {frame.origin[2]:.10g} m, as stated"
+    elif is_middle and any(row.stated.place for row in file.rows):
+        zero = f"{frame.origin[2]:.10g} m, the middle one of the landmarks' heights"
+        yield f"heights count from the measured plane, taken to be at {zero}; {key} states another"
+    elif file.is_table:
+        yield f"heights count from the measured plane, taken to be at 0 of the landmarks' heights; {key} states another"
 
 
 def _image_paths(file: _File, path: Path) -> Iterator[Path]:
@@ -262,10 +304,26 @@ def _check_image(row: _Row, flight: FlightDocument | None, where: str) -> None:
         raise ConfigError(f"{row.label}.image", where=where, got=got, expected=expected)
 
 
-def _from_csv(data: bytes, crs: str | None, where: str) -> _File:
+def _from_csv(data: bytes, crs: str | None, plane_elevation_m: float | None, where: str) -> _File:
     is_geo, lines = _landmark_rows(data, where)
+    return _from_rows(lines, {"crs": crs or (GEO if is_geo else LOCAL)}, plane_elevation_m, where)
+
+
+def _from_gcp_list(text: str, plane_elevation_m: float | None, image: str | None, path: Path) -> _File:
+    crs, name, lines = gcp_rows(text, image, str(path))
+    folders = (Path(), Path("images"))
+    file = next((folder / name for folder in folders if (path.parent / folder / name).is_file()), Path(name))
+    return _from_rows(lines, {"crs": crs, "image": {"file": str(file)}}, plane_elevation_m, str(path))
+
+
+def _from_rows(
+    lines: list[tuple[str, dict[str, object]]], keys: dict[str, Any], plane_elevation_m: float | None, where: str
+) -> _File:
+    """Landmarks of a table, with what else its file or somebody says."""
+    if plane_elevation_m is not None:
+        keys = {**keys, "elevation_m": plane_elevation_m}
     rows = [_Row("landmark", label, validated(LandmarkTable, row, where, f"{label}, ")) for label, row in lines]
-    return _File(EvidenceTable(crs=crs or (GEO if is_geo else LOCAL)), list(rows))
+    return _File(validated(EvidenceTable, keys, where), list(rows), is_table=True)
 
 
 def _pixels_of(table: ObservationTable) -> tuple[tuple[float, float], ...]:

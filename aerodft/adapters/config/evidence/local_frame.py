@@ -208,7 +208,7 @@ def _check_metric(horizontal: CRS, stated: str, where: str) -> None:
         raise ConfigError("crs", where=where, got=got, expected=expected, hint="use another projection")
 
 
-def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: str) -> None:
+def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: str, own_metres: str) -> None:
     """Refuse projected coordinates that are far from where their projection is used.
 
     Args:
@@ -216,17 +216,18 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
         coordinates: Easting and northing, metres.
         label: Which key has them.
         where: The file's name in messages.
+        own_metres: What to do where all coordinates of the file look like somebody's own; empty where they do not.
 
     Raises:
         ConfigError: The coordinates are elsewhere on the earth, or nowhere.
     """
-    if crs == LOCAL or takes_degrees(crs) or _is_used_at(crs, coordinates, 0.0):
+    if crs == LOCAL or takes_degrees(crs) or is_used_at(crs, coordinates):
         return
     x, y = coordinates
-    is_swapped = _is_used_at(crs, (y, x), 0.0)
+    is_swapped = is_used_at(crs, (y, x))
     horizontal = _horizontal(crs)
     margin_deg = _ZONE_MARGIN_DEG if "zone" in horizontal.name.lower() else _MARGIN_DEG
-    if _is_used_at(crs, coordinates, margin_deg) and not is_swapped:
+    if is_used_at(crs, coordinates, margin_deg) and not is_swapped and not own_metres:
         return
     area = horizontal.area_of_use
     expected = f"a place where {crs} ({horizontal.name}) is used"
@@ -235,6 +236,8 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
     hint = "check crs, and that no digits are missing"
     if is_swapped:
         hint = "swap them: easting comes first, or check crs"
+    elif own_metres:
+        hint = own_metres
     elif max(abs(x), abs(y)) <= _TURN_DEG:
         hint = 'they look like degrees: write lat_deg, lon_deg and alt_m, with crs = "geo"'
     got = f"easting {x:.10g} and northing {y:.10g}"
@@ -246,7 +249,8 @@ _MARGIN_DEG = 0.5
 _TURN_DEG = 360.0
 
 
-def _is_used_at(crs: str, coordinates: tuple[float, float], margin_deg: float) -> bool:
+def is_used_at(crs: str, coordinates: tuple[float, float], margin_deg: float = 0.0) -> bool:
+    """Whether a projection is used at an easting and northing, and up to so many degrees beyond."""
     lon, lat = _to_wgs84(crs).transform(*coordinates)
     if not (math.isfinite(lon) and math.isfinite(lat)):
         return False

@@ -1,6 +1,6 @@
 """Images: video files, stills, live streams, and stamps alone."""
 
-from aerodft.adapters.images.camera_mode import check_mode, common_mode, refuse_other_size
+from aerodft.adapters.images.camera_mode import camera_of_still, check_mode, common_mode, refuse_other_size
 from aerodft.adapters.images.image_sampling import NamedImage, image_files, named_images
 from aerodft.adapters.images.pixels import (
     STILLS,

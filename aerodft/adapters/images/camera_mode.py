@@ -10,11 +10,16 @@ from PIL import Image as PillowImage
 
 from aerodft.adapters.images.stills import still_mode
 from aerodft.errors import InputError
-from aerodft.model import Camera, CameraMode
+from aerodft.model import Camera, CameraMode, CameraStd
 
 _ROUNDING: Final = 0.015  # share by which lengths of one zoom may differ: EXIF rounds them
 _FILM_DIAGONAL_MM: Final = 43.27
 _FILM_ROUNDING: Final = 1.4  # factor within which a focal length is that was rounded to whole millimetres of film
+_FILM_STEP_STD_MM: Final = 0.29  # of lengths that are whole millimetres
+_SENSORS: Final = (4 / 3, 3 / 2)  # width by height of what images are cropped from, the usual one first
+_SAME_ASPECT: Final = 1.02
+_OFF_CENTRE: Final = 0.005  # std of the principal point, as a share of the diagonal
+_WITHIN_STDS: Final = 1.96  # that everything which may be true lies in
 _UNITS: Final = {
     "device": "",
     "focal_mm": " mm focal length",
@@ -63,6 +68,69 @@ def common_mode(images: Iterable[Path]) -> CameraMode | None:
                 hint="a camera file belongs to one size, crop and zoom: calibrate each mode by itself",
             )
     return None if first is None else first[1]
+
+
+def camera_of_still(path: Path) -> Camera:
+    """The camera that a still's EXIF data tell of: a focal length, and its principal point in the middle.
+
+    The focal length for 35 mm film is by the diagonal of the sensor (CIPA DCG-001). An image of another aspect than 4:3
+    or 3:2 is a crop of a 4:3 sensor, as wide as it; the std holds crops of the other sensors, digital zoom that the
+    equivalent may or may not have in it, and its rounding to whole millimetres. Nothing is known of the lens's distortion: it is 0.
+
+    Raises:
+        InputError: No still, no equivalent in its EXIF data, or an image that was cropped after it was taken.
+    """
+    try:
+        with PillowImage.open(path) as image:
+            width_px, height_px = image.size
+    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError) as error:
+        what, expected = "no camera can be told from it", "a photo with EXIF data, or a camera file"
+        got = "no readable image" if path.exists() else "no such file"
+        raise InputError(what, where=path, got=got, expected=expected) from error
+    mode, taken_px = still_mode(path)
+    if mode.focal_35mm_mm is None:
+        raise InputError(
+            "no camera can be told from it",
+            where=path,
+            got="no focal length for 35 mm film in its EXIF data",
+            expected="FocalLengthIn35mmFilm",
+            hint="write a camera file with its field of view, or calibrate the lens",
+        )
+    aspect = max(width_px, height_px) / min(width_px, height_px)
+    if taken_px is not None and not _is_about(max(taken_px) / min(taken_px), aspect):
+        got = f"{width_px} x {height_px} px, taken with {taken_px[0]} x {taken_px[1]} px"
+        raise InputError("the image was cropped after it was taken", where=path, got=got, expected="all of it")
+    shares = [_sensor_diagonal(aspect, sensor) for sensor in (*_SENSORS, aspect)]
+    likely = next((1.0 for sensor in _SENSORS if _is_about(sensor, aspect)), shares[0])
+    zoom = mode.digital_zoom or 1.0
+    shares += [zoom * share for share in shares]
+    crop_std = max(abs(share - likely) for share in shares) / _WITHIN_STDS / likely
+    diagonal_px = math.hypot(width_px, height_px)
+    focal_px = mode.focal_35mm_mm / _FILM_DIAGONAL_MM * diagonal_px * likely
+    return Camera(
+        name=mode.device or path.stem,
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width_px - 1) / 2,
+        cy_px=(height_px - 1) / 2,
+        std=CameraStd(
+            focal_px=focal_px * math.hypot(crop_std, _FILM_STEP_STD_MM / mode.focal_35mm_mm),
+            principal_point_px=_OFF_CENTRE * diagonal_px,
+        ),
+        mode=mode,
+    )
+
+
+def _is_about(one: float, other: float) -> bool:
+    return 1 / _SAME_ASPECT < one / other < _SAME_ASPECT
+
+
+def _sensor_diagonal(aspect: float, sensor: float) -> float:
+    """Diagonal of a sensor whose largest crop is an image, both by width over height, in the image's diagonals."""
+    width, height = max(1.0, sensor / aspect), max(1 / aspect, 1 / sensor)
+    return math.hypot(width, height) / math.hypot(1.0, 1 / aspect)
 
 
 def refuse_other_size(size_px: tuple[int, int], camera: Camera, where: object) -> None:

@@ -20,7 +20,7 @@ def calibrate(
         list[Path],
         typer.Argument(help="What is known: TOML, CSV of landmarks, ODM's gcp_list.txt; with --detect, images."),
     ],
-    camera: Annotated[Path, typer.Option(help="Camera file (TOML).")],
+    camera: Annotated[Path, typer.Option(help="Camera file (TOML), or a photo with EXIF data.")],
     unknowns: Annotated[
         str,
         typer.Option(help="height,tilt,roll,heading,position,focal (or fx,fy),principal_point,elevation,k1,k2,..."),

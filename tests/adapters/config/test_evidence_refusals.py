@@ -366,7 +366,7 @@ def test_files_that_are_none_are_refused(tmp_path):
     (tmp_path / "x.csv").write_bytes(b"\xff\xd8\xff\xe0" + bytes(100))
     with pytest.raises(ConfigError, match=r"x\.csv: not a text file: got a JPEG image, expected CSV"):
         load_evidence(tmp_path / "x.csv")
-    assert 'crs`: got geo beside this file, expected it in the file' in sentence_of(tmp_path, P, crs="geo")
+    assert "crs`: got geo beside this file, expected it in the file" in sentence_of(tmp_path, P, crs="geo")
     assert 'crs: got "x", expected "local"' in sentence_of(tmp_path, "u,v,X,Y,Z\n" + ROWS, "x.csv", crs="x")
 
 

@@ -27,6 +27,7 @@ from aerodft.model import Camera, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
+_PHOTOS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
 _COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 
@@ -103,21 +104,28 @@ class CameraTable(Table):
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Read a camera file.
+    """Read a camera file, or a photo's EXIF data.
 
     Args:
         path: A TOML file with ``name``, ``width_px``, ``height_px`` and either ``hfov_deg`` (and ``vfov_deg``; left
-            out means square pixels) or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with ``distortion`` and ``lens``.
+            out means square pixels) or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with ``distortion`` and
+            ``lens``; or a photo whose EXIF data tell its focal length to some percent, which its std says.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
+        InputError: A photo that does not tell its focal length.
 
     Example:
         >>> import aerodft as ad
         >>> ad.load_camera("configs/cameras/canon-1000d.toml").width_px
         3888
     """
-    return camera_from(validated(CameraTable, parse_toml(read_bytes(Path(path)), str(path)), str(path)), str(path))
+    path = Path(path)
+    if path.suffix.lower() in _PHOTOS:
+        from aerodft.adapters.images import camera_of_still  # noqa: PLC0415 - decoders, for photos alone
+
+        return camera_of_still(path)
+    return camera_from(validated(CameraTable, parse_toml(read_bytes(path), str(path)), str(path)), str(path))
 
 
 def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:

@@ -8,7 +8,7 @@ from typing import Final
 
 from PIL import Image as PillowImage
 
-from aerodft.adapters.images.stills import still_mode
+from aerodft.adapters.images.stills import image_size_and_mode, still_mode
 from aerodft.errors import InputError
 from aerodft.model import Camera, CameraMode, CameraStd
 
@@ -75,19 +75,14 @@ def camera_of_still(path: Path) -> Camera:
 
     The focal length for 35 mm film is by the diagonal of the sensor (CIPA DCG-001). An image of another aspect than 4:3
     or 3:2 is a crop of a 4:3 sensor, as wide as it; the std holds crops of the other sensors, digital zoom that the
-    equivalent may or may not have in it, and its rounding to whole millimetres. Nothing is known of the lens's distortion: it is 0.
+    equivalent may or may not have in it, and its rounding to whole millimetres. Of the lens's distortion nothing is
+    known: it is 0.
 
     Raises:
         InputError: No still, no equivalent in its EXIF data, or an image that was cropped after it was taken.
     """
-    try:
-        with PillowImage.open(path) as image:
-            width_px, height_px = image.size
-    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError) as error:
-        what, expected = "no camera can be told from it", "a photo with EXIF data, or a camera file"
-        got = "no readable image" if path.exists() else "no such file"
-        raise InputError(what, where=path, got=got, expected=expected) from error
-    mode, taken_px = still_mode(path)
+    (width_px, height_px), mode = image_size_and_mode(path)
+    _, taken_px = still_mode(path)
     if mode.focal_35mm_mm is None:
         raise InputError(
             "no camera can be told from it",

@@ -54,3 +54,13 @@ def test_digital_zoom_may_be_in_the_equivalent_or_not(tmp_path):
 def test_what_tells_no_focal_length_is_refused(tmp_path, film, taken, words):
     with pytest.raises(ad.AerodftError, match=words):
         ad.load_camera(photo(tmp_path, (4000, 2250), film, taken=taken))
+
+
+def test_a_camera_of_the_library_is_recognised(tmp_path):
+    (known,) = ad.find_cameras("FC7303 4000x3000")
+    path = photo(tmp_path, (4000, 3000), 24)
+    with PillowImage.open(path) as image:
+        exif = image.getexif()
+        exif[Base.Model] = "FC7303"
+        image.save(tmp_path / "mini.jpg", exif=exif)
+    assert ad.load_camera(tmp_path / "mini.jpg") == known.camera

@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.camera.library import known_cameras
 from aerodft.adapters.config.covariance import as_rows, checked_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import (
@@ -109,7 +110,8 @@ def load_camera(path: str | Path) -> Camera:
     Args:
         path: A TOML file with ``name``, ``width_px``, ``height_px`` and either ``hfov_deg`` (and ``vfov_deg``; left
             out means square pixels) or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with ``distortion`` and
-            ``lens``; or a photo whose EXIF data tell its focal length to some percent, which its std says.
+            ``lens``; or a photo, of a camera of the library, or whose EXIF data tell its focal length to some percent,
+            which its std says.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
@@ -122,9 +124,11 @@ def load_camera(path: str | Path) -> Camera:
     """
     path = Path(path)
     if path.suffix.lower() in _PHOTOS:
-        from aerodft.adapters.images import camera_of_still  # noqa: PLC0415 - decoders, for photos alone
+        from aerodft.adapters.images import camera_of_still, image_size_and_mode  # noqa: PLC0415 - for photos alone
 
-        return camera_of_still(path)
+        size_px, mode = image_size_and_mode(path)
+        known = [each.camera for each in known_cameras() if each.shows(size_px, mode)]
+        return known[0] if len(known) == 1 else camera_of_still(path)
     return camera_from(validated(CameraTable, parse_toml(read_bytes(path), str(path)), str(path)), str(path))
 
 

@@ -108,7 +108,7 @@ def test_a_lens_that_nobody_asks_for_stays_exact():
     ("names", "model", "says"),
     [
         (("height", "pitch"), ProjectionModel.PINHOLE, "got pitch, expected some of height, tilt"),
-        (("height", "k3"), ProjectionModel.PINHOLE, "got k3, expected some of"),
+        (("height", "k9"), ProjectionModel.PINHOLE, "got k9, expected some of"),
         (("focal", "fy"), ProjectionModel.PINHOLE, "got focal beside fx or fy"),
         (("height", "roll"), ProjectionModel.DFT, "got roll for the dft model"),
         (("height", "k1"), ProjectionModel.DFT, "got k1 for the dft model"),

@@ -35,8 +35,11 @@ _NAMED: Final = re.compile(r"`([a-z_]+)`")
 _UNIT: Final = re.compile(r"_(?:m|px|deg|s|ns|hz)$")
 _TYPED_AS: Final = {
     "align": "`aerodft sync`",
+    "calibrate": "`aerodft calibrate`",
+    "calibrate_lens": "`aerodft calibrate-lens`",
     "diagnose": "`aerodft doctor`",
     "export": "`aerodft export`",
+    "find_cameras": "`aerodft cameras`",
     "import_flight": "`aerodft import`",
     "recompute": "`aerodft recompute`",
     "recover": "`aerodft recover`",

@@ -78,4 +78,4 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_replaced(tmp_path):
 def test_a_stream_is_written_as_it_is_named(tmp_path):
     draft = ad.draft_station(["rtsp://127.0.0.1:8554/yard"], tmp_path)
     assert load_station(draft.station).images.source.url == "rtsp://127.0.0.1:8554/yard"
-    assert draft.next_command == f"aerodft serve {draft.station}"
+    assert draft.is_live

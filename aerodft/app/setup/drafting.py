@@ -38,14 +38,16 @@ class StationDraft:
         camera: The camera file.
         taken: One sentence for each thing that was taken from somewhere, with from where.
         to_do: One sentence for each thing that is assumed, and that only the user can measure; what counts most first.
-        next_command: The command line that uses them.
+        log: The log that they are for; None for a link or a fixed camera.
+        is_live: Whether telemetry or images come live.
     """
 
     station: Path
     camera: Path
     taken: tuple[str, ...]
     to_do: tuple[str, ...]
-    next_command: str
+    log: Path | None
+    is_live: bool
 
 
 @dataclass(slots=True)
@@ -126,7 +128,8 @@ def draft_station(
         camera=used,
         taken=tuple(draft.taken),
         to_do=tuple(draft.to_do),
-        next_command=_next_command(found, station),
+        log=found.log,
+        is_live=found.link is not None or (found.stream is not None and found.log is None),
     )
 
 
@@ -189,7 +192,7 @@ def _write_camera(
         by = "by its name" if wanted is not None else f"by the EXIF data of {photo}"
         draft.taken.append(f"camera: {known.camera.name}, {by}; its focal length is known to {share:.1f} % (1 sigma)")
         if share > 2:  # noqa: PLR2004 - percent, of a calibration
-            draft.to_do.append(f"Calibrate the lens (aerodft calibrate-lens): widths are uncertain by {share:.1f} %")
+            draft.to_do.append(f"Calibrate the lens (`calibrate_lens`): widths are uncertain by {share:.1f} %")
         return known.camera.width_px, known.camera.height_px
     return _unknown_camera(draft, images, photo, path, overwrite=overwrite)
 
@@ -243,7 +246,9 @@ def _unknown_camera(
     if focal_mm is None:
         focal_px = width_px / 2 / math.tan(math.radians(_ASSUMED_HFOV_DEG) / 2)
         share, source = _ASSUMED_STD, f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"
-        to_do = "Name your camera (--camera, see aerodft cameras) or calibrate its lens: its field of view is assumed"
+        to_do = (
+            "Name your camera (`camera`; `find_cameras` lists them) or calibrate its lens: its field of view is assumed"
+        )
         draft.to_do.append(f"{to_do}, to {100 * share:.0f} %")
     else:
         focal_px = focal_mm / _FILM_DIAGONAL_MM * math.hypot(width_px, height_px)
@@ -294,7 +299,10 @@ def _telemetry(
 
 def _fixed(draft: _Draft) -> Iterator[str]:
     """The table of a fixed camera's pose, which nobody knows yet."""
-    draft.to_do.insert(0, "Find where the camera hangs and looks: aerodft calibrate EVIDENCE.toml -o calibration.toml")
+    draft.to_do.insert(
+        0,
+        "Find where the camera hangs and looks: by landmarks and whatever else is known of its view, with `calibrate`",
+    )
     yield "[pose]                     # ASSUMED: find it with `aerodft calibrate`"
     yield '# calibration = "calibration.toml"   # then this, instead of the numbers below'
     yield "height_agl_m = 5.0         # of the lens above the ground or water"
@@ -321,7 +329,7 @@ def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, fold
 
 def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> Iterator[str]:
     """When a video begins: as its container says, else with the log."""
-    sync = "aerodft sync VIDEO LOG --camera CAMERA finds it to milliseconds"
+    sync = "`align` finds it to milliseconds"
     start_ns = video_info(video).start_ns
     if start_ns is not None:
         yield "# start = ...               # UTC of its first image; the file says " + unix_ns_to_iso(start_ns)
@@ -352,13 +360,6 @@ def _probes(size_px: tuple[int, int]) -> Iterator[str]:
         "# observed = true",
         "# [river]",
     )
-
-
-def _next_command(found: _Sources, station: Path) -> str:
-    if found.link is not None or (found.stream is not None and found.log is None):
-        return f"aerodft serve {station}"
-    log = "" if found.log is None else f"{found.log} "
-    return f"aerodft import {log}--config {station} -o {station.parent / 'recording'}"
 
 
 def _from(folder: Path, path: Path) -> str:

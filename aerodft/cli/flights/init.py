@@ -2,11 +2,15 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodft.cli.option_values import as_typed
 from aerodft.cli.output import print_json, say
+
+if TYPE_CHECKING:
+    from aerodft.app.setup import StationDraft
 
 
 def init(
@@ -45,14 +49,21 @@ def init(
                 "station": str(draft.station),
                 "camera": str(draft.camera),
                 "taken": draft.taken,
-                "to_do": draft.to_do,
-                "next_command": draft.next_command,
+                "to_do": [as_typed(each) for each in draft.to_do],
+                "next_command": _next_command(draft),
             }
         )
         return
     typer.echo(f"wrote {draft.station} (camera: {draft.camera})")
     for each in draft.taken:
-        typer.echo(f"  {each}")
+        typer.echo(f"  {as_typed(each)}")
     for number, each in enumerate(draft.to_do, start=1):
-        typer.echo(f"{number}. {each}")
-    say(f"next: {draft.next_command}")
+        typer.echo(f"{number}. {as_typed(each)}")
+    say(f"next: {_next_command(draft)}")
+
+
+def _next_command(draft: "StationDraft") -> str:
+    if draft.is_live:
+        return f"aerodft serve {draft.station}"
+    log = "" if draft.log is None else f"{draft.log} "
+    return f"aerodft import {log}--config {draft.station} -o {draft.station.parent / 'recording'}"

@@ -15,4 +15,4 @@ from replay.export.table import (
     row_of,
     time_utc,
 )
-from replay.export.video import Overlay, write_video
+from replay.export.video import Overlay, measured_images, write_video

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
 from itertools import chain
@@ -262,17 +262,16 @@ def write_video(recording: Recording, path: Path) -> VideoSummary:
         InputError: The recording or its measurements are damaged, or the video cannot be encoded.
         OSError: The file cannot be written.
     """
-    images = _images(recording)
+    images = measured_images(recording)
     first = next(images, None)
     if first is None:
         raise NoAnswerError(
             "the recording holds no image", where=recording.folder, hint="record.image_hz says how many"
         )
-    summary, measurements = VideoSummary(), _MeasurementsByImage(recording)
+    summary = VideoSummary()
     with _VideoWriter(path) as writer:
         try:
-            for image in chain((first,), images):
-                items = measurements.of(image)
+            for image, items in chain((first,), images):
                 if not writer.add(image, items):
                     summary.damaged_images += 1
                     continue
@@ -287,21 +286,19 @@ def write_video(recording: Recording, path: Path) -> VideoSummary:
     return summary
 
 
-def _images(recording: Recording) -> Iterator[Image]:
-    """The images that have pixels, in order of arrival."""
-    store = PixelStore(recording)
+def measured_images(recording: Recording) -> Iterator[tuple[Image, list[Item]]]:
+    """The images that have pixels, in order of arrival, each with what was measured in it.
+
+    Raises:
+        InputError: The recording or its measurements are damaged.
+    """
+    store, measurements = PixelStore(recording), _MeasurementsByImage(recording)
     for message in recording.messages():
         if message.channel.schema == IMAGE_SCHEMA:
             image = decode_image(message.data)
             pixels = store.pixels(image)
             if pixels is not None:
-                yield Image(
-                    index=image.index,
-                    stamp_ns=image.stamp_ns,
-                    arrival_ns=image.arrival_ns,
-                    clock=image.clock,
-                    pixels=pixels,
-                )
+                yield replace(image, pixels=pixels), measurements.of(image)
 
 
 class _MeasurementsByImage:

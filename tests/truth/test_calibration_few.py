@@ -24,7 +24,8 @@ KINDS = {
     "ranges": (("height", "tilt"), ranges, 4),
     "known lengths": (("height", "tilt"), lengths, 4),
     "points from the foot and ranges": (
-        ("height", "tilt", "roll"), lambda low, high: together(ground(low // 2, high // 2), ranges(low // 2, high // 2)),
+        ("height", "tilt", "roll"),
+        lambda low, high: together(ground(low // 2, high // 2), ranges(low // 2, high // 2)),
         4,
     ),
 }  # fmt: skip

@@ -42,6 +42,9 @@ MAX_RELATIVE_RANGE_STD: Final = 0.3
 MAX_BEARING_STD_RAD: Final = 0.3
 """A direction that is less certain than this is ``ILL_CONDITIONED``."""
 
+LEAN_STDS: Final = 2.2
+"""By which a camera may lean to an object: a little more than 1.96, so that this decides before draws do."""
+
 LEANING_STDS: Final = 6.0
 """What leans by more than 45 degrees, and by more than so many standard deviations, is no upright object."""
 
@@ -227,7 +230,10 @@ class _UprightHeight(Kind):
         """What is not base and top of an upright object whose height can be told."""
         value, geometry = np.abs(found.value), found.geometry
         size = geometry.camera_enu_m[..., 2] - geometry.points_enu_m[..., 0, 2]
-        uncertain = ~(found.std <= MAX_RELATIVE_RANGE_STD * np.fmax(size, value)) | ~np.isfinite(found.value)
+        limit = MAX_RELATIVE_RANGE_STD * np.fmax(size, value)
+        uncertain = ~(found.std <= limit) | ~np.isfinite(found.value)
+        if found.is_pinhole:
+            uncertain |= _leaning_std(found) > limit
         sentence = "the object is seen from above: its height may be anything"
         yield Refusal(uncertain, Status.ILL_CONDITIONED, sentence)
         sentence = "the top is seen {:.2f} m below the base; the base comes first, then the top"
@@ -271,6 +277,32 @@ class _Bearing(Kind):
         elevation_m: FloatArray,  # noqa: ARG002
     ) -> tuple[FloatArray, Gradient]:
         return paper_bearing(geometry)
+
+
+def _leaning_std(found: FirstOrder) -> FloatArray:
+    """Standard deviations ``(n, g)`` of heights of upright objects by leans towards them and back alone.
+
+    Errors to the side take the camera's foot away from the object, which makes heights look better known; these leave
+    it where it is. Infinite where such a lean may put the foot under base or top.
+    """
+    geometry = found.geometry
+    away = geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m
+    off_m, down_m = np.hypot(away[..., 0], away[..., 1]), -away[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        outwards = away * [1.0, 1.0, 0.0] / off_m[..., None]
+        by_points = np.zeros(geometry.points_enu_m.shape)
+        by_points[..., 0, :] = outwards
+        std_m = found.std_of(Gradient(-outwards, np.zeros(geometry.directions_enu.shape), by_points))
+        std_rad = std_m * down_m / (np.square(down_m) + np.square(off_m))
+        ray = geometry.directions_enu[..., 1, :]
+        base_rad = np.arctan2(off_m, down_m)
+        top_rad = np.arctan2(np.sum(ray * outwards, axis=-1), -ray[..., 2])
+        ends_m = [
+            down_m * (1 - np.tan(base_rad + lean) / np.tan(top_rad + lean))
+            for lean in (-LEAN_STDS * std_rad, LEAN_STDS * std_rad)
+        ]
+        spread = np.abs(ends_m[1] - ends_m[0]) / (2 * LEAN_STDS)
+        return np.where(np.minimum(base_rad, top_rad) <= LEAN_STDS * std_rad, np.inf, spread)
 
 
 def _outwards(geometry: RayGeometry) -> FloatArray:

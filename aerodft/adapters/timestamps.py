@@ -9,6 +9,7 @@ from aerodft.conventions import SECOND_NS
 OLDEST_NS: Final = 946_684_800 * SECOND_NS
 """The year 2000: before it nobody had set the clock."""
 
+_YEAR_10000_NS: Final = 253_402_300_800 * SECOND_NS
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
     r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?",
@@ -61,7 +62,9 @@ def datetime_to_unix_ns(when: datetime) -> int:
 
 
 def unix_ns_to_iso(stamp_ns: int) -> str:
-    """UTC nanoseconds to text that :func:`iso_to_unix_ns` reads back exactly."""
+    """UTC nanoseconds to text that :func:`iso_to_unix_ns` reads back exactly; beyond the year 9999 the number."""
+    if stamp_ns >= _YEAR_10000_NS:
+        return f"{stamp_ns} ns"
     seconds, fraction = divmod(stamp_ns, SECOND_NS)
     head = (_EPOCH + timedelta(seconds=seconds)).strftime("%Y-%m-%dT%H:%M:%S")
     tail = f"{fraction:09d}".rstrip("0")

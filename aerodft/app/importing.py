@@ -30,6 +30,7 @@ from aerodft.app.align import aligned_station
 from aerodft.app.assembly import (
     DEFAULT_RATE_HZ,
     DelayedSource,
+    RecordedTelemetry,
     RunResult,
     RunStatistics,
     build_observers,
@@ -48,7 +49,7 @@ from aerodft.model import Camera, GimbalSource, HeightSource, Image
 from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, OnClock, survey_span
 from replay.foreign import ForeignImages, ForeignRecording
-from replay.recordings import is_mcap
+from replay.recordings import LeftOut, is_mcap
 
 _WHOLE_SECONDS_STD_S: Final = 3**-0.5
 """How far, root mean square, a time is from itself cut to whole seconds."""
@@ -139,6 +140,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         counts=pipeline.counts,
         observers=observers.report(flight.observed.counts),
         warnings=() if flight.log is None else flight.log.warnings(),
+        left_out=flight.log.left_out() if isinstance(flight.log, RecordedTelemetry) else LeftOut(),
     )
 
 

@@ -34,9 +34,7 @@ from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, recording_hash, run_batch
 from replay.export import ParquetRows
-from replay.recordings import Recording, RecordingSource, Redetection, RedetectionStatistics
-
-_PROVENANCE_NAME: Final = "computed_from.toml"
+from replay.recordings import PROVENANCE_NAME, Recording, RecordingSource, Redetection, RedetectionStatistics
 
 _FROM_IMAGE_TO_IMAGE: Final = {"objects": "[objects]", "tracked": "tracked probes"}
 
@@ -103,7 +101,7 @@ def recompute(
         redetect=redetect,
     )
     old, statistics, provenance = job.recording, RunStatistics(), _provenance_of(job)
-    texts = {_PROVENANCE_NAME: tomli_w.dumps(provenance, multiline_strings=True)}
+    texts = {PROVENANCE_NAME: tomli_w.dumps(provenance, multiline_strings=True)}
     recorder = build_recorder(job.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
     with closing_recorder(recorder, output):
         span_ns = old.end_ns - old.start_ns
@@ -237,13 +235,13 @@ def _provenance_of(job: Recomputation) -> dict[str, Any]:
 
 
 def _earlier_provenance(recording: Recording) -> dict[str, Any] | None:
-    text = recording.text(_PROVENANCE_NAME)
+    text = recording.text(PROVENANCE_NAME)
     if text is None:
         return None
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError("the file is no TOML", where=recording.folder / _PROVENANCE_NAME, got=error) from error
+        raise InputError("the file is no TOML", where=recording.folder / PROVENANCE_NAME, got=error) from error
 
 
 def recompute_many(  # noqa: PLR0913 - what a user may choose, by name

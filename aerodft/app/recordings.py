@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.recording.recover import Recovery, is_recording, recordings_in, recover_folder
 from aerodft.app.assembly import recorded_station
+from aerodft.app.incomplete_input import left_out_document
 from aerodft.errors import InputError, NoAnswerError, UsageError, located
 from replay.compare import MAX_STAMP_GAP_S, Comparison, PairBy, compare_measurements, parse_tolerance
 from replay.export import (
@@ -29,7 +30,7 @@ from replay.export import (
     row_of,
     write_video,
 )
-from replay.recordings import Recording
+from replay.recordings import LeftOut, Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -173,17 +174,17 @@ class ExportSummary:
         file: The file.
         format: Its format.
         counts: How many measurements, messages, images, ... are in it.
-        left_out: How many damaged or missing parts of the recording are not in it.
+        left_out: What the recording lacks.
     """
 
     file: Path
     format: ExportFormat
     counts: dict[str, int]
-    left_out: dict[str, int]
+    left_out: LeftOut
 
     def to_dict(self) -> dict[str, object]:
         """The JSON document of ``aerodft export --json``."""
-        return {"file": str(self.file), "format": self.format, **self.counts, **self.left_out}
+        return {"file": str(self.file), "format": self.format, **self.counts, **left_out_document(self.left_out)}
 
 
 def export(

@@ -27,6 +27,7 @@ from replay.player import (
     name_of,
     timeline,
 )
+from replay.recordings import LeftOut, Recording
 
 _LINK_S: Final = 5.0  # for a peer that is named to answer
 _SLOWEST, _FASTEST = 0.01, 1000.0
@@ -45,6 +46,7 @@ class ReplayResult:
         has_listeners: Whether anybody had subscribed to something that was published.
         mavlink_frames: Frames sent on the MAVLink link; None without one.
         is_stopped: Whether it was ended before its end.
+        left_out: What the recordings lack; of other tools' nothing is known.
     """
 
     measurements: int
@@ -55,6 +57,7 @@ class ReplayResult:
     has_listeners: bool
     mavlink_frames: int | None
     is_stopped: bool
+    left_out: LeftOut
 
     @property
     def is_empty(self) -> bool:
@@ -226,4 +229,7 @@ class Replay:
             has_listeners=self._has_listeners,
             mavlink_frames=None if self._sender is None else self._sender.frames,
             is_stopped=self.controls.ended,
+            left_out=LeftOut.joined(
+                each.left_out(images=True) for each in self._recordings if isinstance(each, Recording)
+            ),
         )

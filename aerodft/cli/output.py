@@ -3,20 +3,22 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import orjson
 import typer
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 
-from aerodft.app.incomplete_input import incomplete_input
 from aerodft.app.progress import Progress
 from aerodft.cli.option_values import as_typed
 from aerodft.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from replay.recordings import LeftOut
 
 _SAY_EVERY_S = 5.0
 _FILE_WIDTH = 132
@@ -26,13 +28,15 @@ LOSS: Final = 5
 """Exit code of what is done, and not whole."""
 
 
-def end_with_gaps(left_out: Mapping[str, int]) -> None:
+def end_with_gaps(left_out: "LeftOut") -> None:
     """Say what of the input could not be read.
 
     Raises:
         Exit: With 5, where there is such.
     """
-    if any(left_out.values()):
+    if left_out:
+        from aerodft.app.incomplete_input import incomplete_input
+
         say(f"aerodft: {incomplete_input(left_out)}")
         raise typer.Exit(LOSS)
 

@@ -37,6 +37,8 @@ def report(
     """
     totals, statistics = result.totals, result.statistics
     if as_json:
+        from aerodft.app.incomplete_input import left_out_document
+
         document = {
             "recording": str(result.recording),
             "images": statistics.images,
@@ -45,7 +47,7 @@ def report(
             "measurements": dict(statistics.measurements),
             "reasons": statistics.reasons,
             "warnings": result.warnings,
-            **result.left_out,
+            **left_out_document(result.left_out),
             "lost": result.lost,
             "recorded": totals.counts,
         }

@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
-from aerodft.adapters.recording import MAGIC, RECORD_HEAD, Channel, ChunkBuffer, Registry, encoded
+from aerodft.adapters.recording import MAGIC, RECORD_HEAD, RECORDING_KEY, Channel, ChunkBuffer, Registry, encoded
 from aerodft.adapters.recording.read import (
     ATTACHMENT_HEAD_BYTES,
     MOST_ATTACHMENTS,
@@ -27,7 +27,7 @@ from aerodft.adapters.recording.read import (
     SegmentScan,
     attachment_head,
 )
-from aerodft.adapters.recording.write import PROFILE, Summary
+from aerodft.adapters.recording.write import COUNT_NAME, PROFILE, Summary
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
 from replay.recordings import Recording, messages_by_time
@@ -138,6 +138,9 @@ def _metadata_and_attachments(
                     attachments.append(_embedded_attachment(segment.path, offset, length))
                 elif length <= _MOST_METADATA_BYTES:  # a larger one is nobody's configuration
                     record = Metadata.read(ReadDataStream(BytesIO(_read_bytes(segment.path, offset, length))))
+                    if record.name == COUNT_NAME:  # of chunks that are not in the file
+                        continue
+                    record.metadata.pop(RECORDING_KEY, None)  # which chunks of a merged file do not carry
                     key = repr((record.name, sorted(record.metadata.items())))
                     metadata.setdefault(key, (record.name, record.metadata))
             except _DAMAGED:

@@ -1,21 +1,37 @@
 """A recording: a folder of MCAP segments with the configuration that it was made with, or one file with all of it."""
 
 import logging
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Final
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.file_kind import looks_like
 from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ChannelFilter, ChunkTable, ReadMessage, SegmentScan, scan_segment
+from aerodft.adapters.recording.read import (
+    ChannelFilter,
+    ChunkTable,
+    Gap,
+    ReadMessage,
+    SegmentScan,
+    recording_of,
+    scan_segment,
+)
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, located
 from aerodft.version import SOFTWARE
 from replay.recordings.segments import is_mcap, message_tables, messages_of, segment_order
 
+PROVENANCE_NAME: Final = "computed_from.toml"
+"""File of a recording that says which one it was computed from."""
+_MOST_UNSYNCED_NS: Final = 2 * SECOND_NS  # a power cut costs one series so much more than another
 _SHOWN = 3
 _MOST_TEXT_BYTES = 4 << 20  # as of one that a file carries
 _OWN = "aerodft."
@@ -25,6 +41,34 @@ ENCODED_IMAGE_SCHEMAS = frozenset({JPEG_SCHEMA, VIDEO_SCHEMA})
 _MEASURED = frozenset({MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA})
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """What a recording is known to lack; of one that was recovered, what came after that.
+
+    Attributes:
+        damaged_chunks: Chunks that were met and are damaged.
+        missing_segments: Segments whose number is missing, or that belong to another recording.
+        gaps: When something is missing, in order of time.
+    """
+
+    damaged_chunks: int = 0
+    missing_segments: int = 0
+    gaps: tuple[Gap, ...] = ()
+
+    @classmethod
+    def joined(cls, parts: Iterable["LeftOut"]) -> "LeftOut":
+        """What several recordings lack."""
+        found = list(parts)
+        return cls(
+            damaged_chunks=sum(each.damaged_chunks for each in found),
+            missing_segments=sum(each.missing_segments for each in found),
+            gaps=tuple(gap for each in found for gap in each.gaps),
+        )
+
+    def __bool__(self) -> bool:
+        return bool(self.damaged_chunks or self.missing_segments or self.gaps)
 
 
 class Recording:
@@ -54,12 +98,20 @@ class Recording:
             expected = "a recording's folder, or an MCAP file"
             raise InputError("there is no recording", where=folder, got=looks_like(folder), expected=expected)
         self._missing = {"data": 0, "images": 0}
+        self._between: dict[str, list[Gap]] = {"data": [], "images": []}
         self.data = (scan_segment(folder),) if self._is_file else self._segments("data")
         self.images = self.data if self._is_file else self._segments("images")
         chunks = [chunk for segment in self.data for chunk in segment.chunks]
         if not chunks:
             raise NoAnswerError("the recording holds nothing", where=folder)
         self.station = next((segment.station for segment in self.data if segment.station), "")
+        if not self._is_file:
+            self._leave_out_foreign()
+            self._between = {
+                "data": _gaps_between(self.data, self.images),
+                "images": _gaps_between(self.images, ()),
+            }
+            chunks = [chunk for segment in self.data for chunk in segment.chunks]
         self.start_ns = min(chunk.start_ns for chunk in chunks)
         self.end_ns = max(chunk.end_ns for chunk in chunks)
         self.is_whole = all(segment.is_whole for segment in (*self.data, *self.images))
@@ -80,11 +132,41 @@ class Recording:
         if schema.startswith(_OWN) and schema not in SCHEMAS:
             _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, schema, SOFTWARE)
 
-    def left_out(self, *, images: bool = False) -> dict[str, int]:
-        """``damaged_chunks`` that were met so far and ``missing_segments``; where asked, of the images too."""
+    def _leave_out_foreign(self) -> None:
+        """Leave out segments of another recording than most of the data segments, and name them."""
+        owners = {segment.path: recording_of(segment) for segment in (*self.data, *self.images) if segment.chunks}
+        ids = Counter(owners[segment.path] for segment in self.data if segment.chunks)
+        own = next((each for each, _ in ids.most_common() if each is not None), None)
+        if own is None:
+            return
+        allowed: set[str | None] = {own}
+        if self.text(PROVENANCE_NAME) is not None:  # images are copied from the recording that it was computed from
+            allowed |= {owners[segment.path] for segment in self.images if segment.chunks}
+
+        def is_own(segment: SegmentScan) -> bool:
+            owner = owners.get(segment.path)
+            if owner in allowed or not segment.chunks:
+                return True
+            whose = f"recording {owner}" if owner else "another recording"
+            _log.warning("%s: belongs to %s, not to %s; it is left out", segment.path, whose, own)
+            return False
+
+        for stem, segments in (("data", self.data), ("images", self.images)):
+            kept = tuple(filter(is_own, segments))
+            self._missing[stem] += len(segments) - len(kept)
+            setattr(self, stem, kept)
+
+    def left_out(self, *, images: bool = False) -> LeftOut:
+        """What is known so far to be missing of the data; where asked, of the images too."""
         segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()
-        missing = self._missing["data"] + (self._missing["images"] if images else 0)
-        return {"damaged_chunks": sum(len(each.damaged_offsets) for each in segments), "missing_segments": missing}
+        stems = ("data", "images") if images else ("data",)
+        gaps = [gap for segment in segments for gap in segment.all_gaps()]
+        gaps += [gap for stem in stems for gap in self._between[stem]]
+        return LeftOut(
+            damaged_chunks=sum(len(each.damaged_offsets) for each in segments),
+            missing_segments=sum(self._missing[stem] for stem in stems),
+            gaps=tuple(sorted(gaps, key=lambda gap: gap.from_ns or 0)),
+        )
 
     def text(self, name: str) -> str | None:
         """A file beside the segments (``config.toml`` and the like); None where there is none.
@@ -146,6 +228,41 @@ class Recording:
                 with located(self.folder):
                     payloads = split_measurements(message.data)
                 yield from (payload for _, payload in payloads)
+
+
+def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
+    """What is proven to be missing at the ends of segments, by what follows them.
+
+    Args:
+        segments: Of one series, in order.
+        others: Of the series that was recorded beside it.
+    """
+    gaps = []
+    for segment, following in pairwise(segments):
+        if segment.is_recovered or _number(following) != _number(segment) + 1:
+            continue  # what it lost was said; what is missing is named
+        start_ns = next((each.start_ns for each in segments[segments.index(following) :] if each.chunks), None)
+        if segment.before is None or following.before is None or segment.recording != following.recording:
+            if not segment.is_whole:
+                gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns))
+            continue
+        known = sum(gap.chunks or 0 for gap in segment.gaps)
+        missing = following.before[0] - segment.before[0] - len(segment.chunks) - known
+        if missing > 0 and not any(gap.chunks is None for gap in segment.gaps):
+            before = following.before[1] - segment.before[1]
+            messages = before - (segment.messages or 0) - sum(gap.messages or 0 for gap in segment.gaps)
+            gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=missing, messages=messages))
+    if segments and not segments[-1].is_whole and not segments[-1].is_recovered:
+        end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
+        others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=None)
+        if end_ns is not None and others_ns is not None and others_ns > end_ns + _MOST_UNSYNCED_NS:
+            gaps.append(Gap(from_ns=end_ns, to_ns=others_ns))
+    return gaps
+
+
+def _number(segment: SegmentScan) -> int:
+    digits = segment.path.stem.rpartition("_")[2]
+    return int(digits) if digits.isdecimal() else -2
 
 
 def _is_image(channel: Channel) -> bool:

@@ -7,6 +7,9 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
+from aerodft.adapters.recording.write import segmented_writer
+from tests.nights import at_night
+
 SEGMENTED = "[record]\nsegment_s = 1\n"
 FORMATS = ("csv", "geojson", "jsonl", "parquet", "mcap")
 
@@ -59,7 +62,9 @@ def test_a_damaged_chunk_is_counted_in_what_comes_of_it(aerodft, flight: Path, t
         assert done.json.get("measurements", whole - lost) == whole - lost, form
     done = aerodft("recompute", flight, "-o", tmp_path / "again", "--json")
     assert (done.code, done.json["damaged_chunks"]) == (5, 1)
-    assert done.last == ("aerodft: the recording is not whole, and so is what came of it: without 1 damaged chunk")
+    assert done.last.startswith(
+        "aerodft: the recording is not whole, and so is what came of it: without 1 damaged chunk and what was between "
+    )
     assert aerodft("recover", flight).code == 5
     assert aerodft("export", flight, "-o", tmp_path / "recovered.csv").code == 0, "what is lost was said"
 
@@ -80,8 +85,167 @@ def test_of_many_it_is_said_which(aerodft, flight: Path, tmp_path: Path) -> None
     for name in ("sound", "torn"):
         shutil.copytree(flight, flights / name)
     damage(flights / "torn")
-    torn = f"{flights / 'torn'}: the recording is not whole, and so is what came of it: without 1 damaged chunk"
+    torn = f"{flights / 'torn'}: the recording is not whole, and so is what came of it: without 1 damaged chunk and "
     for state in ("done", "skipped"):  # computed, and found when it is started again
         done = aerodft("recompute", f"{flights}/*", "-o", tmp_path / "dataset", "--workers", 1, "--json")
-        said = {each["recording"]: (each["state"], each["sentence"]) for each in done.json["recordings"]}
+        said = {each["recording"]: (each["state"], each["sentence"][: len(torn)]) for each in done.json["recordings"]}
         assert (done.code, said) == (5, {"sound": (state, ""), "torn": (state, torn)})
+
+
+@pytest.fixture
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(segmented_writer, "_CHUNK_BYTES", 1024)
+
+
+def spans(folder: Path, name: str) -> list[tuple[int, int, int]]:
+    """Of all chunks: where they begin, their length, and how many messages are in each.
+
+    A message index is of 15 bytes, and of 16 for each of its entries.
+    """
+    with (folder / name).open("rb") as file:
+        summary = make_reader(file).get_summary()
+    return [
+        (
+            each.chunk_start_offset,
+            each.chunk_length,
+            (each.message_index_length - 15 * len(each.message_index_offsets)) // 16,
+        )
+        for each in summary.chunk_indexes
+    ]
+
+
+def victim(found: list[tuple[int, int, int]]) -> tuple[int, int, int]:
+    """The chunk with the most messages, of everything that there is, but the first and the last."""
+    return max(found[1:-1], key=lambda each: each[2])
+
+
+def cut(path: Path, size: int) -> None:
+    path.write_bytes(path.read_bytes()[:size])
+
+
+def log_times(path: Path) -> list[int]:
+    with path.open("rb") as file:
+        return [message.log_time for _, _, message in make_reader(file).iter_messages()]
+
+
+def commands(aerodft, flight: Path, tmp_path: Path):
+    yield aerodft("export", flight, "-o", tmp_path / "a.csv", "--overwrite", "--json")
+    yield aerodft("recompute", flight, "-o", tmp_path / "again", "--json")
+    shutil.rmtree(tmp_path / "again")
+    yield aerodft("replay", flight, "--rate", "max", "--listen", "none", "--json")
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_cut_segment_before_others_is_a_loss_with_its_times(aerodft, flight: Path, tmp_path: Path) -> None:
+    following, found = log_times(flight / "data_001.mcap"), spans(flight, "data_000.mcap")
+    offset, length, _ = found[2]
+    cut(flight / "data_000.mcap", offset + length // 2)
+    for done in commands(aerodft, flight, tmp_path):
+        assert done.code == 5, done.err
+        (gap,) = done.json["gaps"]
+        assert gap["to_ns"] == str(min(following))
+        assert gap["messages"] == sum(messages for _, _, messages in found[2:])
+        assert "without what was between 20" in done.last
+    done = aerodft("recover", flight, "--json")
+    assert done.code == 5
+    (loss,) = done.json["segments"][0]["losses"]
+    assert {key: loss[key] for key in gap} == gap
+    assert "half a second" not in done.err
+    assert aerodft("export", flight, "-o", tmp_path / "recovered.csv").code == 0, "what is lost was said"
+    assert aerodft("recover", flight).code == 0
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_cut_last_segment_may_have_been_killed(aerodft, flight: Path, tmp_path: Path) -> None:
+    paths = sorted(flight.glob("data_*.mcap"))
+    for path in paths[1:]:
+        path.unlink()
+    offset, length, _ = spans(flight, "data_000.mcap")[-2]
+    cut(paths[0], offset + length // 2)
+    assert aerodft("export", flight, "-o", tmp_path / "a.csv").code == 0, "as after a kill"
+    done = aerodft("recover", flight, "--json")
+    assert "nobody knows how much" in done.err
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("damage", ["kind", "huge length", *at_night("length", "both"), "zeros", "gone"])
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_one_damaged_chunk_costs_itself_at_most(
+    aerodft, flight: Path, tmp_path: Path, damage: str, *, is_finished: bool
+) -> None:
+    """The last segment's: no later one tells what is missing."""
+    path, *later = sorted(flight.glob("data_*.mcap"))[1:]
+    for each in later:
+        each.unlink()
+    found = spans(flight, path.name)
+    offset, length, messages = victim(found)
+    all_messages = len(log_times(path))
+    data = bytearray(path.read_bytes())
+    if damage in {"kind", "both"}:
+        data[offset] ^= 1
+    if damage in {"length", "both"}:
+        data[offset + 2] ^= 4
+    if damage == "huge length":
+        data[offset + 1 : offset + 9] = (1 << 40).to_bytes(8, "little")
+    if damage == "zeros":
+        data[offset : offset + length] = bytes(length)
+    if damage == "gone":
+        del data[offset : offset + length]
+    if not is_finished:
+        last = found[-1][0] + found[-1][1]
+        data = data[: last - length * (damage == "gone")]
+    path.write_bytes(data)
+    lost = messages if damage in {"zeros", "gone"} else 0
+    codes = {done.code for done in commands(aerodft, flight, tmp_path)}
+    assert codes <= ({0, 5} if is_finished else {5 if lost else 0}), "by its index no more is read than is needed"
+    assert (5 in codes) == (lost > 0)
+    done = aerodft("recover", flight, "--json")
+    segment = next(each for each in done.json["segments"] if each["name"] == path.name)
+    assert segment["messages"] == all_messages - lost, "no more is lost than is damaged"
+    inside = [loss for loss in segment["losses"] if loss["to_ns"] is not None]
+    assert [loss["messages"] for loss in inside] == ([lost] if lost else [])
+    assert len(log_times(path)) == segment["messages"]
+
+
+@pytest.fixture
+def other(aerodft, desk, flight: Path, tmp_path: Path) -> Path:
+    """Another recording of the same flight."""
+    config = flight.parent / "station.toml"
+    assert aerodft("import", desk.log, "-c", config, "-o", tmp_path / "other").code == 0
+    return tmp_path / "other"
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_segment_of_another_recording_is_named(aerodft, flight: Path, other: Path, tmp_path: Path, caplog) -> None:
+    whole = rows(aerodft, flight)
+    shutil.copy(other / "data_001.mcap", flight / "data_001.mcap")
+    for done in commands(aerodft, flight, tmp_path):
+        assert (done.code, done.json["missing_segments"]) == (5, 1), done.err
+    assert "data_001.mcap: belongs to recording " in caplog.text
+    assert rows(aerodft, flight) < whole
+    done = aerodft("recover", flight, "--json")
+    assert [each["state"] for each in done.json["segments"]][:3] == ["sound", "foreign", "sound"]
+    assert "it belongs to recording " in done.err
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_a_chunk_of_another_recording_is_left_out_and_named(
+    aerodft, flight: Path, other: Path, tmp_path: Path, caplog, *, is_finished: bool
+) -> None:
+    """As a disk gives old blocks back after a power cut."""
+    path = flight / "data_001.mcap"
+    found, strange = spans(flight, path.name), spans(other, path.name)
+    offset, length, messages = victim(found)
+    theirs = (other / path.name).read_bytes()[victim(strange)[0] :][: victim(strange)[1]]
+    data = bytearray(path.read_bytes())
+    data[offset : offset + length] = theirs
+    path.write_bytes(data if is_finished else data[: found[-1][0] + found[-1][1] + len(theirs) - length])
+    whole, kept = len(log_times(other / path.name)), None
+    assert 5 in {done.code for done in commands(aerodft, flight, tmp_path)}
+    assert "it belongs to recording " in caplog.text
+    done = aerodft("recover", flight, "--json")
+    segment = done.json["segments"][1]
+    kept = segment["messages"]
+    assert any("it belongs to recording " in loss["what"] for loss in segment["losses"])
+    assert kept == whole - messages, "the others are there"

@@ -137,7 +137,6 @@ def test_a_call_that_fails_once_costs_nothing(
     monkeypatch.setattr(recorder, "_SPARE_IMAGE_BYTES", 1 << 16)
     monkeypatch.setattr(segmented_writer, "FLUSH_S", 0.0)
     monkeypatch.setattr(segmented_writer, "SYNC_S", 0.0)
-    monkeypatch.setattr(segmented_writer, "RETRY_S", 0.0)
     allocate = segment.allocate
     failed: dict[str, int] = {}
     refused = lost = count = 0

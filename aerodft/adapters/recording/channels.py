@@ -18,6 +18,8 @@ from aerodft.adapters.wire.schemas import schema_text
 
 SENDER_KEY = "sender"
 STATION_KEY = "station"
+RECORDING_KEY = "recording"
+"""Of the metadata of a segment, and of the channel that every chunk of a recording defines: the recording's id."""
 DEFINITIONS: Final = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 """What records of a schema and of a channel begin with."""
 
@@ -54,6 +56,11 @@ def raw_channel(protocol: str, sender: str) -> Channel:
     return Channel(topic=name, encoding=name, metadata=((SENDER_KEY, sender),))
 
 
+def id_channel(recording: str) -> Channel:
+    """A channel without messages that says of a chunk which recording it belongs to."""
+    return Channel(topic="aerodft/recording", encoding="none", metadata=((RECORDING_KEY, recording),))
+
+
 def is_raw(channel: Channel) -> bool:
     """Whether a channel is as ``raw_channel`` makes it, whatever the protocol."""
     return channel.topic == channel.encoding and SENDER_KEY in dict(channel.metadata)
@@ -85,6 +92,10 @@ class TooMuchDefinedError(ValueError):
     """Schemas and channels of more than ``MOST_DEFINED_BYTES``."""
 
 
+class ForeignChunkError(ValueError):
+    """A chunk that belongs to another recording."""
+
+
 @dataclass(slots=True)
 class Channels:
     """The channels of one file, as its schema and channel records make them known.
@@ -93,26 +104,42 @@ class Channels:
         by_id: So far.
         records: Their records.
         schemas: Records of the schemas, by id.
+        recording: Id of the recording that each chunk has to belong to; None where chunks need none.
     """
 
     by_id: dict[int, Channel] = field(default_factory=dict)
     records: dict[int, ChannelRecord] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
+    recording: str | None = None
+    _owner: str | None = None
     _bytes: int = 0
     _bytes_before: int = 0
     _changes: list[tuple[dict[int, Any], int, Any]] = field(default_factory=list)
 
     def begin_chunk(self) -> None:
         """Another chunk begins, whose definitions ``undo_chunk`` takes back."""
-        self._bytes_before = self._bytes
+        self._bytes_before, self._owner = self._bytes, None
         self._changes.clear()
+
+    def check_owner(self) -> None:
+        """See whether the chunk that is being read belongs to this recording, now that its definitions are known.
+
+        Raises:
+            ForeignChunkError: It belongs to another one, or to none.
+        """
+        if self.recording is not None and self._owner != self.recording:
+            raise ForeignChunkError(f"it belongs to {f'recording {self._owner}' if self._owner else 'no recording'}")
 
     def add(self, record: Schema | ChannelRecord) -> None:
         """Take a schema or a channel, whose schema came before it; of one that is replaced no bytes are given back.
 
         Raises:
             TooMuchDefinedError: It is one too many.
+            ForeignChunkError: It says that its chunk belongs to another recording.
         """
+        if isinstance(record, ChannelRecord) and RECORDING_KEY in record.metadata:
+            self._owner = record.metadata[RECORDING_KEY]
+            self.check_owner()
         if isinstance(record, Schema):
             if record != self.schemas.get(record.id):
                 self._put(record, self.schemas, record)
@@ -132,7 +159,7 @@ class Channels:
 
     def copy(self) -> "Channels":
         """Equal channels, to be added to."""
-        return Channels(dict(self.by_id), dict(self.records), dict(self.schemas), self._bytes)
+        return Channels(dict(self.by_id), dict(self.records), dict(self.schemas), self.recording, None, self._bytes)
 
     def undo_chunk(self) -> None:
         """Take back what was added since the last chunk began."""

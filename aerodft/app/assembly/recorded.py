@@ -11,20 +11,27 @@ from aerodft.app.assembly.sources import check_size
 from aerodft.errors import InputError
 from aerodft.model import Event, Image, RawBlock
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
-from replay.recordings import Recording, RecordingSource, is_mcap
+from replay.recordings import LeftOut, Recording, RecordingSource, is_mcap
 
 
 @dataclass(frozen=True, slots=True)
-class _Recorded:
+class RecordedTelemetry:
     """The telemetry of aerodft's own recording, whose frames were checked as they came."""
 
     source: RecordingSource
+    recording: Recording
     counts: FrameCounts = field(default_factory=FrameCounts)
 
     def events(self) -> Iterator[Event]:
+        """The telemetry, in order of arrival."""
         return (event for event in self.source.events() if isinstance(event, RawBlock))
 
+    def left_out(self) -> LeftOut:
+        """What the recording lacks."""
+        return self.recording.left_out()
+
     def warnings(self) -> tuple[str, ...]:
+        """None: it was checked as it came."""
         return ()
 
 
@@ -47,7 +54,7 @@ def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSou
     recording = open_recording(path, topics)
     if isinstance(recording, ForeignRecording):
         return ForeignTelemetry(recording), recording
-    return _Recorded(RecordingSource(recording)), None
+    return RecordedTelemetry(RecordingSource(recording), recording), None
 
 
 def recorded_station(recording: Recording) -> StationConfig:

@@ -12,6 +12,7 @@ import numpy as np
 from aerodft.adapters.recording.write import RecordingTotals
 from aerodft.model import CODES, CalibrationEstimate, CameraMotionEstimate, IntArray, Measurement, Status
 from aerodft.service import Batches, Counts, ImageOutputs, StepOutputs
+from replay.recordings import LeftOut
 
 
 @dataclass(slots=True)
@@ -106,7 +107,7 @@ class RunResult:
         unmeasured: Images that came and were never measured, by cause: ``dropped``, as they came faster than they were
             measured, and what the stream left out, as in ``StreamStatus``.
         warnings: What is wrong with the input, one sentence each.
-        left_out: Parts of the input that could not be read, by what they are.
+        left_out: What the recording that it was made of lacks.
     """
 
     totals: RecordingTotals
@@ -115,7 +116,7 @@ class RunResult:
     observers: Mapping[str, object] = field(default_factory=dict)
     unmeasured: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    left_out: Mapping[str, int] = field(default_factory=dict)
+    left_out: LeftOut = field(default_factory=LeftOut)
 
     @property
     def recording(self) -> Path:

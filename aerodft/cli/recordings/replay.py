@@ -10,7 +10,7 @@ import typer
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
-from aerodft.cli.output import print_json, progress, say
+from aerodft.cli.output import end_with_gaps, print_json, progress, say
 from aerodft.cli.recordings.keys import has_keys, pressed
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
@@ -54,7 +54,7 @@ def replay(
     r"""Publish recordings again: original payloads on original keys, in order of time.
 
     On a terminal space pauses and goes on, n or the right arrow goes to the next image, l loops or stops looping, q
-    ends.
+    ends. Exit 5 where damaged or missing parts of a recording are not in what was published.
 
     \b
     Examples:
@@ -98,6 +98,7 @@ def replay(
     if not result.is_stopped and result.is_empty:
         where = ", ".join(map(str, recordings))
         raise NoAnswerError("nothing was published", where=where, hint="it holds nothing there, or is damaged")
+    end_with_gaps(result.left_out)
 
 
 def _rate(text: str) -> float | None:
@@ -133,6 +134,8 @@ def _say_pause(log_ns: int, passed_ns: int) -> None:
 
 def _report(names: list[str], result: "ReplayResult", *, as_json: bool) -> None:
     if as_json:
+        from aerodft.app.incomplete_input import left_out_document
+
         document = {
             "recording": names[0] if len(names) == 1 else names,
             "measurements": result.measurements,
@@ -141,6 +144,7 @@ def _report(names: list[str], result: "ReplayResult", *, as_json: bool) -> None:
             "damaged": result.damaged,
             "rounds": result.rounds,
             "subscribers": result.has_listeners,
+            **left_out_document(result.left_out),
         }
         print_json(document if result.mavlink_frames is None else {**document, "mavlink_frames": result.mavlink_frames})
         return

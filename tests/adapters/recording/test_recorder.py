@@ -428,7 +428,7 @@ FULL_DISK = """
     from aerodft.service.batches import Batches
     from aerodft.service.feed import block_of
     from aerodft.service.ports import StepOutputs
-    segmented_writer.RETRY_S = segmented_writer.FLUSH_S = 0.01
+    segmented_writer.FLUSH_S = 0.01
     most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     camera = Camera.from_fov(name="c", width_px=4, height_px=4, hfov_rad=1, vfov_rad=1)
     recorder = McapRecorder(
@@ -453,7 +453,7 @@ FULL_DISK = """
 
 
 @pytest.mark.nightly
-def test_a_disk_that_refuses_costs_counted_messages_and_nothing_else(tmp_path: Path) -> None:
+def test_a_disk_that_refuses_for_a_while_costs_nothing(tmp_path: Path) -> None:
     with run(FULL_DISK, str(tmp_path / "r")) as process:
         out, _ = process.communicate(timeout=60)
     assert process.returncode == 0
@@ -465,9 +465,8 @@ def test_a_disk_that_refuses_costs_counted_messages_and_nothing_else(tmp_path: P
     assert len(messages) == stored
     frames = [message.log_ns // 100 for message in messages if message.channel.encoding == "mavlink"]
     assert len(frames) + lost in {300, 301}, "the last status perhaps among the lost"
-    assert lost > 0
+    assert lost == 0, "what comes meanwhile waits"
     assert frames == sorted(set(frames)), "in order, and none twice"
-    assert set(range(1, 90)) | set(range(280, 301)) <= set(frames), "only what came in between is lost"
 
 
 def test_a_recorder_that_waits_loses_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -10,6 +10,9 @@ from aerodft.adapters.recording.read.chunks import (
     attachment_head,
     chunk_content,
     chunk_head,
+    is_chunk,
+    next_chunk,
+    salvaged_length,
 )
 from aerodft.adapters.recording.read.messages import (
     ChannelFilter,
@@ -18,7 +21,8 @@ from aerodft.adapters.recording.read.messages import (
     ReadMessage,
     content_bytes,
     is_one_of,
+    recording_of,
     records_in,
 )
-from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan, log_times, scan_segment
+from aerodft.adapters.recording.read.segment_scan import ChunkLocation, Gap, SegmentScan, log_times, scan_segment
 from aerodft.adapters.recording.read.summary import MAX_SUMMARY_BYTES, read_summary

@@ -1,7 +1,9 @@
 """Chunk records, checked to the last byte before any of one is believed; and what attachments say of themselves."""
 
+import re
 import struct
 import zlib
+from collections.abc import Callable
 from io import BytesIO
 from typing import Final, NamedTuple
 
@@ -10,7 +12,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.records import Attachment
 
-from aerodft.adapters.recording.layout import CHUNK_HEAD
+from aerodft.adapters.recording.layout import CHUNK_HEAD, RECORD_HEAD
 
 MAX_CHUNK_BYTES = 32 << 20
 """A few kilobytes of zstd can claim gigabytes; the recorder's own chunks are of a megabyte, or of one image."""
@@ -90,6 +92,77 @@ def chunk_content(head: ChunkHead, data: bytes) -> bytes:
     if len(content) != head.content_bytes or (head.crc and zlib.crc32(content) != head.crc):
         raise ValueError("checksum or size differs")
     return content
+
+
+_CHUNK: Final = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # shorter than a terabyte
+_WINDOW_BYTES: Final = 1 << 20
+_CANDIDATE_BYTES: Final = RECORD_HEAD.size + HEAD_BYTES
+_COMPRESSIONS: Final = frozenset({b"", b"zstd", b"lz4"})
+
+
+def is_chunk(data: bytes, length: int) -> bool:
+    """Whether a record holds a chunk, as far as its sizes tell, whatever it says of its kind.
+
+    Args:
+        data: The record's beginning, ``HEAD_BYTES`` of it where it has so many.
+        length: Of the whole record.
+    """
+    try:
+        head = chunk_head(data, length)
+    except ValueError:
+        return False
+    return head.compression in _COMPRESSIONS and head.start_ns <= head.end_ns
+
+
+def salvaged_length(read: Callable[[int, int], bytes], start: int, end: int) -> int | None:
+    """The length of a chunk whose record says another kind or length: its own sizes, where its checksum is right.
+
+    Args:
+        read: Reads so many bytes from an offset of the file.
+        start: Where the record begins.
+        end: Where it has to end.
+
+    Returns:
+        Of the record's content; None where there is no such chunk.
+    """
+    at = start + RECORD_HEAD.size
+    data = read(at, HEAD_BYTES)
+    if len(data) < LEAST_CHUNK_BYTES:
+        return None
+    (name_bytes,) = _COUNT.unpack_from(data, CHUNK_HEAD.size)
+    if name_bytes > _LONGEST_NAME:
+        return None
+    data_at = CHUNK_HEAD.size + _COUNT.size + name_bytes + _SIZE.size
+    length = data_at + _SIZE.unpack_from(data, data_at - _SIZE.size)[0]
+    if length > MAX_CHUNK_BYTES or at + length > end or not is_chunk(data, length):
+        return None
+    head = chunk_head(data, length)
+    try:
+        chunk_content(head, read(at + head.data_at, head.data_bytes))
+    except ValueError:
+        return None
+    return length if head.crc else None
+
+
+def next_chunk(read: Callable[[int, int], bytes], start: int, end: int) -> int | None:
+    """Where the next chunk's record begins that makes sense, as far as its sizes tell; None where there is none.
+
+    Args:
+        read: Reads so many bytes from an offset of the file.
+        start: From where on.
+        end: Where it has to end.
+    """
+    for position in range(start, end, _WINDOW_BYTES):
+        window = read(position, _WINDOW_BYTES + _CANDIDATE_BYTES)
+        for found in _CHUNK.finditer(window):
+            data = window[found.start() :][:_CANDIDATE_BYTES]
+            if found.start() >= _WINDOW_BYTES or len(data) < RECORD_HEAD.size:
+                break
+            _, length = RECORD_HEAD.unpack_from(data)
+            at = position + found.start()
+            if at + RECORD_HEAD.size + length <= end and is_chunk(data[RECORD_HEAD.size :], length):
+                return at
+    return None
 
 
 def _uncompressed(head: ChunkHead, data: bytes) -> bytes:

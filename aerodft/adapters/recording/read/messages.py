@@ -10,10 +10,18 @@ import numpy as np
 import numpy.typing as npt
 from mcap.opcode import Opcode
 
-from aerodft.adapters.recording.channels import DEFINITIONS, Channel, Channels, TooMuchDefinedError, definition
+from aerodft.adapters.recording.channels import (
+    DEFINITIONS,
+    RECORDING_KEY,
+    Channel,
+    Channels,
+    ForeignChunkError,
+    TooMuchDefinedError,
+    definition,
+)
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.recording.read.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
-from aerodft.adapters.recording.read.segment_scan import ChunkLocation
+from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan
 from aerodft.adapters.recording.read.summary import DAMAGED
 from aerodft.errors import InputError
 from aerodft.jit import njit
@@ -34,6 +42,7 @@ _MOST_KEPT_BYTES: Final = 4 << 20  # of a content, whatever of it is wanted
 _LEAST_KEPT: Final = 0.5  # of a larger one
 _MOST_NAMED: Final = 10  # damaged chunks of a file; one that was cut while it is read has thousands
 _MOST_DAMAGED: Final = 100_000
+_LOOKED_AT: Final = 3  # chunks: one of them is whole
 
 _log = logging.getLogger(__name__)
 
@@ -152,13 +161,14 @@ class ChunkReader:
             for row in np.flatnonzero(np.isin(records.opcode, DEFINITIONS)).tolist():
                 data = content[records.start[row] : records.stop[row]]
                 self.channels.add(definition(int(records.opcode[row]), data))
+            self.channels.check_owner()
             yield message_table(content, self.channels.by_id, records, wanted)
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
 
     def _leave_out(self, place: ChunkLocation, why: Exception) -> None:
         self.damaged += 1
-        if isinstance(why, TooMuchDefinedError):  # what others define must have room
+        if isinstance(why, (TooMuchDefinedError, ForeignChunkError)):  # what others define must have room
             self.channels.undo_chunk()
         if place.offset in self.damaged_offsets or len(self.damaged_offsets) == _MOST_DAMAGED:
             return
@@ -167,6 +177,25 @@ class ChunkReader:
             return
         more = "; further ones are left out and not named" if len(self.damaged_offsets) == _MOST_NAMED else ""
         _log.warning("%s: damaged chunk at byte %d left out: %s%s", place.path, place.offset, why, more)
+
+
+def recording_of(scan: SegmentScan) -> str | None:
+    """Id of the recording that a segment belongs to: by its metadata, else by its chunks; None where none says it.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    if scan.recording is not None:
+        return scan.recording
+    reader = ChunkReader(scan.channels.copy(), damaged_offsets={chunk.offset for chunk in scan.chunks})
+    for place in (None, *scan.chunks[:_LOOKED_AT]):
+        if place is not None:
+            for _ in reader.tables((place,)):
+                pass
+        for channel in reader.channels.by_id.values():
+            if RECORDING_KEY in dict(channel.metadata):
+                return dict(channel.metadata)[RECORDING_KEY]
+    return None
 
 
 def content_bytes(place: ChunkLocation) -> int:

@@ -13,18 +13,30 @@ from typing import BinaryIO, Final
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, MessageIndex, Metadata
+from mcap.records import ChunkIndex, Header, MessageIndex, Metadata
 
 from aerodft.adapters.file_kind import check_is_no_pipe
-from aerodft.adapters.recording.channels import DEFINITIONS, STATION_KEY, Channels, definition
-from aerodft.adapters.recording.layout import MAGIC
+from aerodft.adapters.recording.channels import DEFINITIONS, RECORDING_KEY, STATION_KEY, Channels, definition
+from aerodft.adapters.recording.layout import INDEX_ENTRY_BYTES, MAGIC
 from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
+from aerodft.adapters.recording.read.chunks import HEAD_BYTES, chunk_head, is_chunk, next_chunk, salvaged_length
 from aerodft.adapters.recording.read.summary import DAMAGED, FileSummary, read_summary
-from aerodft.adapters.recording.write import CONFIG_NAME, METADATA_NAME
+from aerodft.adapters.recording.write import (
+    CONFIG_NAME,
+    COUNT_BYTES,
+    COUNT_NAME,
+    METADATA_NAME,
+    PROFILE,
+    RECOVERED_NAME,
+)
 from aerodft.errors import InputError
 
 _CHUNK_TIMES = struct.Struct("<QQ")
-_CHANNEL_ID = struct.Struct("<H")
+_INDEX_HEAD = struct.Struct("<HI")
+_STATISTICS = struct.Struct("<22xI")
+_OPCODES: Final = frozenset(int(opcode) for opcode in Opcode)
+_OWN_LIBRARY: Final = "aerodft"
+_ABOUT_NAMES: Final = frozenset({METADATA_NAME, CONFIG_NAME, RECOVERED_NAME})
 _MESSAGE_HEAD = struct.Struct("<HIQ")
 _MAX_SMALL_RECORD = 4 << 20
 _BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
@@ -75,6 +87,23 @@ class ChunkLocation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """A part of a recording that is proven to be lost.
+
+    Attributes:
+        from_ns: After this log time; None where nothing comes before it.
+        to_ns: Before this log time; None where nothing comes after it.
+        chunks: How many chunks that was; None where nobody knows.
+        messages: How many messages that was; None where nobody knows.
+    """
+
+    from_ns: int | None
+    to_ns: int | None
+    chunks: int | None = None
+    messages: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SegmentScan:
     """What a segment holds.
 
@@ -83,8 +112,13 @@ class SegmentScan:
         chunks: Its whole chunks, in order.
         station: From its metadata; None where it has none.
         is_whole: Whether it ends as it should.
+        is_recovered: Whether it was made whole and says what it lost then.
+        before: How many chunks and messages the segments before it hold, by its own count; None where it has none.
+        messages: How many messages it holds, by its indexes; None where it has none.
+        gaps: What it is proven to lack, between its chunks.
         texts: The configuration that it carries: files by name; empty where it carries none.
-        channels: Those that are known before a chunk is read: all of them where ``is_indexed``.
+        channels: Those that are known before a chunk is read: all of them where ``is_indexed``; with the id of the
+            recording that every chunk has to belong to.
         is_indexed: Whether the file's own index was used.
         damaged_offsets: Where damaged chunks begin that were met so far; readers share it.
     """
@@ -93,10 +127,39 @@ class SegmentScan:
     chunks: tuple[ChunkLocation, ...]
     station: str | None
     is_whole: bool
+    is_recovered: bool = False
+    before: tuple[int, int] | None = None
+    messages: int | None = None
+    gaps: tuple[Gap, ...] = ()
     channels: Channels = field(default_factory=Channels)
     is_indexed: bool = False
     texts: dict[str, str] = field(default_factory=dict)
     damaged_offsets: set[int] = field(default_factory=set, compare=False, repr=False)
+
+    @property
+    def recording(self) -> str | None:
+        """Id of the recording that it belongs to; None where it says none."""
+        return self.channels.recording
+
+    @property
+    def start_ns(self) -> int | None:
+        """Earliest log time; None without a chunk."""
+        return min((chunk.start_ns for chunk in self.chunks), default=None)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Latest log time; None without a chunk."""
+        return max((chunk.end_ns for chunk in self.chunks), default=None)
+
+    def all_gaps(self) -> list[Gap]:
+        """What it lacks, with the damaged chunks that were met so far."""
+        met = []
+        for number, chunk in enumerate(self.chunks):
+            if chunk.offset in self.damaged_offsets:
+                before = self.chunks[number - 1].end_ns if number else None
+                after = self.chunks[number + 1].start_ns if number + 1 < len(self.chunks) else None
+                met.append(Gap(from_ns=before, to_ns=after, chunks=1))
+        return sorted([*self.gaps, *met], key=lambda gap: gap.from_ns or 0)
 
 
 def scan_segment(path: Path) -> SegmentScan:
@@ -117,7 +180,6 @@ def scan_segment(path: Path) -> SegmentScan:
             found = _indexed_segment(path, file, size)
             if found is not None:
                 return found
-            file.seek(len(MAGIC))
             return _Scan(path, file, size).run()
     except OSError as error:
         raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
@@ -152,7 +214,18 @@ def _message_indexes(file: BinaryIO) -> Iterator[bytes]:
         yield file.read(length)
 
 
+@dataclass(slots=True)
+class _OpenGap:
+    """A gap behind so many chunks, while their file is being read."""
+
+    place: int
+    chunks: int | None = None
+    messages: int | None = None
+
+
 class _Scan:
+    """Hops from record to record; where the bytes make no sense it goes on at the next chunk that does."""
+
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self._path = path
         self._file = file
@@ -162,39 +235,77 @@ class _Scan:
         self._sets = ChannelSets()
         self._damaged_offsets: set[int] = set()
         self._channels = Channels()
-        self._station: str | None = None
-        self._texts: dict[str, str] = {}
+        self._about = _About()
+        self._before: tuple[int, int] | None = None
+        self._messages = 0  # by indexes
+        self._gaps: list[_OpenGap] = []
+        self._counted_lost = (0, 0)  # chunks and messages that are in gaps
+        self._stated_chunks = 0
 
     def run(self) -> SegmentScan:
-        is_whole = False
-        position = self._file.tell()
-        while len(head := self._file.read(HEAD.size)) == HEAD.size:
-            opcode, length = HEAD.unpack(head)
-            position += HEAD.size
-            if position + length > self._size or self._is_full(opcode, position):
+        """What the file holds."""
+        position, is_whole, is_torn = len(MAGIC), False, False
+        while not is_torn and position + HEAD.size <= self._size:
+            opcode, length = HEAD.unpack(self._read(position, HEAD.size))
+            at = position + HEAD.size
+            if self._is_full(opcode, at):
                 break
-            if not self._take(opcode, position, length):
-                break
-            position += length
-            if opcode == Opcode.FOOTER:
-                is_whole = self._size - position == len(MAGIC)
-                break
-            self._file.seek(position)
+            if at + length <= self._size and self._take(opcode, at, length):
+                position = at + length
+                if opcode == Opcode.FOOTER:
+                    is_whole = self._size - position == len(MAGIC)
+                    break
+            else:
+                position, is_torn = self._skip(position)
         self._settle()
+        self._count_chunks(self._stated_chunks)
         places = self._places
         if not all(place.is_bare for place in places) and any(place.is_bare for place in places):
             # No recorder mixes the two: what looks like a message between chunks is a damaged record.
             _log.warning("%s: messages outside its chunks are left out", self._path)
             places = [place for place in places if not place.is_bare]
+        self._channels.recording = self._about.recording
         return SegmentScan(
             path=self._path,
             chunks=tuple(places),
-            station=self._station,
+            station=self._about.station,
             is_whole=is_whole,
+            is_recovered=self._about.is_recovered,
+            before=self._before,
+            messages=self._messages,
+            gaps=tuple(self._closed(gap) for gap in self._gaps if gap.chunks != 0),
             channels=self._channels,
-            texts=self._texts,
+            texts=self._about.texts,
             damaged_offsets=self._damaged_offsets,
         )
+
+    def _skip(self, position: int) -> tuple[int, bool]:
+        """Where to go on behind bytes that make no sense, and whether the file is torn there."""
+        length = salvaged_length(self._read, position, self._size)
+        if length is not None:
+            self._add_chunk(position + HEAD.size, length)
+            return position + HEAD.size + length, False
+        following = next_chunk(self._read, position + 1, self._size)
+        is_ended = self._read(self._size - len(MAGIC), len(MAGIC)) == MAGIC
+        if following is not None or is_ended:
+            self._gaps.append(_OpenGap(len(self._places)))
+        if following is None:
+            return position, True
+        has_count = following - COUNT_BYTES > position and _count_before(following, self._read) is not None
+        return following - COUNT_BYTES * has_count, False
+
+    def _closed(self, gap: _OpenGap) -> Gap:
+        before, after = self._places[: gap.place], self._places[gap.place :]
+        return Gap(
+            from_ns=max((place.end_ns for place in before), default=None),
+            to_ns=min((place.start_ns for place in after), default=None),
+            chunks=gap.chunks,
+            messages=gap.messages,
+        )
+
+    def _read(self, offset: int, length: int) -> bytes:
+        self._file.seek(offset)
+        return self._file.read(length)
 
     def _is_full(self, opcode: int, position: int) -> bool:
         """Whether there are more chunks than can be held; what lies behind them is left out."""
@@ -212,29 +323,51 @@ class _Scan:
 
     def _take(self, opcode: int, position: int, length: int) -> bool:
         """Look at one record; False where it is damaged."""
-        if opcode == Opcode.CHUNK:
-            return self._take_chunk(position, length)
+        head = self._read(position, min(HEAD_BYTES, length))
+        if opcode == Opcode.CHUNK or is_chunk(head, length):
+            return self._take_chunk(position, length, head)
+        self._file.seek(position)
         if opcode == Opcode.MESSAGE:
             return self._take_message(position, length)
         if opcode == Opcode.MESSAGE_INDEX:
-            return self._take_index(length)
-        if opcode == Opcode.METADATA and length > _MAX_SMALL_RECORD:
+            return self._take_index(length, head)
+        if opcode == Opcode.STATISTICS and length >= _STATISTICS.size:
+            self._stated_chunks = _STATISTICS.unpack_from(head)[0]
+        elif opcode == Opcode.METADATA and length > _MAX_SMALL_RECORD:
             return True  # nobody's configuration: what lies behind it is read
-        if opcode in {*DEFINITIONS, Opcode.METADATA}:
+        elif opcode in {*DEFINITIONS, Opcode.METADATA, Opcode.HEADER}:
             return length <= _MAX_SMALL_RECORD and self._take_small(opcode, self._file.read(length))
+        return opcode in _OPCODES or self._goes_on(position + length)
+
+    def _take_chunk(self, position: int, length: int, head: bytes) -> bool:
+        try:
+            chunk_head(head, length)
+        except ValueError:  # a chunk that cannot be read here is one only where records go on behind it
+            if length < _CHUNK_TIMES.size or not self._goes_on(position + length):
+                return False
+        self._add_chunk(position, length)
         return True
 
-    def _take_chunk(self, position: int, length: int) -> bool:
-        if length < _CHUNK_TIMES.size:
+    def _goes_on(self, position: int) -> bool:
+        """Whether another record of a known kind fits there."""
+        head = self._read(position, HEAD.size)
+        if len(head) < HEAD.size:
             return False
-        start_ns, end_ns = _CHUNK_TIMES.unpack(self._file.read(_CHUNK_TIMES.size))
+        opcode, length = HEAD.unpack(head)
+        return opcode in _OPCODES and position + HEAD.size + length <= self._size
+
+    def _add_chunk(self, position: int, length: int) -> None:
+        start_ns, end_ns = _CHUNK_TIMES.unpack(self._read(position, _CHUNK_TIMES.size))
         self._add(position, length, start_ns, end_ns, is_bare=False)
-        return True
 
-    def _take_index(self, length: int) -> bool:
-        if length < _CHANNEL_ID.size:
+    def _take_index(self, length: int, head: bytes) -> bool:
+        if length < _INDEX_HEAD.size:
             return False
-        self._ids.update(_CHANNEL_ID.unpack(self._file.read(_CHANNEL_ID.size)))
+        channel_id, size = _INDEX_HEAD.unpack_from(head)
+        if size != length - _INDEX_HEAD.size:
+            return False
+        self._ids.add(channel_id)
+        self._messages += size // INDEX_ENTRY_BYTES
         return True
 
     def _take_message(self, position: int, length: int) -> bool:
@@ -265,15 +398,84 @@ class _Scan:
         try:
             if opcode in DEFINITIONS:
                 self._channels.add(definition(opcode, data))
+            elif opcode == Opcode.HEADER:
+                self._about.take_header(Header.read(ReadDataStream(BytesIO(data))))
             else:
                 metadata = Metadata.read(ReadDataStream(BytesIO(data)))
-                if metadata.name == METADATA_NAME:
-                    self._station = metadata.metadata.get(STATION_KEY)
-                elif metadata.name == CONFIG_NAME:
-                    self._texts = dict(metadata.metadata)
+                if metadata.name == COUNT_NAME:
+                    self._take_count(*_count(metadata))
+                else:
+                    self._about.take(metadata)
         except DAMAGED:
             return False
         return True
+
+    def _take_count(self, chunks: int, messages: int) -> None:
+        """See by the count before a chunk whether something that was before it is missing."""
+        if self._about.is_recovered:  # which said what is missing
+            return
+        if self._before is None:
+            self._before = (chunks - len(self._places), messages - self._messages)
+            return
+        self._count_chunks(chunks - self._before[0], messages - self._before[1])
+        if self._gaps and self._gaps[-1].chunks is None:
+            self._gaps[-1].chunks = 0  # no chunk was in the bytes that make no sense
+
+    def _count_chunks(self, chunks: int, messages: int | None = None) -> None:
+        """Take note of chunks that are missing where the file is known to have had so many up to here."""
+        missing = chunks - len(self._places) - self._counted_lost[0]
+        if missing <= 0:
+            return
+        if not self._gaps or self._gaps[-1].chunks is not None:
+            self._gaps.append(_OpenGap(len(self._places)))
+        gap = self._gaps[-1]
+        gap.chunks = missing
+        if messages is not None:
+            gap.messages = messages - self._messages - self._counted_lost[1]
+        self._counted_lost = (self._counted_lost[0] + missing, self._counted_lost[1] + (gap.messages or 0))
+
+
+@dataclass(slots=True)
+class _About:
+    """What a segment says of itself.
+
+    Attributes:
+        station: Name of the station; None where it says none.
+        recording: Id of the recording, which its chunks then carry too; None of what another tool wrote again.
+        is_recovered: Whether it was made whole.
+        texts: Its configuration.
+    """
+
+    station: str | None = None
+    recording: str | None = None
+    is_recovered: bool = False
+    texts: dict[str, str] = field(default_factory=dict)
+    _is_own: bool = False
+
+    def take_header(self, header: Header) -> None:
+        """Learn who wrote the file."""
+        self._is_own = header.profile == PROFILE and header.library.startswith(_OWN_LIBRARY)
+
+    def take(self, metadata: Metadata) -> None:
+        """Take one of its metadata records."""
+        if metadata.name == METADATA_NAME:
+            self.station = metadata.metadata.get(STATION_KEY)
+            if self._is_own:
+                self.recording = metadata.metadata.get(RECORDING_KEY)
+        elif metadata.name == CONFIG_NAME:
+            self.texts = dict(metadata.metadata)
+        elif metadata.name == RECOVERED_NAME:
+            self.is_recovered = True
+
+
+def _count(metadata: Metadata) -> tuple[int, int]:
+    """Chunks and messages before a chunk.
+
+    Raises:
+        ValueError: It does not say them.
+    """
+    values = metadata.metadata
+    return int(values.get("chunks", "")), int(values.get("messages", ""))
 
 
 def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | None:
@@ -293,19 +495,52 @@ def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | Non
         return file.read(length)
 
     summary = read_summary(read, size)
-    if summary is None or not _is_complete(summary):
+    if summary is None or summary.statistics is None or not _is_complete(summary):
         return None
     sets = ChannelSets()
     try:
+        opcode, length = HEAD.unpack(read(len(MAGIC), HEAD.size))
+        about = _About()
+        if opcode == Opcode.HEADER and length <= _MAX_METADATA_BYTES:
+            about.take_header(Header.read(ReadDataStream(BytesIO(read(len(MAGIC) + HEAD.size, length)))))
+        for index in summary.metadata:
+            if index.name in _ABOUT_NAMES and HEAD.size < index.length <= _MAX_METADATA_BYTES:
+                content = read(index.offset + HEAD.size, index.length - HEAD.size)
+                about.take(Metadata.read(ReadDataStream(BytesIO(content))))
+        if about.recording is not None and not _has_room_for_counts_only(summary):
+            return None  # the scan finds what lies between
+        summary.channels.recording = about.recording
         return SegmentScan(
             path=path,
             chunks=tuple(_place(path, index, sets) for index in summary.chunks),
-            station=_metadata(summary, METADATA_NAME, read).get(STATION_KEY),
+            station=about.station,
             is_whole=True,
+            is_recovered=about.is_recovered,
+            before=_count_before(summary.chunks[0].chunk_start_offset, read) if summary.chunks else None,
+            messages=summary.statistics.message_count,
             channels=summary.channels,
             is_indexed=True,
-            texts=_metadata(summary, CONFIG_NAME, read),
+            texts=about.texts,
         )
+    except DAMAGED:
+        return None
+
+
+def _has_room_for_counts_only(summary: FileSummary) -> bool:
+    """Whether nothing but a count can lie between the chunks that an index lists, in order."""
+    ends = [each.chunk_start_offset + each.chunk_length + each.message_index_length for each in summary.chunks]
+    starts = [each.chunk_start_offset for each in summary.chunks[1:]]
+    return all(start - end in {0, COUNT_BYTES} for end, start in zip(ends, starts, strict=False))
+
+
+def _count_before(offset: int, read: Callable[[int, int], bytes]) -> tuple[int, int] | None:
+    """What the count says that stands before a chunk; None where there is none."""
+    data = read(max(offset - COUNT_BYTES, 0), COUNT_BYTES)
+    try:
+        if HEAD.unpack_from(data) != (Opcode.METADATA, COUNT_BYTES - HEAD.size):
+            return None
+        found = Metadata.read(ReadDataStream(BytesIO(data[HEAD.size :])))
+        return _count(found) if found.name == COUNT_NAME else None
     except DAMAGED:
         return None
 
@@ -338,13 +573,3 @@ def _place(path: Path, index: ChunkIndex, sets: ChannelSets) -> ChunkLocation:
         end_ns=index.message_end_time,
         channels=sets.of(index.message_index_offsets),
     )
-
-
-def _metadata(summary: FileSummary, name: str, read: Callable[[int, int], bytes]) -> dict[str, str]:
-    """The metadata of this name; empty where there is none."""
-    for index in summary.metadata:
-        if index.name == name and HEAD.size < index.length <= _MAX_METADATA_BYTES:
-            content = read(index.offset + HEAD.size, index.length - HEAD.size)
-            found = Metadata.read(ReadDataStream(BytesIO(content)))
-            return dict(found.metadata) if found.name == name else {}
-    return {}

@@ -5,7 +5,6 @@ checksum. Where the bytes make no sense the next chunk that does is looked for. 
 """
 
 import os
-import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -15,9 +14,9 @@ from io import BytesIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Header, Metadata
+from mcap.records import ChunkIndex, Header, Metadata
 
-from aerodft.adapters.recording.channels import DEFINITIONS, Channels, definition
+from aerodft.adapters.recording.channels import DEFINITIONS, RECORDING_KEY, Channels, definition
 from aerodft.adapters.recording.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -38,15 +37,25 @@ from aerodft.adapters.recording.read import (
     attachment_head,
     chunk_content,
     chunk_head,
+    is_chunk,
+    next_chunk,
     read_summary,
     records_in,
+    salvaged_length,
 )
-from aerodft.adapters.recording.write import MOST_INDEX_BYTES, index_bytes, pieces
+from aerodft.adapters.recording.write import (
+    COUNT_BYTES,
+    COUNT_NAME,
+    METADATA_NAME,
+    MOST_INDEX_BYTES,
+    index_bytes,
+    pieces,
+)
 
 _MAX_SMALL_BYTES = 4 << 20
-_WINDOW_BYTES = 1 << 20
-_CHUNK = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # shorter than a terabyte
-_CANDIDATE_BYTES = RECORD_HEAD.size + HEAD_BYTES
+_OPCODES = frozenset(int(opcode) for opcode in Opcode)
+_OWN_LIBRARY = "aerodft"
+_COUNT_BEGIN = RECORD_HEAD.pack(Opcode.METADATA, COUNT_BYTES - RECORD_HEAD.size)
 _DATA_END_BYTES = RECORD_HEAD.size + 4
 _UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
 
@@ -61,6 +70,7 @@ class WholeChunk:
         content: Its records.
         defines: Ids of the channels that it defines.
         is_as_built: Whether the file has the same bytes there, indexes included.
+        before: How many chunks and messages the series holds before it, by the file; None where it does not say.
     """
 
     offset: int
@@ -68,6 +78,7 @@ class WholeChunk:
     content: bytes
     defines: frozenset[int]
     is_as_built: bool
+    before: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +108,9 @@ class ChunkScanner:
         metadata: Names and values.
         attachments: Those that are whole: where their records are, and what they say.
         channels: By the chunks so far, and from the beginning by the summary, if its checksum is right.
+        count: How many chunks and messages came before what is next, in the series, by the file; None where it says
+            nothing.
+        indexes: The summary's index of the chunks, if its checksum is right, by their place.
         stated_messages: How many messages there are by the summary; None without a sound one.
         has_end: Whether the data is known to end where the file says so.
         is_whole: Whether the file ends as it should, with a sound summary and nothing behind it.
@@ -115,6 +129,9 @@ class ChunkScanner:
         self.metadata: list[Metadata] = []
         self.attachments: list[tuple[int, AttachmentHead]] = []
         self.channels = Channels()
+        self.count: tuple[int, int] | None = None
+        self.indexes: list[ChunkIndex] = []
+        self._indexed: list[int] = []
         self._metadata_bytes = self._index_bytes = 0
         self._most_index_bytes = MOST_INDEX_BYTES * 3 // 2  # a segment may have to go on to the next key image
         self.stated_messages: int | None = None
@@ -150,7 +167,8 @@ class ChunkScanner:
             return self._lost(start, "ends within a record")
         opcode, length = RECORD_HEAD.unpack(head)
         end = start + RECORD_HEAD.size + length
-        if opcode == Opcode.CHUNK:
+        holds_chunk = is_chunk(self._read(start + RECORD_HEAD.size, min(HEAD_BYTES, length)), length)
+        if opcode == Opcode.CHUNK or holds_chunk:
             return self._chunk(start, length, end)
         is_attached = opcode == Opcode.ATTACHMENT and end <= self._end and self._take_attachment(start, length)
         if not is_attached and (end > self._end or length > _MAX_SMALL_BYTES):
@@ -188,13 +206,27 @@ class ChunkScanner:
             if opcode == Opcode.HEADER:
                 self.header = Header.read(stream)
             elif (total := self._metadata_bytes + len(content)) <= _MAX_SMALL_BYTES:
-                self.metadata.append(Metadata.read(stream))
-                self._metadata_bytes = total
+                self._take_metadata(Metadata.read(stream), total)
             else:
                 return False
-        except _UNREADABLE:
+        except (*_UNREADABLE, ValueError):
             return False
         return stream.count == len(content)
+
+    def _take_metadata(self, found: Metadata, total: int) -> None:
+        """Take one of the metadata records.
+
+        Raises:
+            ValueError: It is a count that counts nothing.
+        """
+        if found.name == COUNT_NAME:
+            self.count = int(found.metadata.get("chunks", "")), int(found.metadata.get("messages", ""))
+            return
+        self.metadata.append(found)
+        self._metadata_bytes = total
+        is_own = self.header is not None and self.header.library.startswith(_OWN_LIBRARY)
+        if found.name == METADATA_NAME and is_own:
+            self.channels.recording = found.metadata.get(RECORDING_KEY)
 
     def _chunk(self, start: int, length: int, end: int) -> WholeChunk | DamagedBytes:
         at = start + RECORD_HEAD.size
@@ -204,21 +236,36 @@ class ChunkScanner:
             return self._lost(start, str(error))
         if end > self._end:
             return self._lost(start, "ends within a chunk")
-        self._position = end
         data = self._read(at + head.data_at, head.data_bytes)
         try:
             content = chunk_content(head, data)
             chunk = _with_indexes(head, data, content)
             defines = self._define(content)
         except ValueError as error:
-            return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
+            self.count = None
+            if self._goes_on(end):
+                self._position = end
+                return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
+            return self._lost(start, str(error), may_salvage=False)
+        self._position = end
+        count, self.count = self.count, None
         is_as_built = self._read(start, len(chunk.head)) == chunk.head
         if self._read(end, len(chunk.indexes)) == chunk.indexes:
             self._position += len(chunk.indexes)
         else:
             is_as_built = False
         self._index_bytes += index_bytes(chunk)
-        return WholeChunk(offset=start, chunk=chunk, content=content, defines=defines, is_as_built=is_as_built)
+        return WholeChunk(
+            offset=start, chunk=chunk, content=content, defines=defines, is_as_built=is_as_built, before=count
+        )
+
+    def _goes_on(self, position: int) -> bool:
+        """Whether another record of a known kind fits there."""
+        head = self._read(position, RECORD_HEAD.size)
+        if len(head) < RECORD_HEAD.size:
+            return False
+        opcode, length = RECORD_HEAD.unpack(head)
+        return opcode in _OPCODES and position + RECORD_HEAD.size + length <= self._size
 
     def _define(self, content: bytes) -> frozenset[int]:
         """Take a chunk's schemas and channels, all or none; returns the ids of the channels.
@@ -235,6 +282,7 @@ class ChunkScanner:
                     self.channels.add(record)
                     if opcode == Opcode.CHANNEL:
                         ids.add(record.id)
+            self.channels.check_owner()
         except _UNREADABLE as error:
             self.channels.undo_chunk()
             raise ValueError("a damaged definition") from error
@@ -243,28 +291,26 @@ class ChunkScanner:
             raise
         return frozenset(ids)
 
-    def _lost(self, start: int, why: str) -> DamagedBytes:
-        """Go on where something makes sense again."""
-        position = start + 1
-        while position < self._end:
-            window = self._read(position, _WINDOW_BYTES + _CANDIDATE_BYTES)
-            for found in _CHUNK.finditer(window):
-                at = position + found.start()
-                if found.start() < _WINDOW_BYTES and self._makes_sense(at, window[at - position :][:_CANDIDATE_BYTES]):
-                    self._position = at
-                    return DamagedBytes(offset=start, length=at - start, why=why)
-            position += _WINDOW_BYTES
-        self._position = self._end
-        return DamagedBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
+    def _lost(self, start: int, why: str, *, may_salvage: bool = True) -> WholeChunk | DamagedBytes:
+        """Go on where something makes sense again.
 
-    def _makes_sense(self, at: int, data: bytes) -> bool:
-        """Whether there is a chunk, as far as its sizes tell."""
-        _, length = RECORD_HEAD.unpack_from(data)
-        try:
-            chunk_head(data[RECORD_HEAD.size :], length)
-        except ValueError:
-            return False
-        return bool(at + RECORD_HEAD.size + length <= self._end)
+        Args:
+            start: Where the damaged record begins.
+            why: What is wrong with it.
+            may_salvage: Whether it may be a chunk whose kind or length alone is damaged.
+        """
+        if may_salvage and (length := salvaged_length(self._read, start, self._end)) is not None:
+            return self._chunk(start, length, start + RECORD_HEAD.size + length)
+        found = next_chunk(self._read, start + 1, self._end)
+        indexed = (each for each in self._indexed if start < each < (self._end if found is None else found))
+        at = next((each for each in indexed if salvaged_length(self._read, each, self._end) is not None), found)
+        if at is None:
+            self._position = self._end
+            return DamagedBytes(offset=start, length=self._end - start, why=why, is_torn=not self.has_end)
+        if at - COUNT_BYTES > start and self._read(at - COUNT_BYTES, len(_COUNT_BEGIN)) == _COUNT_BEGIN:
+            at -= COUNT_BYTES
+        self._position = at
+        return DamagedBytes(offset=start, length=at - start, why=why)
 
     def _summary_start(self) -> int | None:
         """Where the summary begins, its definitions read; None where the file has no sound one at its end."""
@@ -272,6 +318,8 @@ class ChunkScanner:
         if summary is None or not summary.is_checked or summary.start < len(MAGIC) + _DATA_END_BYTES:
             return None
         self.channels = summary.channels
+        self.indexes = sorted(summary.chunks, key=lambda each: each.chunk_start_offset)
+        self._indexed = [each.chunk_start_offset for each in self.indexes]
         if summary.statistics is not None:
             self.stated_messages = summary.statistics.message_count
         return summary.start

@@ -9,7 +9,7 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,17 +27,29 @@ from aerodft.adapters.recording.layout import (
     compressor,
     encoded,
 )
-from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, records_in, scan_segment
+from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, SegmentScan, recording_of, records_in, scan_segment
 from aerodft.adapters.recording.recover.chunk_scanner import ChunkScanner, DamagedBytes, WholeChunk
-from aerodft.adapters.recording.write import METADATA_NAME, PROFILE, SegmentFile, Summary, pieces, sync_folder
+from aerodft.adapters.recording.write import (
+    METADATA_NAME,
+    PROFILE,
+    RECOVERED_NAME,
+    SegmentFile,
+    Summary,
+    count_record,
+    pieces,
+    sync_folder,
+)
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
 
 SERIES = ("data", "images")
 _BEGINNING_BYTES = 1 << 20
 _NUMBER = re.compile(r"_(\d+)\.mcap$")
-_RECOVERED_NAME = "recovered"
-_UNFINISHED = "it was not finished: what came last is missing, half a second at most"
+_UNFINISHED = "it does not end as it should: a kill costs half a second at most, what else cut it nobody knows how much"
+_CUT = "it was cut: later messages show that more was recorded"
+_GONE = "chunks that are not there any more"
+_MOST_UNSYNCED_NS = 2 * SECOND_NS  # a power cut costs one series so much more than another
 _OWN_TOPICS = ("aerodft/", "mavlink", "dataflash")
 
 _log = logging.getLogger(__name__)
@@ -73,7 +85,8 @@ class SegmentRecovery:
     Attributes:
         name: Of the file.
         state: ``sound`` (not touched), ``completed`` (now ends as it should), ``unfinished`` (not touched: its
-            messages are in no chunks), ``unreadable`` (not touched) or ``missing``.
+            messages are in no chunks), ``unreadable`` (not touched), ``foreign`` (not touched: it belongs to another
+            recording) or ``missing``.
         messages: In it now.
         start_ns: Earliest log time; None where there is no message.
         end_ns: Latest.
@@ -120,7 +133,10 @@ def recover_folder(folder: Path) -> Recovery:
                 raise InputError("no such file or folder", where=folder)
             got = "a file" if folder.is_file() else "no data_*.mcap"
             raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
-        segments = [each for stem in SERIES for each in _recover_series(stem, paths[stem])]
+        scans = {path: _scanned(path) for stem in SERIES for _, path in paths[stem]}
+        owners = {path: recording_of(scan) for path, scan in scans.items() if scan is not None and scan.chunks}
+        own = _own_id([owners[path] for _, path in paths["data"] if path in owners])
+        segments = [each for stem in SERIES for each in _recover_series(stem, paths[stem], scans, owners, own)]
     except OSError as error:
         where = error.filename or folder
         raise InputError("the recording cannot be recovered", where=where, got=error.strerror) from error
@@ -169,10 +185,54 @@ def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
     return sorted((int(match[1]), path) for match, path in found if match is not None)
 
 
-def _recover_series(stem: str, paths: list[tuple[int, Path]]) -> Iterator[SegmentRecovery]:
+def _scanned(path: Path) -> SegmentScan | None:
+    """What a segment holds as readers see it; None where they cannot read it."""
+    try:
+        return scan_segment(path)
+    except InputError:
+        return None
+
+
+def _own_id(owners: Iterable[str | None]) -> str | None:
+    """The id that most segments have; None where none has any."""
+    ids = Counter(owner for owner in owners if owner is not None)
+    return ids.most_common(1)[0][0] if ids else None
+
+
+def _recover_series(
+    stem: str,
+    paths: list[tuple[int, Path]],
+    scans: Mapping[Path, SegmentScan | None],
+    owners: Mapping[Path, str | None],
+    own: str | None,
+) -> Iterator[SegmentRecovery]:
+    """Make the segments of a series whole.
+
+    Args:
+        stem: Name of the series.
+        paths: Its segments by number.
+        scans: What the segments of all series hold.
+        owners: Ids of the recordings that segments with chunks belong to.
+        own: Id of the recording; None where it has none.
+    """
     expected, last_ns = 0, None
-    for number, path in paths:
-        segment = _recover_segment(path)
+    others_ns = max(
+        (scan.end_ns or 0 for path, scan in scans.items() if scan and not path.match(f"{stem}_*")), default=0
+    )
+    for place, (number, path) in enumerate(paths):
+        scan, later = scans[path], [scans[each] for _, each in paths[place + 1 :]]
+        if stem == "data" and own is not None and owners.get(path, own) != own:
+            whose = f"recording {owners[path]}" if owners[path] else "another recording"
+            loss = Loss(what=f"it belongs to {whose}, not to {own}", from_ns=last_ns)
+            yield SegmentRecovery(name=path.name, state="foreign", losses=(loss,))
+            expected = number + 1
+            continue
+        start_ns = next((each.start_ns for each in later if each is not None and each.chunks), None)
+        is_next = place + 1 < len(paths) and paths[place + 1][0] == number + 1
+        before = later[0].before if is_next and later[0] is not None else None
+        alike = (each for each in (scan, *scans.values()) if each is not None and each.path.match(f"{stem}_*"))
+        known = [each.channels for each in alike if each is scan or (own is not None and owners.get(each.path) == own)]
+        segment = _recover_segment(path, _End(start_ns, before, others_ns), known)
         for missing in range(expected, number):
             loss = Loss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
             yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
@@ -180,9 +240,33 @@ def _recover_series(stem: str, paths: list[tuple[int, Path]]) -> Iterator[Segmen
         expected, last_ns = number + 1, segment.end_ns or last_ns
 
 
-def _recover_segment(path: Path) -> SegmentRecovery:
+@dataclass(frozen=True, slots=True)
+class _End:
+    """What shows how much a segment held at its end.
+
+    Attributes:
+        start_ns: Earliest log time of the next segment of its series that holds anything; None where none does.
+        before: How many chunks and messages the series holds before the segment with the next number; None where
+            that does not say it.
+        others_ns: Latest log time of the other series; 0 where it has none.
+    """
+
+    start_ns: int | None
+    before: tuple[int, int] | None
+    others_ns: int
+
+
+def _recover_segment(path: Path, end: _End, known: Sequence[Channels]) -> SegmentRecovery:
+    """Make a segment whole.
+
+    Args:
+        path: The file.
+        end: What shows how much it held.
+        known: Channels by what readers see of it, and by other segments, which have the same ids.
+    """
     with _locked(path) as descriptor:
-        found = _examine(descriptor)
+        found = _examine(descriptor, known)
+        _tell_end(found, end)
         if found.is_sound:
             return _outcome(path, "sound", found)
         if not found.is_own and (found.chunks or found.library):
@@ -302,6 +386,27 @@ def _outcome(path: Path, state: str, found: "_SegmentReport") -> SegmentRecovery
     )
 
 
+def _tell_end(found: "_SegmentReport", end: _End) -> None:
+    """Say what is missing at the end of a segment by what was recorded after it."""
+    inside, torn = (
+        [loss for loss in found.losses if loss.to_ns is not None],
+        [loss for loss in found.losses if loss.to_ns is None],
+    )
+    if found.before is not None and end.before is not None and not found.is_recovered:
+        missing = end.before[1] - found.before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
+        if missing <= 0:  # what is torn was written again into the next one
+            found.losses = inside
+        elif all(loss.messages is not None for loss in inside):
+            place = torn[0] if torn else Loss(what=_CUT, from_ns=found.end_ns)
+            found.losses = [*inside, replace(place, what=_CUT, to_ns=end.start_ns, messages=missing)]
+        return
+    to_ns = end.start_ns
+    if to_ns is None and found.end_ns is not None and end.others_ns > found.end_ns + _MOST_UNSYNCED_NS:
+        to_ns = end.others_ns
+    if torn and to_ns is not None and not found.has_end:
+        found.losses = [replace(loss, what=_CUT, to_ns=to_ns) if loss.to_ns is None else loss for loss in found.losses]
+
+
 @dataclass(slots=True)
 class _SegmentReport:
     """What one segment holds, and what it lacks.
@@ -319,6 +424,9 @@ class _SegmentReport:
         channels: All that are defined.
         lacks_definitions: Whether channels are used before they are defined.
         undefined: Ids of channels that are defined nowhere.
+        before: How many chunks and messages the series holds before it, by its own count; None where it has none.
+        all_messages: In chunks that are whole, on whatever channels.
+        has_end: Whether the data is known to end where the file says so.
     """
 
     messages: int = 0
@@ -333,10 +441,18 @@ class _SegmentReport:
     channels: Channels = field(default_factory=Channels)
     lacks_definitions: bool = False
     undefined: set[int] = field(default_factory=set)
+    before: tuple[int, int] | None = None
+    all_messages: int = 0
+    has_end: bool = False
+
+    @property
+    def is_recovered(self) -> bool:
+        """Whether it was made whole before, and says what it lost then."""
+        return any(name == RECOVERED_NAME for name, _ in self.metadata)
 
 
-def _examine(descriptor: int) -> _SegmentReport:
-    """Read a segment from its beginning to its end.
+def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
+    """Read a segment from its beginning to its end; channels that it does not define are taken from ``known``.
 
     Raises:
         OSError: It cannot be read.
@@ -344,9 +460,13 @@ def _examine(descriptor: int) -> _SegmentReport:
     scanner, found = ChunkScanner(descriptor), _SegmentReport()
     used: Counter[int] = Counter()
     defined: set[int] = set()
+    rebuilt = Summary("", "", (), {}, {})
     for item in scanner.items():
         if isinstance(item, WholeChunk):
+            found.metadata = [(each.name, each.metadata) for each in scanner.metadata]
+            _count_lost(found, item)
             _add(found, item, used, defined)
+            rebuilt.add(item.offset, item.chunk)
             continue
         found.is_sound = False
         is_beginning = item.offset == 0 and not item.is_torn
@@ -355,9 +475,17 @@ def _examine(descriptor: int) -> _SegmentReport:
             found.losses.append(Loss(what=_message(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
     if not scanner.has_end and not any(loss.to_ns is None for loss in found.losses):
         found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
-    found.channels = scanner.channels
+    found.channels, found.has_end = scanner.channels, scanner.has_end
+    found.is_sound &= rebuilt.indexes == scanner.indexes and scanner.stated_messages == found.messages
     if scanner.stated_messages is not None:
         found.losses = _counted(found.losses, scanner.stated_messages - found.messages)
+    for channels in known:
+        for identity in used.keys() & channels.records.keys() - found.channels.by_id.keys():
+            record = channels.records[identity]
+            if record.schema_id in channels.schemas:
+                found.channels.add(channels.schemas[record.schema_id])
+            found.channels.add(record)
+            found.lacks_definitions = True
     _leave_undefined(found, used)
     found.is_sound &= scanner.is_whole and not found.lacks_definitions
     _tell_maker(found, scanner)
@@ -370,12 +498,31 @@ def _message(bad: DamagedBytes) -> str:
     return f"a damaged chunk ({bad.why})" if bad.is_chunk else f"damaged bytes ({bad.why})"
 
 
+def _count_lost(found: _SegmentReport, item: WholeChunk) -> None:
+    """See by the count before a chunk what is missing before it."""
+    if item.before is None or found.is_recovered:
+        return
+    if found.before is None:
+        if not found.losses:
+            found.before = item.before[0] - found.chunks, item.before[1] - found.all_messages
+        return
+    known = sum(loss.messages or 0 for loss in found.losses)
+    missing = item.before[1] - found.before[1] - found.all_messages - known
+    if not found.losses or found.losses[-1].messages is not None:
+        if missing <= 0:
+            return
+        found.is_sound = False
+        found.losses.append(Loss(what=_GONE, from_ns=found.end_ns))
+    found.losses[-1] = replace(found.losses[-1], messages=max(missing, 0))
+
+
 def _add(found: _SegmentReport, item: WholeChunk, used: Counter[int], defined: set[int]) -> None:
     chunk = item.chunk
     defined |= item.defines
     found.lacks_definitions |= not chunk.counts.keys() <= defined
     found.is_sound &= item.is_as_built
     found.messages += chunk.messages
+    found.all_messages += chunk.messages
     found.chunks += 1
     used.update(chunk.counts)
     if chunk.counts:
@@ -443,7 +590,7 @@ def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
     metadata = list(found.metadata)
     if found.losses:
         said = {f"loss {number}": loss.what for number, loss in enumerate(found.losses)}
-        metadata.append((_RECOVERED_NAME, {"software": SOFTWARE, **said}))
+        metadata.append((RECOVERED_NAME, {"software": SOFTWARE, **said}))
     summary = Summary(PROFILE, found.library or SOFTWARE, metadata, found.channels.schemas, found.channels.records)
     file.write(summary.header)
     front = (
@@ -456,6 +603,8 @@ def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
         chunk = item.chunk
         if front or not found.undefined.isdisjoint(chunk.counts):
             chunk, front = _rewritten(item, front, found.undefined), b""
+        if item.before is not None:
+            file.write(count_record(*item.before))
         offset = file.size
         for part in (chunk.head, chunk.content, chunk.indexes):
             file.write(part)

@@ -5,11 +5,15 @@ from aerodft.adapters.recording.write.recorder import McapRecorder, RecordingTot
 from aerodft.adapters.recording.write.records import image_sequence
 from aerodft.adapters.recording.write.segment import (
     CONFIG_NAME,
+    COUNT_BYTES,
+    COUNT_NAME,
     METADATA_NAME,
     MOST_INDEX_BYTES,
     PROFILE,
+    RECOVERED_NAME,
     SegmentFile,
     Summary,
+    count_record,
     index_bytes,
     pieces,
     sync_folder,

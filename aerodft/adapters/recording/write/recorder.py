@@ -6,8 +6,10 @@ logged at their arrival, in order of arrival; outputs at the tick that made them
 """
 
 import logging
+import os
+import secrets
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -15,11 +17,11 @@ from typing import TypeAlias
 import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-from aerodft.adapters.recording.channels import STATION_KEY, Channel, protobuf_channel
+from aerodft.adapters.recording.channels import RECORDING_KEY, STATION_KEY, Channel, protobuf_channel
 from aerodft.adapters.recording.write.foxglove import camera_calibration
 from aerodft.adapters.recording.write.image_writer import ImageWriter, RecorderSettings, image_channels
 from aerodft.adapters.recording.write.records import Record, RecordEncoder, warm_up
-from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME
+from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME, sync_folder
 from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter, SegmentedWriterSettings
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.status import StationStatus
@@ -82,6 +84,7 @@ class RecordingTotals:
 
 # What waits for the disk takes about so much: an image's pose and measurements, anything else that is made, a frame.
 _IMAGE_BYTES, _OUTPUT_BYTES, _INPUT_BYTES = 8000, 4000, 128
+_ID_BYTES = 16
 _LOSSLESS_QUEUE_BYTES = 16 << 20  # of data may wait for the disk before who brings more waits as well
 # Allocated ahead: once images have filled the disk there is room for minutes of data.
 _SPARE_DATA_BYTES, _SPARE_IMAGE_BYTES = 16 << 20, 4 << 20
@@ -118,7 +121,9 @@ class McapRecorder:
         _prepare(folder)
         try:
             for name, text in (texts or {}).items():
-                (folder / name).write_text(text, encoding="utf-8")
+                _write_synced(folder / name, text)
+            with suppress(OSError):  # a folder above that may not be read
+                sync_folder(folder.resolve().parent)
             metadata = _metadata(settings, texts or {})
             self._data = self._writer("data", metadata, self._encoder.channels, self._first_data)
             try:
@@ -219,6 +224,8 @@ class McapRecorder:
             stem=stem,
             metadata=metadata,
             channels=channels,
+            recording=metadata[METADATA_NAME][RECORDING_KEY],
+            lossless=self._settings.lossless,
             compress=is_data,
             segment_bytes=self._settings.segment_bytes,
             segment_s=self._settings.segment_s,
@@ -256,13 +263,26 @@ class McapRecorder:
 
 
 def _metadata(settings: RecorderSettings, texts: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """What every segment says of itself: who made it, with which configuration, with which camera."""
+    """What every segment says of itself: its recording's id, who made it, with which configuration and camera."""
     camera = settings.camera
+    recording = secrets.token_hex(_ID_BYTES)
     return {
-        METADATA_NAME: {STATION_KEY: settings.station, "software": SOFTWARE},
+        METADATA_NAME: {STATION_KEY: settings.station, "software": SOFTWARE, RECORDING_KEY: recording},
         **({CONFIG_NAME: dict(texts)} if texts else {}),
         "camera": {each.name: _as_text(getattr(camera, each.name)) for each in fields(camera)},
     }
+
+
+def _write_synced(path: Path, text: str) -> None:
+    """Write a file that a power cut does not leave empty.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    with path.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def _as_text(value: object) -> str:

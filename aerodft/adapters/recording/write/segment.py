@@ -248,6 +248,11 @@ class Summary:
         self._bytes += index_bytes(chunk)
         self.messages += chunk.messages
 
+    @property
+    def indexes(self) -> list[ChunkIndex]:
+        """The index of the chunks, in order."""
+        return self._indexes
+
     def attach(self, offset: int, length: int, attachment: Attachment, data_bytes: int) -> None:
         """Take note of an attachment that is in the file, in a record of ``length`` bytes, ``data_bytes`` its own."""
         self._attachment_indexes.append(
@@ -336,9 +341,21 @@ def _chunk_index(offset: int, chunk: EncodedChunk) -> ChunkIndex:
 
 METADATA_NAME = "aerodft"
 CONFIG_NAME = "config"
+COUNT_NAME: Final = "aerodft.count"
+"""Of the metadata before each chunk: how many chunks and messages the segments of the series hold before it."""
+RECOVERED_NAME: Final = "recovered"
+"""Of the metadata of a segment that was made whole: what it lost."""
 PROFILE = "x-aerodft"
 
 _log = logging.getLogger(__name__)
+
+
+def count_record(chunks: int, messages: int) -> bytes:
+    """What stands before a chunk, always of one length: how many chunks and messages came before it."""
+    return encoded(Metadata(name=COUNT_NAME, metadata={"chunks": f"{chunks:012d}", "messages": f"{messages:015d}"}))
+
+
+COUNT_BYTES: Final = len(count_record(0, 0))
 
 
 class Segment:
@@ -415,14 +432,22 @@ class Segment:
         """By how much it may grow at the very most."""
         return min(2 * self._segment_bytes, self._file.most_bytes) - self._needed(0)
 
-    def reserve(self, bytes_more: int) -> None:
-        """Make sure that there is room for so much, and for the end of the file behind it."""
-        self._file.reserve(self._needed(bytes_more), self._spare_bytes)
+    @property
+    def chunks(self) -> int:
+        """Chunks in the file."""
+        return self._chunks
 
-    def append(self, chunk: EncodedChunk) -> None:
-        """Add a chunk; it is readable as soon as this returns."""
-        offset = self._whole
-        for part in (chunk.head, chunk.content, chunk.indexes):
+    def append(self, chunk: EncodedChunk, before: tuple[int, int]) -> None:
+        """Add a chunk; it is readable as soon as this returns.
+
+        Args:
+            chunk: It.
+            before: How many chunks and messages earlier segments of the series hold.
+        """
+        count = count_record(before[0] + self._chunks, before[1] + self._summary.messages)
+        self._file.reserve(self._needed(len(count) + chunk.size_bytes), self._spare_bytes)
+        offset = self._whole + len(count)
+        for part in (count, chunk.head, chunk.content, chunk.indexes):
             self._file.write(part)
         self._summary.add(offset, chunk)
         self._whole = self._file.size
@@ -473,6 +498,7 @@ class Segment:
             return ()
         if unsynced:
             cut = tuple(self._unsynced)
+            self._chunks -= len(cut)
             self._summary.forget(end)
         if self._file.is_gone:
             self.deleted = self._summary.messages

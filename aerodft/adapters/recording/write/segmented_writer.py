@@ -7,6 +7,7 @@ is room again, and that is counted.
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -15,19 +16,22 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.recording.channels import Channel
+from aerodft.adapters.recording.channels import Channel, id_channel
 from aerodft.adapters.recording.layout import ChunkBuffer, EncodedChunk, Registry, compressor
 from aerodft.adapters.recording.write.records import MessageRows, Record
 from aerodft.adapters.recording.write.segment import Segment, free_bytes, sync_folder
 from aerodft.conventions import SECOND_NS
 
 FLUSH_S = 0.25  # chunks are closed at least every 0.5 s, also where whoever calls `tend` comes late
-RETRY_S = 1.0
+RETRY_S = 0.05  # after the second failure in a row, then twice as long each time
 SYNC_S = 1.0
 _CHUNK_BYTES = 1 << 20
 _LEAST_CHUNK_BYTES = 4096  # with less room than that a segment is full
 _MESSAGE_BYTES = 64  # what a message takes beside its data, in chunk and index, generously
-_CLOSINGS = 3  # of the last segment: what a failure cuts off goes into another one
+_LONGEST_RETRY_S = 1.0
+_MOST_TRIES = 12  # that are waited for where nothing may be lost: seven seconds
+_HELD_BYTES = 32 << 20  # of chunks that wait for a disk that fails
+_CLOSING_S = 0.5  # that a failing disk has to take the last of them
 _UNSYNCED_BYTES = 32 << 20  # beyond it, writing waits for the disk
 _RESUME_BYTES = 512 << 10  # less room is not worth a segment
 
@@ -45,6 +49,8 @@ class SegmentedWriterSettings:
         stem: First part of the file names.
         metadata: Keys and values, by name, that every segment carries.
         channels: Known from the start.
+        recording: Id of the recording, which every chunk carries.
+        lossless: Whether to wait for a disk that fails instead of losing what comes meanwhile.
         compress: Whether chunks are compressed.
         segment_bytes: Size beyond which a new segment begins.
         segment_s: Length of time, by log times, after which a new segment begins.
@@ -55,6 +61,8 @@ class SegmentedWriterSettings:
     stem: str
     metadata: Mapping[str, dict[str, str]] = field(default_factory=dict)
     channels: tuple[Channel, ...] = ()
+    recording: str
+    lossless: bool
     compress: bool
     segment_bytes: int
     segment_s: float
@@ -79,18 +87,22 @@ class SegmentedWriter:
         self._settings = settings
         self._first_records = first_records
         self._registry = Registry()
+        self._id_definition = self._registry.register(id_channel(settings.recording))
         for channel in settings.channels:
             self._registry.register(channel)
         self._compressor = compressor() if settings.compress else None
         self._buffer = ChunkBuffer()
         self._repeated = b""
-        self._segments = self._done = self._own = self._lost = self._offered = 0
+        self._pending: deque[EncodedChunk] = deque()
+        self._segments = self._done_chunks = self._done = self._own = self._lost = self._offered = 0
+        self._failures = 0
         self._retry_s = 0.0
         self._room_bytes, self._until_ns = _CHUNK_BYTES, 0
         self._opened_for_ns: int | None = None
         self._flushed_s = time.monotonic()
         self._syncing = _Syncing(settings.stem)
-        self._segment: Segment | None = self._open()
+        self._segment: Segment | None = None
+        self._segment = self._reopen() or self._open()
 
     @property
     def offered(self) -> int:
@@ -126,9 +138,11 @@ class SegmentedWriter:
         """
         self._offered += 1
         self._opened_for_ns = log_ns
-        if self._segment is None and self._reopen() is None:
-            self._lost += 1
-            return
+        if self._segment is None and self._held_bytes > _HELD_BYTES:
+            self._drain()
+            if self._segment is None:
+                self._lost += 1
+                return
         identity = self._identity(channel)
         self._room_bytes -= len(data) + _MESSAGE_BYTES
         if self._room_bytes < 0 or log_ns >= self._until_ns:
@@ -162,16 +176,29 @@ class SegmentedWriter:
         self._check_sync(wait=False)
         if self._buffer.messages and time.monotonic() >= self._flushed_s + FLUSH_S:
             self._flush()
+        self._drain()
         if self._segment is not None and self._segment.unsynced:
             self._syncing.begin_where_due(self._segment)
 
     def close(self) -> None:
         """Finish the last segment."""
         self._flush()
-        for _ in range(_CLOSINGS):
+        until_s = time.monotonic() + _CLOSING_S
+        while self._segment is not None or self._pending:
             if self._segment is not None:
                 self._finish(self._segment)
+            self._drain()
+            if self._segment is None and self._pending:
+                if time.monotonic() > until_s:
+                    break
+                time.sleep(RETRY_S)
+        self._lost += sum(chunk.messages for chunk in self._pending)
+        self._pending.clear()
         self._syncing.close()
+
+    @property
+    def _held_bytes(self) -> int:
+        return self._buffer.content_bytes + sum(len(chunk.content) for chunk in self._pending)
 
     def _identity(self, channel: Channel) -> int:
         """A channel's id; a new one is defined."""
@@ -209,20 +236,37 @@ class SegmentedWriter:
         buffer = self._buffer
         if not buffer.messages:
             return
-        self._buffer, self._repeated = ChunkBuffer(self._repeated), b""
-        chunk = buffer.build(self._compressor)
-        segment = self._segment or self._reopen()
-        if segment is None:
-            self._lost += chunk.messages
-            return
-        try:
+        self._buffer, self._repeated = self._new_buffer(self._repeated), b""
+        self._pending.append(buffer.build(self._compressor))
+        self._drain()
+        self._measure_room()
+
+    def _new_buffer(self, definitions: bytes) -> ChunkBuffer:
+        return ChunkBuffer(self._id_definition + definitions)
+
+    def _drain(self) -> None:
+        """Write the chunks that wait; after a failure into another segment."""
+        while self._pending:
+            segment = self._segment or self._reopen()
+            if segment is None:
+                if not self._settings.lossless or self._failures >= _MOST_TRIES:
+                    return
+                time.sleep(max(self._retry_s - time.monotonic(), 0.0))
+                continue
             if segment.unsynced_bytes > _UNSYNCED_BYTES:
                 self._check_sync(wait=True)
-            segment.reserve(chunk.size_bytes)
-            segment.append(chunk)
-        except OSError as error:
-            self._give_up(segment, error, (chunk,), unsynced=False)
-        self._measure_room()
+                if segment is not self._segment:
+                    continue
+            try:
+                segment.append(self._pending[0], (self._done_chunks, self._done))
+            except OSError as error:
+                is_hopeless = not segment.has_content and self._failures >= _MOST_TRIES
+                self._give_up(segment, error, unsynced=False)
+                if is_hopeless:
+                    self._lost += self._pending.popleft().messages
+            else:
+                self._pending.popleft()
+                self._failures = 0
 
     def _measure_room(self) -> None:
         """How much may go into the chunk in progress."""
@@ -236,7 +280,7 @@ class SegmentedWriter:
         try:
             place = self._syncing.ended(wait=wait)
         except OSError as error:
-            self._give_up(self._segment, error, (), unsynced=True)
+            self._give_up(self._segment, error, unsynced=True)
         else:
             if place is not None:
                 self._segment.synced(*place)
@@ -252,8 +296,9 @@ class SegmentedWriter:
             written = True
             segment.close()
         except OSError as error:
-            self._give_up(segment, error, (), unsynced=written)
+            self._give_up(segment, error, unsynced=written)
         else:
+            self._done_chunks += segment.chunks
             self._done += segment.messages
             self._segment = None
 
@@ -270,8 +315,7 @@ class SegmentedWriter:
                     raise ValueError(f"{record.channel.topic} is not among the channels")
                 buffer.add(identity, record.log_ns, record.data, record.sequence)
             chunk = buffer.build(self._compressor)
-            segment.reserve(chunk.size_bytes)
-            segment.append(chunk)
+            segment.append(chunk, (self._done_chunks, self._done))
             segment.sync()
             sync_folder(settings.folder)
         except OSError:
@@ -283,49 +327,51 @@ class SegmentedWriter:
         if self._buffer.messages:
             self._repeated = self._registry.definitions
         else:
-            self._buffer, self._repeated = ChunkBuffer(self._registry.definitions), b""
+            self._buffer, self._repeated = self._new_buffer(self._registry.definitions), b""
         self._until_ns = chunk.start_ns + round(settings.segment_s * SECOND_NS)
         return segment
 
     def _reopen(self) -> Segment | None:
+        """Open another segment where it is time to try; None where it is not, or that fails."""
         if time.monotonic() < self._retry_s:
             return None
-        self._retry_s = time.monotonic() + RETRY_S
         try:
             if free_bytes(self._settings.folder) >= _RESUME_BYTES:
                 self._segment = self._open()
                 self._measure_room()
-        except OSError:
-            return None
+        except OSError as error:
+            _log.debug("no segment can be opened: %s", error)
+        if self._segment is None:
+            self._delay()
         return self._segment
 
-    def _give_up(self, segment: Segment, error: OSError, chunks: tuple[EncodedChunk, ...], *, unsynced: bool) -> None:
-        """Leave a segment behind, and write what it does not hold into a new one."""
-        self._syncing.give_up()
-        chunks = self._abandon(segment, unsynced=unsynced) + chunks
-        self._retry_s = 0.0 if segment.has_content else time.monotonic() + RETRY_S
-        again = self._reopen()
-        follows = "what comes is lost until it can" if again is None else "going on in another segment"
-        _log.error("%s: cannot be written (%s); %s", segment.path, error.strerror or repr(error), follows)
-        for index, chunk in enumerate(chunks):
-            try:
-                if again is None:
-                    raise error
-                again.reserve(chunk.size_bytes)
-                again.append(chunk)
-            except OSError:
-                self._lost += sum(each.messages for each in chunks[index:])
-                if again is not None:
-                    self._abandon(again, unsynced=False)
-                return
+    def _delay(self) -> None:
+        """Try again at once after a first failure, and ever later after others."""
+        self._failures += 1
+        wait_s = 0.0 if self._failures == 1 else min(RETRY_S * 2.0 ** (self._failures - 2), _LONGEST_RETRY_S)
+        self._retry_s = time.monotonic() + wait_s
 
-    def _abandon(self, segment: Segment, *, unsynced: bool) -> tuple[EncodedChunk, ...]:
-        """Count what stays in a segment that is given up; returns what does not."""
-        chunks = segment.abandon(unsynced=unsynced)
-        self._done += segment.messages
-        self._lost += segment.deleted
+    def _give_up(self, segment: Segment, error: OSError, *, unsynced: bool) -> None:
+        """Leave a segment behind; what it does not hold waits for another one.
+
+        Args:
+            segment: The one that is open.
+            error: Why.
+            unsynced: Whether what the disk may not have is written again too.
+        """
+        self._syncing.give_up()
+        if segment.has_content:
+            self._pending.extendleft(reversed(segment.abandon(unsynced=unsynced)))
+            self._done += segment.messages
+            self._done_chunks += 0 if segment.deleted else segment.chunks
+            self._lost += segment.deleted
+        else:
+            self._segments -= 1
+            self._own -= segment.messages
+            segment.remove()
         self._segment = None
-        return chunks
+        self._delay()
+        _log.error("%s: cannot be written (%s); going on in another segment", segment.path, error.strerror or error)
 
 
 class _Syncing:

@@ -1,4 +1,4 @@
-"""Elevation models from files (GeoTIFF and what else GDAL reads), laid out around the station; extra ``terrain``.
+"""Elevation models from GeoTIFF files, laid out around the station; extra ``terrain``.
 
 Columns and rows of a raster are integers at the pixels' centres.
 """
@@ -227,9 +227,10 @@ def _opened(path: Path) -> Iterator["DatasetReader"]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a sentence of its own says so
-            dataset = rasterio.open(path)
-        with dataset:
-            yield dataset
+            # One format, and nothing beside the file: others, and sidecar files, name addresses that GDAL would fetch.
+            limits = rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO")
+            with limits, rasterio.open(path.absolute(), driver="GTiff") as dataset:
+                yield dataset
     except RasterioError as error:
         got = looks_like(path)
         hint = "it may be damaged or cut short"

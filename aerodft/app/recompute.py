@@ -240,7 +240,7 @@ def _earlier_provenance(recording: Recording) -> dict[str, Any] | None:
         return None
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise InputError("the file is no TOML", where=recording.folder / PROVENANCE_NAME, got=error) from error
 
 

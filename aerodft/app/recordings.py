@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from aerodft.model import Probe
 
 _WITH_IMAGES: Final = frozenset({ExportFormat.MCAP, ExportFormat.MP4})
-_FOREIGN_SUFFIXES: Final = frozenset({".avi", ".bag", ".kml", ".mkv", ".mov", ".shp", ".webm", ".xlsx"})
 _AMBIGUOUS_SUFFIX: Final = ".json"  # a map, or lines
 
 _log = logging.getLogger(__name__)
@@ -231,8 +230,8 @@ def export_format(form: ExportFormat | str | None, path: Path | None) -> ExportF
     """
     chosen, ending = None if form is None else ExportFormat(form), "" if path is None else path.suffix.lower()
     named = next((each for each in ExportFormat if ending == f".{each}"), None)
-    is_other = ending == _AMBIGUOUS_SUFFIX if chosen is None else named not in {None, chosen}
-    if is_other or ending in _FOREIGN_SUFFIXES:
+    is_json = ending == _AMBIGUOUS_SUFFIX and chosen in {ExportFormat.GEOJSON, ExportFormat.JSONL}
+    if ending and not is_json and (named is None or chosen not in {None, named}):
         got = f"{ending} with `form` {chosen}" if chosen is not None else ending
         expected = f"a name that ends with .{chosen}" if chosen is not None else f"one of .{', .'.join(ExportFormat)}"
         raise UsageError("`path`", got=got, expected=expected)

@@ -6,16 +6,17 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import orjson
 import typer
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
+from rich.text import Text
 
 from aerodft.app.progress import Progress
 from aerodft.cli.option_values import as_typed
-from aerodft.errors import InputError, UsageError
+from aerodft.errors import InputError, UsageError, printable
 
 if TYPE_CHECKING:
     from replay.recordings import LeftOut
@@ -48,14 +49,26 @@ def json_bytes(document: object) -> bytes:
 
 def print_json(document: object) -> None:
     """One JSON document on stdout."""
-    sys.stdout.buffer.write(json_bytes(document))
+    data = json_bytes(document)
+    if sys.stdout.isatty():  # JSON escapes some control characters, a terminal obeys others too
+        text = data.decode()
+        data = "".join(each if each.isprintable() or each == "\n" else f"\\u{ord(each):04x}" for each in text).encode()
+    sys.stdout.buffer.write(data)
     sys.stdout.flush()
+
+
+class _PrintableConsole(Console):
+    """A console that shows control characters in texts as what they are, and obeys none."""
+
+    def render_str(self, text: str, **options: Any) -> Text:  # noqa: ANN401 - the library's own
+        """A text that is to be shown."""
+        return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
 
 
 def tables() -> Console:
     """A console for tables on stdout; names from files are shown as they are, not as markup."""
     is_file = not sys.stdout.isatty() and "COLUMNS" not in os.environ
-    return Console(markup=False, emoji=False, highlight=False, width=_FILE_WIDTH if is_file else None)
+    return _PrintableConsole(markup=False, emoji=False, highlight=False, width=_FILE_WIDTH if is_file else None)
 
 
 def check_output(output: Path | None, inputs: Iterable[Path]) -> None:
@@ -83,7 +96,8 @@ def check_output(output: Path | None, inputs: Iterable[Path]) -> None:
 
 def say(text: str) -> None:
     """A sentence for a person, on stderr."""
-    print(as_typed(text), file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
+    lines = "\n".join(map(printable, text.split("\n")))
+    print(as_typed(lines), file=sys.stderr, flush=True)  # noqa: T201 - the command line speaks on stderr
 
 
 @contextmanager

@@ -14,6 +14,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import orjson
 
+from aerodft.adapters.csv_cell import cell_text
+from aerodft.adapters.file_kind import check_is_no_pipe
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located
@@ -240,6 +242,7 @@ def _read_table(path: Path) -> ComparisonInput:
 def _csv_rows(path: Path) -> Iterator[Item]:
     csv.field_size_limit(1 << 24)  # 64 points with all their digits
     try:
+        check_is_no_pipe(path)
         with path.open(encoding="utf-8", newline="") as file:
             rows = csv.DictReader(file)
             missing = [name for name in _USED if name not in (rows.fieldnames or ())]
@@ -252,6 +255,6 @@ def _csv_rows(path: Path) -> Iterator[Item]:
                     got = "more columns" if None in row else "fewer columns"
                     where, expected = f"{path}, line {rows.line_num}", f"{len(rows.fieldnames or ())}"
                     raise InputError("a row is not whole", where=where, got=got, expected=expected)
-                yield row
+                yield {**row, "name": cell_text(row["name"])}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError("the table cannot be read", where=path, got=error) from error

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import orjson
 
+from aerodft.adapters.csv_cell import csv_cell
 from aerodft.adapters.wire.payload import LATEST_NS, load_bounded_json
 from aerodft.errors import InputError
 from aerodft.model import ProbeKind
@@ -334,7 +335,7 @@ def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
         for name in _LISTS:
             value = row[name]
             row[name] = None if value is None else orjson.dumps(value).decode()
-        yield writer.writerow(row.values())
+        yield writer.writerow([value if name in _LISTS else csv_cell(value) for name, value in row.items()])
 
 
 def _geojson(payloads: Iterable[bytes]) -> Iterator[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.config.tables import impossible
-from aerodft.adapters.file_kind import content_looks_like, looks_like
+from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
 from aerodft.conventions import LARGEST
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import FloatArray
@@ -110,6 +110,7 @@ def load_covariance(path: Path) -> FloatArray:
         InputError: Missing, unreadable, or none; see ``checked_covariance``.
     """
     try:
+        check_is_no_pipe(path)
         data = path.read_bytes()
     except OSError:
         raise InputError("the covariance cannot be read", where=path, got=looks_like(path), expected=_ROWS) from None

@@ -3,12 +3,12 @@
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Final, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from aerodft.adapters.config.tables import Table
-from aerodft.adapters.file_kind import content_looks_like, looks_like
+from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
 from aerodft.errors import ConfigError
 
 TableT = TypeVar("TableT", bound=Table)
@@ -49,6 +49,10 @@ _EXPECTED = {
 }
 
 
+_INTEGER_BITS: Final = 64
+_INTEGERS: Final = "one of 64 bits"
+
+
 def read_bytes(path: Path) -> bytes:
     """The bytes of a configuration file.
 
@@ -56,6 +60,7 @@ def read_bytes(path: Path) -> bytes:
         ConfigError: Missing, a folder, unreadable, or too large.
     """
     try:
+        check_is_no_pipe(path)
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
     except FileNotFoundError:
@@ -84,11 +89,24 @@ def parse_toml(data: bytes, where: str) -> dict[str, Any]:
         raise ConfigError("not a text file", where=where, got=content_looks_like(data), expected="TOML") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"TOML syntax: {error}", where=where, hint="correct that line") from None
+    except ValueError:  # more digits than Python converts
+        raise ConfigError("TOML syntax: an integer of too many digits", where=where, expected=_INTEGERS) from None
     except RecursionError:
         raise ConfigError("TOML syntax: too many brackets within each other", where=where) from None
+    if _has_huge_integer(document):
+        raise ConfigError("TOML: an integer that is too large", where=where, expected=_INTEGERS)
     if not document:
         raise ConfigError("holds no keys", where=where, got=content_looks_like(data), expected="TOML tables and keys")
     return document
+
+
+def _has_huge_integer(value: object) -> bool:
+    """Whether an integer is in it that TOML does not have, in base 16 of any length."""
+    if isinstance(value, dict):
+        return any(map(_has_huge_integer, value.values()))
+    if isinstance(value, list):
+        return any(map(_has_huge_integer, value))
+    return isinstance(value, int) and value.bit_length() >= _INTEGER_BITS
 
 
 def validated(model: type[TableT], document: object, where: str, prefix: str = "") -> TableT:

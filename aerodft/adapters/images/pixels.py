@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
 from aerodft.errors import InputError
 from aerodft.model import Camera, Image, ImageArray
 
@@ -71,6 +71,7 @@ def read_still(path: Path, expected: str = "") -> ImageArray:
         InputError: It cannot be read, or is no image.
     """
     try:
+        check_is_no_pipe(path)
         data = path.read_bytes()
     except OSError as error:
         raise InputError("the image cannot be read", where=path, got=error.strerror, expected=expected) from error
@@ -188,12 +189,21 @@ def decode_jpeg(data: bytes, where: str, most_px: int | None = None) -> ImageArr
     return pixels
 
 
+_MOST_PIXELS: Final = 1 << 28
+"""Of an image: a gigabyte in memory, more than any aerial camera has; a header of some bytes can claim any number."""
+
+
 def _decoded(data: bytes) -> ImageArray | None:
     """An image file's pixels ``(height, width, 3)`` uint8 BGR, as stored; None where it is damaged."""
     import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
 
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
+    if not data or _pixels_of(data) > _MOST_PIXELS:
+        return None
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error:  # a header that claims more than OpenCV believes
+        return None
     return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
 
 
@@ -203,10 +213,10 @@ def _pixels_of(data: bytes) -> int:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", PillowImage.DecompressionBombWarning)
+            warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
             with PillowImage.open(BytesIO(data)) as image:
                 return image.width * image.height
-    except (PillowImage.DecompressionBombWarning, PillowImage.DecompressionBombError):
-        return PillowImage.MAX_IMAGE_PIXELS or 0
+    except PillowImage.DecompressionBombError:
+        return _MOST_PIXELS + 1
     except (OSError, SyntaxError):
         return 0

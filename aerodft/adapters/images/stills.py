@@ -12,7 +12,7 @@ from pathlib import Path
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
 from aerodft.adapters.images.pixels import STILLS, StillPixels
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
 from aerodft.conventions import SECOND_NS
@@ -137,6 +137,7 @@ def still_mode(path: Path) -> tuple[CameraMode, tuple[int, int] | None]:
         The mode; and width and height in pixels when it was taken, None where EXIF does not say.
     """
     try:
+        check_is_no_pipe(path)
         with PillowImage.open(path) as image:
             exif = image.getexif()
             taken = exif.get_ifd(IFD.Exif)
@@ -272,6 +273,7 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None) -> li
 
 def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None) -> _Still | None:
     try:
+        check_is_no_pipe(path)
         with PillowImage.open(path) as image:
             width_px, height_px = image.size
             found = exif_stamp_ns(image, utc_offset) if pattern is None else None
@@ -291,6 +293,7 @@ def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None
 
 def _pixels(path: Path) -> StillPixels | None:
     try:
+        check_is_no_pipe(path)
         data = path.read_bytes()
     except OSError as error:
         _LOG.warning("%s: left out, %s", path, error.strerror)

@@ -24,6 +24,7 @@ from typing import Any, Final, Self
 import numpy as np
 import orjson
 
+from aerodft.adapters.file_kind import check_is_no_pipe
 from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
 from aerodft.errors import ConfigError, InputError
 from aerodft.service import RADIO_STATUS, SigningSettings
@@ -333,6 +334,7 @@ def load_key(path: Path) -> bytes:
         ConfigError: It is missing, unreadable, empty or no text.
     """
     try:
+        check_is_no_pipe(path)
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
         if path.stat().st_mode & _OTHERS:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from aerodft.adapters.file_kind import check_is_no_pipe
 from aerodft.adapters.wire.payload import load_object, stamp_from
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
@@ -55,6 +56,7 @@ def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = No
     """
     observations: list[Observation] = []
     try:
+        check_is_no_pipe(path)
         with path.open("rb") as lines:
             for number, line in enumerate(iter(lambda: lines.readline(_MAX_LINE_BYTES), b""), start=1):
                 if line.strip():

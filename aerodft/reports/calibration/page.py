@@ -15,6 +15,7 @@ import numpy as np
 
 from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.config.evidence import EvidenceFile, takes_degrees
+from aerodft.adapters.csv_cell import csv_cell
 from aerodft.adapters.images import StillPixels
 from aerodft.dft import INTRINSICS
 from aerodft.errors import InputError
@@ -200,7 +201,7 @@ def _residual_table(rows: Sequence[Row]) -> str:
         numbers = (*seen.tolist(), *off.tolist(), row.left.px, row.left.sigma, row.range_m)
         ground = (row.left.ground_m, row.left.loo_ground_m)
         outlier = "yes" if row.left.is_outlier else "no"
-        writer.writerow([row.mark.name, row.mark.kind, *map(_number, (*numbers, *ground)), outlier])
+        writer.writerow([csv_cell(row.mark.name), row.mark.kind, *map(_number, (*numbers, *ground)), outlier])
     return file.getvalue()
 
 

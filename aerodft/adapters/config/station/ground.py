@@ -25,7 +25,7 @@ from aerodft.adapters.config.tables import (
     si_value,
     to_deg,
 )
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import Ground, Plane, east_north
 from aerodft.model import GeoOrigin
@@ -159,6 +159,7 @@ def _fingerprint(path: Path, expected: str | None, where: str) -> str:
     """SHA-256 of a file, which is ``expected`` where something is."""
     wanted = "a GeoTIFF elevation model" if expected is None else f"the elevation model with sha256 {expected}"
     try:
+        check_is_no_pipe(path)
         with path.open("rb") as file:
             found = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:

@@ -19,6 +19,7 @@ from aerodft.adapters.config.tables import (
     NonNegative,
     Order,
     Positive,
+    Rate,
     Real,
     RollDeg,
     SiAttribute,
@@ -117,7 +118,7 @@ class AttitudeTable(Table):
     ] = "auto"
     delay_s: Annotated[Duration, SiAttribute(out=lambda delay_ns: to_s(delay_ns) or None)] = 0.0
     lag_s: Duration = 0.3
-    slew_dps: Positive = 60.0
+    slew_dps: Rate = 60.0
     max_gap_s: Gap = 1.0
     tilt_std_deg: Annotated[NonNegative, SiAttribute("std.tilt_deg")] = 1.0
     pan_std_deg: Annotated[NonNegative, SiAttribute("std.pan_deg")] = 1.0

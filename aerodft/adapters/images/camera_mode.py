@@ -8,6 +8,7 @@ from typing import Final
 
 from PIL import Image as PillowImage
 
+from aerodft.adapters.file_kind import check_is_no_pipe
 from aerodft.adapters.images.stills import image_size_and_mode, still_mode
 from aerodft.errors import InputError
 from aerodft.model import Camera, CameraMode, CameraStd
@@ -146,6 +147,7 @@ def _wrong_mode(where: object, got: str, expected: str) -> InputError:
 
 def _doubts(path: Path, camera: Camera) -> Iterator[str]:
     try:
+        check_is_no_pipe(path)
         with PillowImage.open(path) as image:
             size_px = image.size
     except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError):

@@ -161,6 +161,7 @@ def image_size_and_mode(path: Path) -> tuple[tuple[int, int], CameraMode]:
         InputError: It is none.
     """
     try:
+        check_is_no_pipe(path)
         with PillowImage.open(path) as image:
             size_px = image.size
     except UNREADABLE as error:

@@ -20,6 +20,7 @@ from aerodft.errors import InputError, NoAnswerError, UsageError, located
 from replay.compare import MAX_STAMP_GAP_S, Comparison, PairBy, compare_measurements, parse_tolerance
 from replay.export import (
     COLUMNS,
+    TEXT_FORMATS,
     ExportFormat,
     Kind,
     ParquetRows,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from aerodft.model import Probe
 
 _WITH_IMAGES: Final = frozenset({ExportFormat.MCAP, ExportFormat.MP4})
+_ANY_TEXT: Final = ".txt"
 _AMBIGUOUS_SUFFIX: Final = ".json"  # a map, or lines
 
 _log = logging.getLogger(__name__)
@@ -231,7 +233,8 @@ def export_format(form: ExportFormat | str | None, path: Path | None) -> ExportF
     chosen, ending = None if form is None else ExportFormat(form), "" if path is None else path.suffix.lower()
     named = next((each for each in ExportFormat if ending == f".{each}"), None)
     is_json = ending == _AMBIGUOUS_SUFFIX and chosen in {ExportFormat.GEOJSON, ExportFormat.JSONL}
-    if ending and not is_json and (named is None or chosen not in {None, named}):
+    is_text = ending == _ANY_TEXT and chosen in TEXT_FORMATS
+    if ending and not is_json and not is_text and (named is None or chosen not in {None, named}):
         got = f"{ending} with `form` {chosen}" if chosen is not None else ending
         expected = f"a name that ends with .{chosen}" if chosen is not None else f"one of .{', .'.join(ExportFormat)}"
         raise UsageError("`path`", got=got, expected=expected)

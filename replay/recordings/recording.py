@@ -139,7 +139,7 @@ class Recording:
         own = next((each for each, _ in ids.most_common() if each is not None), None)
         if own is None:
             return
-        allowed: set[str | None] = {own}
+        allowed: set[str | None] = {own, None}  # who does not say whose it is may be read
         if self.text(PROVENANCE_NAME) is not None:  # images are copied from the recording that it was computed from
             allowed |= {owners[segment.path] for segment in self.images if segment.chunks}
 

@@ -119,7 +119,7 @@ class Uncertain(Table, Generic[Quantity]):
 
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, ge=1e-9, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
 Rate = Annotated[float, Field(gt=0, ge=0.01, le=LARGEST)]
 Focal = Annotated[float, Field(gt=1e-18, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]

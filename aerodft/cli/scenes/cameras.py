@@ -22,7 +22,7 @@ def cameras(
 ) -> None:
     r"""List the cameras of the library, or those of a name or an image, and write a camera file.
 
-    Focal lengths are from public facts, which are named, with a standard deviation of 1.5 to 6 %.
+    Focal lengths are from public facts, with a standard deviation of 1.5 to 6 %; `--json` names the sources.
 
     \b
     Example:
@@ -41,12 +41,12 @@ def cameras(
     if json:
         print_json([_document(each) for each in found])
     elif output is None:
-        table = Table("camera", "EXIF model", "mode", "size, px", "focal length, px", "std", "source")
+        table = Table("camera", "mode", "size, px", "focal, px", "std")
         for each in found:
             row = _document(each)
             size, focal = f"{row['width_px']} x {row['height_px']}", f"{row['fx_px']:.0f}"
             std = f"{row['std_percent']:.1f} %"
-            table.add_row(each.name, str(row["device"]), each.kind, size, focal, std, each.source)
+            table.add_row(each.name, each.kind, size, focal, std)
         tables().print(table)
 
 

@@ -221,7 +221,7 @@ def _recover_series(
     )
     for place, (number, path) in enumerate(paths):
         scan, later = scans[path], [scans[each] for _, each in paths[place + 1 :]]
-        if stem == "data" and own is not None and owners.get(path, own) != own:
+        if stem == "data" and own is not None and owners.get(path) not in (None, own):
             whose = f"recording {owners[path]}" if owners[path] else "another recording"
             loss = Loss(what=f"it belongs to {whose}, not to {own}", from_ns=last_ns)
             yield SegmentRecovery(name=path.name, state="foreign", losses=(loss,))

@@ -457,13 +457,13 @@ class _About:
         self._is_own = header.profile == PROFILE and header.library.startswith(_OWN_LIBRARY)
 
     def take(self, metadata: Metadata) -> None:
-        """Take one of its metadata records."""
+        """Take one of its metadata records; of several, as in a merged file, the first says what it is."""
         if metadata.name == METADATA_NAME:
-            self.station = metadata.metadata.get(STATION_KEY)
+            self.station = self.station or metadata.metadata.get(STATION_KEY)
             if self._is_own:
                 self.recording = metadata.metadata.get(RECORDING_KEY)
         elif metadata.name == CONFIG_NAME:
-            self.texts = dict(metadata.metadata)
+            self.texts = self.texts or dict(metadata.metadata)
         elif metadata.name == RECOVERED_NAME:
             self.is_recovered = True
 

@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -17,18 +18,26 @@ from aerodft.adapters.recording.recover import Recovery, is_recording, recording
 from aerodft.app.assembly import recorded_station
 from aerodft.app.incomplete_input import left_out_document
 from aerodft.errors import InputError, NoAnswerError, UsageError, located
+from aerodft.reports.river_folder import is_river_folder, read_river_folder
 from replay.compare import MAX_STAMP_GAP_S, Comparison, PairBy, compare_measurements, parse_tolerance
 from replay.export import (
     COLUMNS,
+    MAP_FORMATS,
     TEXT_FORMATS,
     ExportFormat,
     Kind,
+    MapCrs,
+    MapFeature,
     ParquetRows,
     arrow_table,
     export_text,
+    geojson_text,
+    map_features,
     merge_segments,
     parsed,
     row_of,
+    write_geopackage,
+    write_kml,
     write_video,
 )
 from replay.recordings import LeftOut, Recording
@@ -193,18 +202,25 @@ def export(
     path: str | Path,
     *,
     form: ExportFormat | str | None = None,
+    crs: str | None = None,
     overwrite: bool = False,
 ) -> ExportSummary:
     """Write a recording's measurements as a table or a map, its segments as one file, or its images as a video.
 
+    A GeoPackage has a layer for each kind of thing and a style that QGIS takes up. Where nobody said where the camera
+    stands it is in local metres, and says so; KML has no such thing, and features of GeoJSON then have no geometry.
+
     Args:
-        recording: An open recording, or its path.
+        recording: An open recording or its path; or for a map a river's folder, as ``RiverSurvey.save`` writes it.
         path: The file.
-        form: ``csv``, ``parquet``, ``geojson``, ``jsonl``, ``mcap`` or ``mp4``; None for the file's ending, or csv.
+        form: ``csv``, ``parquet``, ``geojson``, ``gpkg``, ``kml``, ``jsonl``, ``mcap`` or ``mp4``; None for the file's
+            ending, or csv.
+        crs: Of a GeoPackage or GeoJSON: a number of EPSG, such as ``EPSG:25832``; None for WGS84.
         overwrite: Whether a file that exists is replaced.
 
     Raises:
-        UsageError: The file's ending says another format, or it would be one of the recording's segments.
+        UsageError: The file's ending says another format, it would be one of the recording's segments, or ``crs`` is
+            none, of no map, or of what has no place.
         InputError: The recording is damaged, the file exists or cannot be written, or an extra is not installed.
         NoAnswerError: The recording holds no measurement, or for a video no image.
 
@@ -213,22 +229,39 @@ def export(
         >>> ad.export("tests/cli/frozen-0.1", "widths.geojson").counts
         {'measurements': 118}
     """
+    path, form = Path(path), export_format(form, Path(path), crs)
+    if isinstance(recording, str | Path) and is_river_folder(Path(recording)):
+        return _export_river(Path(recording), path, form, crs=crs, overwrite=overwrite)
     opened = recording if isinstance(recording, StationRecording) else open_recording(recording)
-    path, form = Path(path), export_format(form, Path(path))
     if path.suffix == ".mcap" and path.resolve().parent == opened.path.resolve():
         got = f"{path.name} among the recording's own segments"
         raise UsageError("`path`", got=got, expected="a file elsewhere", hint="it would be read as one of them")
     with whole_file(path, overwrite=overwrite) as partial, located(opened.path):
-        counts = _write(opened.reader, form, partial)
+        counts = _write(opened.reader, form, partial, crs)
     left_out = opened.reader.left_out(images=form in _WITH_IMAGES)
     return ExportSummary(file=path, format=form, counts=counts, left_out=left_out)
 
 
-def export_format(form: ExportFormat | str | None, path: Path | None) -> ExportFormat:
+def _export_river(folder: Path, path: Path, form: ExportFormat, *, crs: str | None, overwrite: bool) -> ExportSummary:
+    """Write the map of a river's folder."""
+    if form not in MAP_FORMATS:
+        expected = f"a map: .{', .'.join(sorted(MAP_FORMATS))}"
+        raise UsageError("`form` of a river's folder", got=form, expected=expected, hint="transects.csv is its table")
+    river = read_river_folder(folder)
+    if river.is_local and form is ExportFormat.GEOJSON:
+        hint = "write .gpkg, or say `lat_deg` and `lon_deg` to the survey"
+        raise UsageError("a river in local metres", where=folder, expected="a place: GeoJSON has no metres", hint=hint)
+    system = _map_crs(crs, form, folder, is_local=river.is_local)
+    with whole_file(path, overwrite=overwrite) as partial:
+        counts = _write_map(partial, river.features, form, system)
+    return ExportSummary(file=path, format=form, counts=counts, left_out=LeftOut())
+
+
+def export_format(form: ExportFormat | str | None, path: Path | None, crs: str | None = None) -> ExportFormat:
     """The format that was chosen, or else what the file's ending says.
 
     Raises:
-        UsageError: The ending says another.
+        UsageError: The ending says another, or there is a ``crs`` for what is no map of one's own choice.
     """
     chosen, ending = None if form is None else ExportFormat(form), "" if path is None else path.suffix.lower()
     named = next((each for each in ExportFormat if ending == f".{each}"), None)
@@ -238,28 +271,85 @@ def export_format(form: ExportFormat | str | None, path: Path | None) -> ExportF
         got = f"{ending} with `form` {chosen}" if chosen is not None else ending
         expected = f"a name that ends with .{chosen}" if chosen is not None else f"one of .{', .'.join(ExportFormat)}"
         raise UsageError("`path`", got=got, expected=expected)
-    return chosen or named or ExportFormat.CSV
+    found = chosen or named or ExportFormat.CSV
+    if crs is not None and found not in MAP_FORMATS - {ExportFormat.KML}:
+        why = "KML is in WGS84" if found is ExportFormat.KML else "a table's latitudes and longitudes are of WGS84"
+        raise UsageError(f"`crs` for {found}", expected="a GeoPackage or GeoJSON", hint=why)
+    if crs is not None:
+        MapCrs.from_epsg(crs)
+    return found
 
 
-def exported_text(recording: StationRecording, form: ExportFormat) -> Iterator[str]:
+def exported_text(recording: StationRecording, form: ExportFormat, crs: str | None = None) -> Iterator[str]:
     """A recording's measurements as text, piece by piece.
 
     Raises:
+        UsageError: The ``crs`` is none, or nothing in the recording has a place.
         InputError: A measurement is damaged.
         NoAnswerError: There is none.
     """
+    reader = recording.reader
     with located(recording.path):
-        yield from export_text(_payloads(recording.reader), form)
+        yield from export_text(_payloads(reader), form, _recorded_crs(reader, form, crs))
 
 
-def _write(recording: Recording, form: ExportFormat, path: Path) -> dict[str, int]:
+def _recorded_crs(recording: Recording, form: ExportFormat, crs: str | None) -> MapCrs | None:
+    """What a recording's map is in; None for what is no map.
+
+    Raises:
+        UsageError: The ``crs`` is none, or it or KML is wanted and nothing in the recording has a place.
+    """
+    if form not in MAP_FORMATS:
+        return None
+    items = map(parsed, recording.measurements())
+    is_local = not any(item.get("geo") for item in items)
+    system = _map_crs(crs, form, recording.folder, is_local=is_local)
+    if is_local and form is ExportFormat.GEOJSON:
+        _log.warning("%s: no place is known, and GeoJSON has no metres: write .gpkg for a map", recording.folder)
+        return MapCrs.wgs84()
+    return system
+
+
+def _map_crs(crs: str | None, form: ExportFormat, where: Path, *, is_local: bool) -> MapCrs:
+    """The system that was chosen; local metres where there is no place, which has to be meant."""
+    if is_local and (crs is not None or form is ExportFormat.KML):
+        what = "`crs`" if crs is not None else "KML"
+        hint = "nobody said where the camera stands; write .gpkg without `crs`, in local metres"
+        raise UsageError(f"{what} for local metres", where=where, hint=hint)
+    if is_local:
+        return MapCrs.local()
+    return MapCrs.wgs84() if crs is None else MapCrs.from_epsg(crs)
+
+
+def _write_map(path: Path, features: Iterable[MapFeature], form: ExportFormat, crs: MapCrs) -> dict[str, int]:
+    """Write a map, and count what is in each of its layers."""
+    if form is ExportFormat.GPKG:
+        return write_geopackage(path, features, crs)
+    if form is ExportFormat.KML:
+        return write_kml(path, features)
+    counts: Counter[str] = Counter()
+
+    def counted() -> Iterator[MapFeature]:
+        for feature in features:
+            counts[feature.layer] += 1
+            yield feature
+
+    with path.open("w", encoding="utf-8") as file:
+        file.writelines(geojson_text(counted(), crs))
+    return dict(counts)
+
+
+def _write(recording: Recording, form: ExportFormat, path: Path, crs: str | None) -> dict[str, int]:
     """Write the file, and count what is in it."""
     if form is ExportFormat.MCAP:
         merged = merge_segments(recording, path)
         return {"messages": merged.messages, "attachments": merged.attachments}
     if form is ExportFormat.MP4:
         return asdict(write_video(recording, path))
-    payloads = _payloads(recording)
+    payloads, system = _payloads(recording), _recorded_crs(recording, form, crs)
+    if system is not None:
+        features = map_features(payloads, is_local=system.crs is None)
+        return {"measurements": sum(_write_map(path, features, form, system).values())}
     if form is ExportFormat.PARQUET:
         with ParquetRows(path) as rows:
             rows.add(payloads)

@@ -38,7 +38,7 @@ COMMANDS: Final = {
     "recompute": "Compute one recording's measurements anew, or those of many.",
     "recover": "Make a recording whole whose recorder was killed or whose files were damaged.",
     "compare": "Compare two recordings measurement by measurement.",
-    "export": "Write a recording as CSV, Parquet, GeoJSON, one MCAP file or an annotated video.",
+    "export": "Write a recording as a table, a map, one MCAP file or an annotated video; a river as a map.",
     "frames": "Write stills of a recording or a video, to read pixels in.",
     "sync": "Align a video with a log: offset and drift of the clocks, lag of the gimbal.",
     "calibrate-lens": "Find a lens's focal length, centre and distortion from images of a board.",

@@ -38,6 +38,12 @@ from matplotlib.ticker import MaxNLocator
 
 _LOG: Final = logging.getLogger(__name__)
 _JSON: Final = orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2
+_MAP, _LOCAL_MAP = "footprint.geojson", "footprint_local.json"
+_LOCAL: Final = {
+    "schema": "aerodft.footprint_local/1",
+    "unit": "m",
+    "axes": "X right, Y ahead of the camera, from the ground below it",
+}
 
 FARTHEST_HEIGHTS: Final = 100.0
 """Ground farther than so many camera heights is left out where the setup has no maximum range.
@@ -205,7 +211,10 @@ def depth_sentences(document: dict[str, Any]) -> Iterator[str]:
 def write_depth(
     setup: Setup, sample: PoseSample, folder: Path, image: Path | None, step_m: float | None = None
 ) -> dict[str, Any]:
-    """Write depth.npz, depth.png, footprint.geojson and, with an image, its top view.
+    """Write depth.npz, depth.png, the footprint and, with an image, its top view.
+
+    The footprint is footprint.geojson in WGS84; where nobody said where the camera stands, footprint_local.json in
+    metres, as GeoJSON has none.
 
     Args:
         setup: The camera, the ground and the maximum range, without which ``FARTHEST_HEIGHTS`` counts; pinhole only.
@@ -234,8 +243,9 @@ def write_depth(
         _write_arrays(scene, folder / "depth.npz")
         title = f"Slant range to {_ground_sentence(document['ground'])}"
         _draw_depth(scene.seen, horizon_line(scene.setup.camera, scene.pose), title, folder / "depth.png")
-        (folder / "footprint.geojson").write_bytes(_footprint(scene, document))
-    names = ["depth.npz", "depth.png", "footprint.geojson"]
+        map_name = _LOCAL_MAP if scene.sample.origin is None else _MAP
+        (folder / map_name).write_bytes(_footprint(scene, document, map_name))
+    names = ["depth.npz", "depth.png", map_name]
     if pixels is not None:
         document["top_view"] = _write_top_view(scene, pixels, step_m, folder)
         names += document["top_view"].pop("files")
@@ -260,12 +270,12 @@ def _write_arrays(scene: _Scene, path: Path) -> None:
     np.savez(path, **arrays)
 
 
-def _footprint(scene: _Scene, document: dict[str, Any]) -> bytes:
+def _footprint(scene: _Scene, document: dict[str, Any], name: str) -> bytes:
     """GeoJSON in WGS84 where the place is known, else in the ground frame; enters the area into the document."""
     corners = footprint(scene.setup.camera, scene.pose, scene.max_range_m, scene.setup.elevation_m, scene.setup.ground)
     features = []
     if corners is None:
-        document["notes"].append("footprint.geojson is empty: what the image shows of the ground has no outline")
+        document["notes"].append(f"{name} is empty: what the image shows of the ground has no outline")
     else:
         document["footprint_area_m2"] = ring_area(corners)
         ring = _places(scene, corners)
@@ -274,11 +284,10 @@ def _footprint(scene: _Scene, document: dict[str, Any]) -> bytes:
             "area_m2": ring_area(corners),
             "max_range_m": scene.max_range_m,
         }
-        if scene.sample.origin is None:
-            properties["coordinates"] = "ground frame: X right, Y ahead of the camera, m"
         geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
         features.append({"type": "Feature", "properties": properties, "geometry": geometry})
-    return orjson.dumps({"type": "FeatureCollection", "features": features}, option=_JSON)
+    head = _LOCAL if scene.sample.origin is None else {"type": "FeatureCollection"}
+    return orjson.dumps({**head, "features": features}, option=_JSON)
 
 
 def _places(scene: _Scene, corners_en_m: FloatArray) -> list[list[float]]:

@@ -1,18 +1,13 @@
-"""Measurements as rows of a table; and as CSV for spreadsheets, GeoJSON (RFC 7946) for maps, JSON lines for programs.
+"""Measurements as rows of a table, whose columns are those of CSV and Parquet in their order; and as geometries."""
 
-The columns are those of CSV, of Parquet and of a GeoJSON feature's properties, in order.
-"""
-
-import csv
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from enum import Enum, StrEnum, auto
+from enum import Enum, auto
 from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.csv_cell import csv_cell
 from aerodft.adapters.wire.payload import LATEST_NS, load_bounded_json
 from aerodft.errors import InputError
 from aerodft.model import ProbeKind
@@ -93,6 +88,9 @@ COLUMNS: Final[Mapping[str, Kind]] = {
 }
 """``docs/tables.md`` says what each is."""
 
+LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
+"""Columns that hold lists."""
+
 
 def check_row(row: dict[str, object]) -> None:
     """Refuse what a column cannot hold.
@@ -138,7 +136,6 @@ Item = Mapping[str, Any]
 """A measurement as on the wire (``aerodft.measurement/1``)."""
 
 _ANGLE_DIGITS: Final = 9
-_RING = 3  # points that make an outline
 _NO_POINT: Final[Item] = {"lat_deg": None, "lon_deg": None, "alt_msl_m": None}
 _NO_ELLIPSE: Final[Item] = {"semi_major_m": None, "semi_minor_m": None, "azimuth_deg": None}
 
@@ -196,7 +193,7 @@ def _row(item: Item) -> dict[str, object]:
         "lon_2_deg": second["lon_deg"],
         "alt_2_msl_m": second["alt_msl_m"],
         "range_2_m": _at(ranges, 1, None),
-        "geo_wkt": _wkt(_geometry(geo, item["kind"])),
+        "geo_wkt": _wkt(geometry_of(item)),
         "ranges_m": item["range_m"],
         "cov_east_m2": cov[0][0],
         "cov_east_north_m2": cov[0][1],
@@ -230,28 +227,41 @@ def _angle(angle_deg: float | None) -> float | None:
     return None if angle_deg is None else round(angle_deg, _ANGLE_DIGITS) + 0.0
 
 
-def positions(geo: Sequence[Item] | None, kind: str) -> list[list[float]] | None:
-    """Longitude, latitude and, where all points have one, altitude of all points; None where one has no place.
+def geometry_of(item: Item, *, is_local: bool = False) -> dict[str, Any] | None:
+    """All points of a measurement as a GeoJSON geometry: one is a point, an area a polygon, others are lines.
 
-    An area's outline is closed and runs counterclockwise, as maps want it.
+    Args:
+        item: The measurement.
+        is_local: Whether they are in metres east, north and up of the station's origin, in place of longitude,
+            latitude and, where all have one, altitude.
+
+    Returns:
+        None where a point has no place. An area's outline is closed and runs counterclockwise, as maps want it.
     """
-    points = geo or ()
+    places = item["enu_m"] or [] if is_local else _lon_lat(item["geo"] or ())
+    if not places or any(value is None or not math.isfinite(value) for place in places for value in place):
+        return None
+    if len(places) == 1:
+        return {"type": "Point", "coordinates": places[0]}
+    if item["kind"] == ProbeKind.AREA:
+        return {"type": "Polygon", "coordinates": [_ring(places)]}
+    if item["kind"] == ProbeKind.RIVER:
+        pairs = [places[row : row + 2] for row in range(0, len(places) - 1, 2)]  # each lies across the river
+        return {"type": "MultiLineString", "coordinates": pairs}
+    return {"type": "LineString", "coordinates": places}
+
+
+def _lon_lat(points: Sequence[Item]) -> list[list[Any]]:
     has_altitudes = all(point["alt_msl_m"] is not None for point in points)
     parts = ("lon_deg", "lat_deg", *(["alt_msl_m"] if has_altitudes else []))
-    found = [[point[part] for part in parts] for point in points]
-    if not found or any(value is None or not math.isfinite(value) for place in found for value in place):
-        return None
-    if kind != ProbeKind.AREA or len(found) < _RING:
-        return found
-    following = found[1:] + found[:1]
-    doubled = math.fsum(a[0] * b[1] - b[0] * a[1] for a, b in zip(found, following, strict=True))
-    ring = found if doubled >= 0 else found[::-1]
+    return [[point[part] for part in parts] for point in points]
+
+
+def _ring(places: list[list[float]]) -> list[list[float]]:
+    following = places[1:] + places[:1]
+    doubled = math.fsum(a[0] * b[1] - b[0] * a[1] for a, b in zip(places, following, strict=True))
+    ring = places if doubled >= 0 else places[::-1]
     return [*ring, ring[0]]
-
-
-def in_pairs(places: list[list[float]]) -> list[list[list[float]]]:
-    """The first and the second, the third and the fourth, ...: what lies across a river."""
-    return [places[row : row + 2] for row in range(0, len(places) - 1, 2)]
 
 
 def time_utc(stamp_ns: int) -> str:
@@ -277,91 +287,3 @@ def _at(values: Sequence[Any], index: int, otherwise: object) -> Any:  # noqa: A
 
 def _not_a_measurement(payload: bytes) -> InputError:
     return InputError("a recorded measurement is none", got=repr(payload[:60]))
-
-
-_LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
-_IN_GEOMETRY: Final = frozenset({"lat_deg", "lon_deg", "alt_msl_m", "lat_2_deg", "lon_2_deg", "alt_2_msl_m", "geo_wkt"})
-
-
-class ExportFormat(StrEnum):
-    """What a recording can be written as."""
-
-    CSV = "csv"
-    GEOJSON = "geojson"
-    JSONL = "jsonl"
-    PARQUET = "parquet"
-    MCAP = "mcap"
-    MP4 = "mp4"
-
-
-TEXT_FORMATS: Final = frozenset({ExportFormat.CSV, ExportFormat.GEOJSON, ExportFormat.JSONL})
-"""What ``export_text`` writes."""
-
-
-def export_text(payloads: Iterable[bytes], form: ExportFormat) -> Iterator[str]:
-    """Measurements in an exchange format, piece by piece.
-
-    Args:
-        payloads: ``aerodft.measurement/1`` payloads.
-        form: One of ``TEXT_FORMATS``.
-
-    Raises:
-        InputError: A payload is no measurement.
-    """
-    if form is ExportFormat.JSONL:
-        return _lines(payloads)
-    return _csv(payloads) if form is ExportFormat.CSV else _geojson(payloads)
-
-
-def _lines(payloads: Iterable[bytes]) -> Iterator[str]:
-    for payload in payloads:
-        item = parsed(payload)
-        row_of(item)  # what is no measurement is refused in every format
-        yield f"{orjson.dumps(item).decode()}\n"
-
-
-class _Echo:
-    """Makes ``csv.writer`` return its lines."""
-
-    def write(self, text: str) -> str:
-        return text
-
-
-def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
-    writer = csv.writer(_Echo(), lineterminator="\n")
-    yield writer.writerow(COLUMNS)
-    for payload in payloads:
-        row = row_of(parsed(payload))
-        for name in _LISTS:
-            value = row[name]
-            row[name] = None if value is None else orjson.dumps(value).decode()
-        yield writer.writerow([value if name in _LISTS else csv_cell(value) for name, value in row.items()])
-
-
-def _geojson(payloads: Iterable[bytes]) -> Iterator[str]:
-    before = '{"type": "FeatureCollection", "features": ['
-    for payload in payloads:
-        item = parsed(payload)
-        row = row_of(item)
-        feature = {
-            "type": "Feature",
-            "geometry": _geometry(item["geo"], item["kind"]),
-            "properties": {name: value for name, value in row.items() if name not in _IN_GEOMETRY},
-        }
-        yield f"{before}\n{orjson.dumps(feature).decode()}"
-        before = ","
-    yield "\n]}\n" if before == "," else f"{before}]}}\n"
-
-
-def _geometry(geo: Sequence[Item] | None, kind: str) -> dict[str, object] | None:
-    """All points: one as a point, an area as a polygon, others as a line; None where a point has no position."""
-    places = positions(geo, kind)
-    if places is None:
-        return None
-    if len(places) == 1:
-        return {"type": "Point", "coordinates": places[0]}
-    if kind == ProbeKind.AREA:
-        return {"type": "Polygon", "coordinates": [places]}
-    if kind == ProbeKind.RIVER:
-        return {"type": "MultiLineString", "coordinates": in_pairs(places)}
-    return {"type": "LineString", "coordinates": places}

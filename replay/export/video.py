@@ -26,7 +26,7 @@ LEAST_HEIGHT_PX: Final = 480
 """Smaller images are enlarged, so that what is written in them can be read."""
 
 _LINES: Final = 32  # lines of text that an image is high
-_COLOURS: Final = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (240, 228, 66), (204, 121, 167), (213, 94, 0))
+COLOURS: Final = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (240, 228, 66), (204, 121, 167), (213, 94, 0))
 """RGB; told apart by the colour-blind as well (Okabe and Ito)."""
 _NO_NUMBER: Final = (150, 30, 30)
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
@@ -105,7 +105,7 @@ class Overlay:
         return (points + 0.5) * self._scale - 0.5
 
     def _colour(self, name: str) -> tuple[int, int, int]:
-        return self.colours.setdefault(name, _COLOURS[len(self.colours) % len(_COLOURS)])
+        return self.colours.setdefault(name, COLOURS[len(self.colours) % len(COLOURS)])
 
     def _mark(self, canvas: ImageArray, item: Item) -> None:
         """Crosses at the pixels, and lines between them, dark around so that they show on everything."""

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from replay.export import ExportFormat, export_text
-from replay.export.table import COLUMNS, Kind, positions
+from replay.export.table import COLUMNS, Kind, geometry_of
 from replay.recordings import Recording
 
 
@@ -87,8 +87,8 @@ def test_an_area_is_a_closed_counterclockwise_polygon(flight_recording):
 
 def test_a_point_without_an_altitude_makes_all_flat():
     geo = [{"lat_deg": 1.0, "lon_deg": 2.0, "alt_msl_m": 3.0}, {"lat_deg": 4.0, "lon_deg": 5.0, "alt_msl_m": None}]
-    assert positions(geo, "distance") == [[2.0, 1.0], [5.0, 4.0]]
-    assert positions([geo[0] | {"lat_deg": None}], "position") is None
+    assert geometry_of({"geo": geo, "kind": "distance"})["coordinates"] == [[2.0, 1.0], [5.0, 4.0]]
+    assert geometry_of({"geo": [geo[0] | {"lat_deg": None}], "kind": "position"}) is None
 
 
 @pytest.mark.parametrize("form", ["csv", "geojson", "jsonl", "parquet"])

@@ -190,8 +190,8 @@ def test_a_name_that_says_nothing_is_anybodys(aerodft, flight_recording, tmp_pat
     [
         ("x.parquet", ("--format", "csv"), ".parquet with --format csv, expected a name that ends with .csv"),
         ("x.avi", ("--format", "mp4"), ".avi with --format mp4, expected a name that ends with .mp4"),
-        ("x.json", (), ".json, expected one of .csv, .geojson, .jsonl, .parquet, .mcap, .mp4"),
-        ("x.kml", (), ".kml, expected one of .csv, .geojson, .jsonl, .parquet, .mcap, .mp4"),
+        ("x.json", (), ".json, expected one of .csv, .geojson, .gpkg, .kml, .jsonl, .parquet, .mcap, .mp4"),
+        ("x.shp", (), ".shp, expected one of .csv, .geojson, .gpkg, .kml, .jsonl, .parquet, .mcap, .mp4"),
     ],
 )
 def test_a_name_that_says_something_else_is_refused(aerodft, flight_recording, tmp_path, name, more, said):

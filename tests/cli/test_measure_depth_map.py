@@ -63,8 +63,7 @@ def test_everything_is_written_and_said(depth, tmp_path):
 
 def test_without_a_place_the_footprint_is_in_the_ground_frame(depth, tmp_path):
     found = depth(85, "--heading", 200, "--json")
-    (feature,) = orjson.loads((tmp_path / "out/footprint.geojson").read_bytes())["features"]
-    assert "ground frame" in feature["properties"]["coordinates"]
+    (feature,) = orjson.loads((tmp_path / "out/footprint_local.json").read_bytes())["features"]
     x, y = np.array(feature["geometry"]["coordinates"][0]).T
     assert_allclose(np.max(np.hypot(x, y)), math.sqrt(5000**2 - 50**2), rtol=1e-6)
     assert np.min(y) > 0

@@ -139,7 +139,7 @@ def test_the_map_is_geojson(tmp_path: Path) -> None:
     np.testing.assert_allclose(line["geometry"]["coordinates"][1], [149.5, -35.25], atol=1e-10)
     assert point["geometry"]["type"] == "Point"
     assert (nothing["geometry"], unknown["geometry"]) == (None, None)
-    assert (nothing["properties"]["status"], line["properties"]["value"]) == ("NO_HEIGHT", 0.0)
+    assert (nothing["properties"]["status"], line["properties"]["distance_m"]) == ("NO_HEIGHT", 0.0)
 
 
 def test_no_measurements_are_an_empty_table_and_map() -> None:

@@ -66,7 +66,8 @@ class Transects:
     def to_geojson(self) -> dict[str, Any]:
         """The measured ones as GeoJSON lines from bank to bank, with their rows as properties.
 
-        WGS84; where the camera's place is not known, east and north of its foot in metres.
+        Where the camera's place is not known there is no GeoJSON: it is a document of schema
+        ``aerodft.river_local/1``, with east and north of the camera's foot in metres.
         """
         return transect_map(self.document, self.sample)
 
@@ -82,7 +83,7 @@ class Transects:
             hint = 'pip install "aerodft[geo]"; rows() and to_geojson() need nothing'
             raise InputError("geopandas is not installed", hint=hint) from None
         crs = None if self.sample.origin is None else "EPSG:4326"
-        return GeoDataFrame.from_features(self.to_geojson(), crs=crs, columns=["geometry", *COLUMNS])
+        return GeoDataFrame.from_features(self.to_geojson()["features"], crs=crs, columns=["geometry", *COLUMNS])
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,14 +11,20 @@ from aerodft.errors import UsageError
 
 
 def export(
-    recording: Annotated[Path, typer.Argument(help="The recording's folder.")],
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING|RIVER-FOLDER", help="A recording; or for a map what river wrote.")
+    ],
     form: Annotated[
-        Literal["csv", "geojson", "jsonl", "parquet", "mcap", "mp4"] | None,
+        Literal["csv", "geojson", "gpkg", "kml", "jsonl", "parquet", "mcap", "mp4"] | None,
         typer.Option(
             "--format",
-            help="Tables (csv, parquet), a map (geojson), JSON lines (jsonl), the whole recording as one file (mcap),"
-            " the recorded images with what was measured in them (mp4). By default the output's ending, or csv.",
+            help="Tables (csv, parquet), maps (gpkg with layers and a QGIS style, kml, geojson), JSON lines (jsonl),"
+            " the whole recording as one file (mcap), the recorded images with what was measured in them (mp4). By"
+            " default the output's ending, or csv.",
         ),
+    ] = None,
+    crs: Annotated[
+        str | None, typer.Option("--crs", help="Of a GeoPackage or GeoJSON, as EPSG:25832; by default WGS84.")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write; without it, text goes to stdout.")
@@ -33,25 +39,26 @@ def export(
 
     \b
     Example:
-      aerodft export flights/2026-11-21 -o widths.geojson
+      aerodft export flights/2026-11-21 -o widths.gpkg --crs EPSG:25832
+      aerodft export reach -o river.kml
       aerodft export flights/2026-11-21 --format mp4 -o flight.mp4
     """
     from aerodft.app.recordings import export as export_recording
     from aerodft.app.recordings import export_format, exported_text, open_recording
     from replay.export import TEXT_FORMATS
 
-    chosen = export_format(form, output)
+    chosen = export_format(form, output, crs)
     if output is None and (json or chosen not in TEXT_FORMATS):
         what = "--json" if json else f"--format {chosen}"
         raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
     if output == Path("-"):
         raise UsageError("--output", got="-", expected="a file", hint="without --output, text goes to stdout")
-    source = open_recording(recording)
     if output is None:
-        sys.stdout.writelines(exported_text(source, chosen))
+        source = open_recording(recording)
+        sys.stdout.writelines(exported_text(source, chosen, crs))
         end_with_gaps(source.reader.left_out())
         return
-    summary = export_recording(source, output, form=chosen, overwrite=overwrite)
+    summary = export_recording(recording, output, form=chosen, crs=crs, overwrite=overwrite)
     if json:
         print_json(summary.to_dict())
     else:

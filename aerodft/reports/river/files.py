@@ -32,7 +32,7 @@ COLUMNS: Final = (
 _LOG: Final = logging.getLogger(__name__)
 _JSON: Final = orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2
 _LOCAL: Final = {"schema": "aerodft.river_local/1", "unit": "m", "axes": "east, north, as points_enu_m"}
-_FACTS: Final = ("station_m", "width_m", "std", "ci95", "wetted_m", "channels", "images")
+_FACTS: Final = COLUMNS[:12]  # of a transect on the map
 
 
 def map_of_still(document: dict[str, Any], found: River, view: RiverView) -> tuple[str, dict[str, Any]]:
@@ -60,13 +60,13 @@ def _map(
     rings_en_m: Sequence[FloatArray],
     sample: PoseSample,
 ) -> tuple[str, dict[str, Any]]:
-    features = [_line("centreline", _places(sample, line_en_m), {"width_m": document["width_m"]})]
+    features = [_line("centreline", _places(sample, line_en_m), _median(document["width_m"]))]
     for side, bank in zip(SIDES, banks_en_m, strict=True):
         features.append(_line(f"bank-{side}", _places(sample, bank), {}))
-    for each in document["transects"]:
+    for each, row in zip(document["transects"], transect_rows(document), strict=True):
         if each["points_enu_m"] is not None:
             ends = np.array(each["points_enu_m"])[:, :2]
-            features.append(_line("transect", _places(sample, ends), {name: each[name] for name in _FACTS}))
+            features.append(_line("transect", _places(sample, ends), {name: row[name] for name in _FACTS}))
     if rings_en_m:
         geometry = {"type": "Polygon", "coordinates": [_places(sample, ring) for ring in rings_en_m]}
         features.append({"type": "Feature", "properties": {"name": "water"}, "geometry": geometry})
@@ -74,6 +74,14 @@ def _map(
     if sample.origin is None:
         return "river_local.json", {**_LOCAL, "features": kept}
     return "river.geojson", {"type": "FeatureCollection", "features": kept}
+
+
+def _median(width: dict[str, Any] | None) -> dict[str, Any]:
+    """The median width as scalars with the names of the table; None where there is none."""
+    if width is None:
+        return dict.fromkeys(("width_m", "std_m", "ci95_low_m", "ci95_high_m"))
+    low, high = width["ci95"]
+    return {"width_m": width["median"], "std_m": width["std"], "ci95_low_m": low, "ci95_high_m": high}
 
 
 def _places(sample: PoseSample, points_en_m: FloatArray) -> list[list[float]]:
@@ -124,14 +132,15 @@ def _cells(transect: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def transect_map(document: dict[str, Any], sample: PoseSample) -> dict[str, Any]:
-    """The measured transects as lines with the columns of their rows, in degrees or, without a place, in metres."""
+    """The measured transects as GeoJSON lines with the columns of their rows; without a place in local metres."""
     features = []
     for each, row in zip(document["transects"], transect_rows(document), strict=True):
         if each["points_enu_m"] is not None:
             places = _places(sample, np.array(each["points_enu_m"])[:, :2])
             geometry = {"type": "LineString", "coordinates": places}
             features.append({"type": "Feature", "properties": row, "geometry": geometry})
-    return {"type": "FeatureCollection", "features": features}
+    head = _LOCAL if sample.origin is None else {"type": "FeatureCollection"}
+    return {**head, "features": features}
 
 
 def write_river(folder: Path, document: dict[str, Any], found: River, view: RiverView) -> None:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         export,
         open_recording,
         recover,
+        report,
     )
     from aerodft.app.river import RiverSurvey, survey_river
     from aerodft.app.setup import StationDraft, draft_station, find_cameras, write_camera
@@ -103,6 +104,7 @@ _ROOM_OF: Final = {
     "print_board": "aerodft.app.calibrate_lens",
     "recompute": "aerodft.app.recompute",
     "recover": "aerodft.app.recordings",
+    "report": "aerodft.app.recordings",
     "survey_river": "aerodft.app.river",
     "write_camera": "aerodft.app.setup",
 }
@@ -158,6 +160,7 @@ __all__ = [
     "print_board",
     "recompute",
     "recover",
+    "report",
     "survey_river",
     "write_camera",
 ]

@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -11,13 +12,16 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import tomli_w
 
 from aerodft.adapters.atomic_file import whole_file
+from aerodft.adapters.config.station import parse_station, resolved_toml
 from aerodft.adapters.recording.recover import Recovery, is_recording, recordings_in, recover_folder
 from aerodft.app.assembly import recorded_station
-from aerodft.app.incomplete_input import left_out_document
-from aerodft.errors import InputError, NoAnswerError, UsageError, located
+from aerodft.app.incomplete_input import incomplete_input, left_out_document
+from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, located
 from aerodft.reports.river_folder import is_river_folder, read_river_folder
 from replay.compare import MAX_STAMP_GAP_S, Comparison, PairBy, compare_measurements, parse_tolerance
 from replay.export import (
@@ -30,6 +34,7 @@ from replay.export import (
     MapFeature,
     ParquetRows,
     arrow_table,
+    best_image,
     export_text,
     geojson_text,
     map_features,
@@ -50,6 +55,10 @@ if TYPE_CHECKING:
 
 _WITH_IMAGES: Final = frozenset({ExportFormat.MCAP, ExportFormat.MP4})
 _ANY_TEXT: Final = ".txt"
+_TELLING: Final = ("camera", "pose", "telemetry", "ground", "limits")  # tables that numbers follow from
+_REQUIRED: Final = ("station", "camera", "pose")  # tables without which there is no station
+_NAMES: Final = frozenset({"name", "lens", "model"})
+_OF_LINKS: Final = frozenset({"baud"})
 _AMBIGUOUS_SUFFIX: Final = ".json"  # a map, or lines
 
 _log = logging.getLogger(__name__)
@@ -156,6 +165,32 @@ class StationRecording:
         """All measurements, in the order in which they were made."""
         return Measurements(self.reader)
 
+    def plot(self, path: str | Path, probes: Iterable[str] = (), *, overwrite: bool = False) -> tuple[str, ...]:
+        """Draw values with their 95 % intervals over time, heights by source, tilt, statuses and events.
+
+        Args:
+            path: The figure: ``.png``, ``.svg`` or ``.pdf``.
+            probes: Names of those to draw; none for those with most answers, as many as have room.
+            overwrite: Whether a file that exists is replaced.
+
+        Returns:
+            The names of the probes that are drawn.
+
+        Raises:
+            UsageError: The file's ending says another format, or there is no such probe.
+            InputError: The recording is damaged, or the file exists or cannot be written.
+            NoAnswerError: The recording holds neither measurements nor poses.
+        """
+        from aerodft.reports import recording_plot, recording_series, style  # noqa: PLC0415 - figures load slowly
+
+        path, wanted = Path(path), tuple(probes)
+        form = style.figure_format(path.suffix)
+        found = recording_series.read_series(self.reader)
+        drawn = recording_plot.chosen_probes(found, wanted)
+        with whole_file(path, overwrite=overwrite) as partial:
+            recording_plot.write_recording_plot(found, drawn, self.station, partial, form)
+        return tuple(each.name for each in drawn)
+
 
 def open_recording(path: str | Path) -> StationRecording:
     """Open a recording.
@@ -255,6 +290,90 @@ def _export_river(folder: Path, path: Path, form: ExportFormat, *, crs: str | No
     with whole_file(path, overwrite=overwrite) as partial:
         counts = _write_map(partial, river.features, form, system)
     return ExportSummary(file=path, format=form, counts=counts, left_out=LeftOut())
+
+
+def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Write one page about a recording or a river: HTML that needs no other file and no network.
+
+    It says what was measured and how surely, with picture, map, plots and table, what was stated and what assumed, and
+    what it was made of: files with their hashes, software.
+
+    Args:
+        what: An open recording or its path; or a river's folder, as ``RiverSurvey.save`` writes it.
+        path: The page.
+        overwrite: Whether a file that exists is replaced.
+
+    Returns:
+        The page.
+
+    Raises:
+        InputError: What it is about is damaged, or the file exists or cannot be written.
+        NoAnswerError: The recording holds neither measurements nor poses.
+
+    Example:
+        >>> import aerodft as ad
+        >>> page = ad.report("tests/cli/frozen-0.1", "report.html")
+        >>> "width-a" in page.read_text()
+        True
+    """
+    from aerodft.reports import page, recording_plot, recording_series  # noqa: PLC0415 - figures load slowly
+
+    path = Path(path)
+    if isinstance(what, str | Path) and is_river_folder(Path(what)):
+        text = page.river_page(read_river_folder(Path(what)))
+    else:
+        opened = what if isinstance(what, StationRecording) else open_recording(what)
+        found, best = recording_series.read_series(opened.reader), best_image(opened.reader)
+        lacks = incomplete_input(opened.reader.left_out(images=True))
+        facts = page.RecordingFacts(
+            path=opened.path,
+            station=opened.station,
+            start_ns=opened.start_ns,
+            end_ns=opened.end_ns,
+            settings=_settings(opened),
+            lacks=[lacks] if lacks else [],
+            best=None if best is None else (best[0].index, best[1]),
+        )
+        text = page.recording_page(found, recording_plot.chosen_probes(found, ()), facts)
+    with whole_file(path, overwrite=overwrite) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return path
+
+
+def _settings(recording: StationRecording) -> list[tuple[str, str, bool]]:
+    """Numbers and names of a recording's station file by key; whether each is what the software assumes by itself.
+
+    Addresses, paths and keys of links are none of a reader's business.
+    """
+    if recording.config is None:
+        return []
+    stated = tomllib.loads(recording.config)
+    least: dict[str, Any] = {name: stated[name] for name in _REQUIRED if name in stated}
+    if "telemetry" in stated:
+        height = stated["telemetry"].get("height", {})
+        least["telemetry"] = {"height": {key: height[key] for key in ("order", "manual_m") if key in height}}
+    try:
+        where = str(recording.path)
+        by_default = parse_station(tomli_w.dumps(least).encode(), where=where, folder=recording.path)
+        defaults = dict(_flat(tomllib.loads(resolved_toml(by_default))))
+    except AerodftError:
+        defaults = {}
+    required = dict(_flat(least))
+    return [
+        (key, value, key not in required and defaults.get(key) == value)
+        for key, value in _flat({name: stated[name] for name in _TELLING if name in stated})
+    ]
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """The values of a TOML table and of those in it by their paths; lists in one line, texts only where they name."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and not any(isinstance(each, dict | list) for each in value):
+            yield f"{prefix}{key}", ", ".join(map(str, value))
+        elif (isinstance(value, int | float) and key not in _OF_LINKS) or key in _NAMES:
+            yield f"{prefix}{key}", str(value)
 
 
 def export_format(form: ExportFormat | str | None, path: Path | None, crs: str | None = None) -> ExportFormat:

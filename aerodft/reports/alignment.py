@@ -2,23 +2,22 @@
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model import FloatArray
+from aerodft.reports.style import BLUE, ORANGE, save_figure, styled
 from calibration.sync import Alignment
 
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-
-_SIZE_IN, _DPI = (12.0, 8.0), 110
+_SIZE_IN = (12.0, 8.0)
 _AXES = ("x: tilt", "y: pan", "z: roll")
-_BY_IMAGES, _BY_LOG = "tab:blue", "tab:orange"
+_BY_IMAGES, _BY_LOG = BLUE, ORANGE
 
 
+@styled()
 def draw_alignment(found: Alignment, folder: Path) -> Path:
     """Draw angular rates by images and log, as stamped and aligned, into a folder, which is made where it is missing.
 
@@ -30,7 +29,8 @@ def draw_alignment(found: Alignment, folder: Path) -> Path:
     """
     rates = found.rates
     times_s = (rates.stamp_ns - found.reference_ns) / 1e9
-    figure, axes = plt.subplots(3, 2, figsize=_SIZE_IN, sharex=True, sharey="row", layout="constrained")
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
+    axes = figure.subplots(3, 2, sharex=True, sharey="row")
     for row, name in enumerate(_AXES):
         by_images, stamped, aligned = (
             np.degrees(each[:, row]) for each in (rates.seen_radps, rates.logged_before_radps, rates.logged_radps)
@@ -43,13 +43,12 @@ def draw_alignment(found: Alignment, folder: Path) -> Path:
         axes[row, 0].set_ylim(low - margin, high + margin)
     axes[0, 0].set_title("as stamped")
     axes[0, 1].set_title(f"offset {found.offset_s:+.3f} s, drift {100 * found.drift:+.3f} %, lag {found.lag_s:.3f} s")
-    axes[0, 1].legend(["images", str(found.source)], loc="upper right", fontsize="small")
+    axes[0, 1].legend(["images", str(found.source)], loc="upper right")
     for each in axes[-1]:
         each.set_xlabel(f"s since {unix_ns_to_iso(found.reference_ns)}, by the video's clock")
     file = folder / "sync.png"
     with output_folder(folder, "the plot", expected=""):
-        figure.savefig(file, dpi=_DPI)
-    plt.close(figure)
+        save_figure(figure, file, "png")
     return file
 
 
@@ -57,4 +56,3 @@ def _panel(axes: Axes, times_s: FloatArray, by_images: FloatArray, by_log: Float
     axes.plot(times_s, by_images, ".", markersize=3, color=_BY_IMAGES)
     order = np.argsort(times_s, kind="stable")
     axes.plot(times_s[order], by_log[order], "-", linewidth=1.2, color=_BY_LOG)
-    axes.grid(alpha=0.3)

@@ -8,17 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
-from aerodft.model import FloatArray, Image
-from replay.export import ExportFormat, Overlay, export_text
-from replay.recordings import Recording, RecordingSource
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-
-_SILENCE_S = 0.6
+from aerodft.reports.style import BAND, BLACK, BLUE, draw_band, save_figure, styled, with_gaps
+from replay.export import ExportFormat, best_image, export_text
+from replay.recordings import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,29 +32,22 @@ class Answer:
         return self.ci95_m[0] <= self.truth_m <= self.ci95_m[1]
 
 
+@styled()
 def plot_widths(answers: Mapping[str, Sequence[Answer]], start_ns: int, path: Path) -> None:
     """Width over time with its 95 % band and the truth, one panel a probe, as PNG."""
-    figure, panels = plt.subplots(len(answers), 1, sharex=True, figsize=(9, 2.6 * len(answers)), squeeze=False)
-    for panel, (name, series) in zip(panels[:, 0], answers.items(), strict=True):
+    figure = Figure(figsize=(9, 2.6 * len(answers)), layout="constrained")
+    panels = figure.subplots(len(answers), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, (name, series) in zip(panels, answers.items(), strict=True):
         rows = np.array([(a.stamp_ns - start_ns, a.value_m, a.truth_m, *a.ci95_m) for a in series], dtype=np.float64)
-        time_s, value, truth, low, high = _with_breaks(rows * [1e-9, 1, 1, 1, 1]).T
-        panel.fill_between(time_s, low, high, alpha=0.3, label="95 % interval")
-        panel.plot(time_s, value, ".", markersize=4, label="measured")
-        panel.plot(time_s, truth, "k-", linewidth=1, label="truth")
+        time_s, value, truth, low, high = with_gaps(*(rows * [1e-9, 1, 1, 1, 1]).T)
+        draw_band(panel, time_s, low, high, BLUE, label=BAND)
+        panel.plot(time_s, value, ".", color=BLUE, markersize=4, label="measured")
+        panel.plot(time_s, truth, "-", color=BLACK, linewidth=1, label="truth")
         panel.set_ylabel(f"{name} (m)")
-        panel.grid(alpha=0.3)
-    panels[0, 0].legend(loc="best", fontsize="small")
-    panels[-1, 0].set_xlabel("time since the first image (s)")
+    panels[0].legend(loc="best")
+    panels[-1].set_xlabel("time since the first image (s)")
     figure.suptitle("River widths of the simulated flight")
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def _with_breaks(rows: FloatArray) -> FloatArray:
-    """Rows ``(n, m)`` in order of their first column (s), with a NaN row in every silence: no line is drawn there."""
-    gaps = np.flatnonzero(np.diff(rows[:, 0]) > _SILENCE_S) + 1
-    return np.insert(rows, gaps, np.nan, axis=0)
+    save_figure(figure, path, "png")
 
 
 def report_demo(flight: Path, recording: Recording, out: Path) -> dict[str, Any]:
@@ -77,7 +65,9 @@ def report_demo(flight: Path, recording: Recording, out: Path) -> dict[str, Any]
     answers = _answers(flight / "truth.jsonl", measured)
     start_ns = min(int(item["stamp_ns"]) for item in measured)
     plot_widths(answers, start_ns, out / "widths.png")
-    _annotate(recording, measured, out / "annotated.png")
+    best = best_image(recording)
+    if best is not None:
+        cv2.imwrite(str(out / "annotated.png"), cv2.cvtColor(best[1], cv2.COLOR_RGB2BGR))
     for form, name in ((ExportFormat.CSV, "measurements.csv"), (ExportFormat.GEOJSON, "measurements.geojson")):
         (out / name).write_text("".join(export_text(recording.measurements(), form)), encoding="utf-8")
     return {name: _summary(series) for name, series in answers.items()}
@@ -106,22 +96,3 @@ def _summary(series: list[Answer]) -> dict[str, Any]:
         "intervals": len(series),
         "intervals_with_truth": sum(answer.inside for answer in series),
     }
-
-
-def _annotate(recording: Recording, measured: list[dict[str, Any]], path: Path) -> None:
-    """Draw the image with the most answers, the later the better."""
-    by_image: dict[int, list[dict[str, Any]]] = defaultdict(list)
-    for item in measured:
-        if item["value"] is not None and item["image"] is not None:
-            by_image[item["image"]].append(item)
-    best: Image | None = None
-    for event in RecordingSource(recording, pixels=True).events():
-        if isinstance(event, Image) and event.pixels is not None:
-            rank = len(by_image[event.index])
-            if best is None or rank >= len(by_image[best.index]):
-                best = event
-    if best is not None and best.pixels is not None:
-        pixels = best.pixels()
-        overlay = Overlay(pixels.shape[1], pixels.shape[0])
-        drawn = overlay.draw(pixels, by_image[best.index], best.stamp_ns, best.index)
-        cv2.imwrite(str(path), cv2.cvtColor(drawn, cv2.COLOR_RGB2BGR))

@@ -10,6 +10,10 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 import orjson
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.images import read_camera_image
@@ -29,12 +33,7 @@ from aerodft.geometry import (
 )
 from aerodft.model import FloatArray, ImageArray, Pose, PoseSample, ProjectionModel, Status
 from aerodft.reports.georaster import write_top_view
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import MaxNLocator
+from aerodft.reports.style import RED, styled
 
 _LOG: Final = logging.getLogger(__name__)
 _JSON: Final = orjson.OPT_APPEND_NEWLINE | orjson.OPT_INDENT_2
@@ -310,6 +309,7 @@ def _write_top_view(scene: _Scene, pixels: ImageArray, step_m: float | None, fol
     return write_top_view(view, scene.sample.origin, folder)
 
 
+@styled()
 def _draw_depth(seen: DepthMap, horizon_px: tuple[FloatArray, ...], title: str, path: Path) -> None:
     """Draw slant ranges, misses in grey, with the horizon's polylines."""
     height, width = seen.range_m.shape
@@ -318,20 +318,21 @@ def _draw_depth(seen: DepthMap, horizon_px: tuple[FloatArray, ...], title: str, 
     near, far = float(np.nanmin(range_m)), float(np.nanmax(range_m))
     norm = LogNorm(near, far) if far > _LOG_FROM * near else Normalize(near, far)
     colours = mpl.colormaps["viridis_r"].with_extremes(bad="0.8")
-    figure, axes = plt.subplots(figsize=(_WIDTH_IN, 1.0 + 0.82 * _WIDTH_IN * height / width))
+    figure = Figure(figsize=(_WIDTH_IN, 1.0 + 0.82 * _WIDTH_IN * height / width))
+    axes = figure.subplots()
+    axes.grid(visible=False)
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     drawn = axes.imshow(range_m, cmap=colours, norm=norm, extent=extent, interpolation="nearest")
     if len(seen.planes) > Z:
         _draw_heights(axes, seen.z_m[::step, ::step], step)
     for line in horizon_px:
-        axes.plot(line[:, 0], line[:, 1], color="tab:red", linewidth=1.5, label="horizon")
+        axes.plot(line[:, 0], line[:, 1], color=RED, linewidth=1.5, label="horizon")
     if horizon_px:
         axes.legend(handles=axes.lines[:1], loc="lower right", fontsize="small")
     axes.set(xlabel="u (px)", ylabel="v (px)", title=title, xlim=extent[:2], ylim=extent[2:])
     bar = axes.inset_axes((1.02, 0.0, 0.025, 1.0))
     figure.colorbar(drawn, cax=bar, label="slant range (m)", format="{x:g}")
     figure.savefig(path, dpi=_DPI, bbox_inches="tight")
-    plt.close(figure)
 
 
 def _draw_heights(axes: Axes, z_m: Float32Array, step: int) -> None:

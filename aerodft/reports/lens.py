@@ -10,20 +10,18 @@ from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 
 from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.config.camera import camera_document
 from aerodft.model import Camera, FloatArray, LensModel
 from aerodft.reports.calibration import decimals
+from aerodft.reports.style import BLUE, RED, styled
 from aerodft.version import SOFTWARE
 from calibration.lens import LensChoice, LensFit, covered_cells, distortion_px, intrinsics_of, missing, ray_std_px
 from calibration.pose import coefficient_names
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 
 _STYLE = """
 body { font-family: sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
@@ -149,9 +147,9 @@ def write_lens_page(fit: LensFit, folder: Path) -> list[Path]:
     figures = {name: folder / f"{name}.png" for name in draw}
     with output_folder(folder, "the report", expected=""):
         for name, path in figures.items():
-            figure = draw[name](fit)
+            with styled():
+                figure = draw[name](fit)
             figure.savefig(path, dpi=_DPI, bbox_inches="tight")
-            plt.close(figure)
         page = folder / "report.html"
         page.write_text(_page(fit, figures), encoding="utf-8")
     return [page, *figures.values()]
@@ -192,7 +190,9 @@ def _table(fit: LensFit) -> str:
 
 def _image_axes(fit: LensFit, title: str) -> tuple[Figure, Axes]:
     width, height = fit.size_px
-    figure, axes = plt.subplots(figsize=(_WIDTH_IN, 0.8 + _WIDTH_IN * 0.86 * height / width))
+    figure = Figure(figsize=(_WIDTH_IN, 0.8 + _WIDTH_IN * 0.86 * height / width))
+    axes = figure.subplots()
+    axes.grid(visible=False)
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="u (px)", ylabel="v (px)", title=title)
     axes.set_aspect("equal")
     return figure, axes
@@ -206,12 +206,12 @@ def _coverage(fit: LensFit) -> Figure:
     greens = ListedColormap(mpl.colormaps["Greens"](np.linspace(0.2, 0.9, 256)))
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     shown = axes.imshow(some, cmap=greens, vmin=0, alpha=0.6, extent=extent)
-    colours = mpl.colormaps["turbo"](np.linspace(0.05, 0.95, len(views)))
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.95, len(views)))
     for view, colour in zip(views, colours, strict=True):
         axes.plot(*view.pixels_px.T, ".", markersize=3.5, color=colour)
     for down, across in np.argwhere(counts == 0):
         cell = ((across + 0.5) * width / counts.shape[1], (down + 0.5) * height / counts.shape[0])
-        axes.text(*cell, "none", color="tab:red", ha="center", va="center", fontsize="small")
+        axes.text(*cell, "none", color=RED, ha="center", va="center", fontsize="small")
     bar = axes.inset_axes((1.02, 0.0, 0.025, 1.0))
     figure.colorbar(shown, cax=bar, label="views")
     return figure
@@ -223,9 +223,7 @@ def _residuals(fit: LensFit) -> Figure:
     scale = _ARROW_SHARE * fit.size_px[0] / max(typical, np.finfo(np.float64).tiny)
     title = f"From seen to projected corners, {scale:.0f} times as long: {fit.solution.rms_px:.3f} px rms"
     figure, axes = _image_axes(fit, title)
-    arrows = axes.quiver(
-        *seen.T, *(scale * off).T, angles="xy", scale_units="xy", scale=1, width=0.0016, color="tab:blue"
-    )
+    arrows = axes.quiver(*seen.T, *(scale * off).T, angles="xy", scale_units="xy", scale=1, width=0.0016, color=BLUE)
     key_px = float(f"{typical:.1g}")
     axes.quiverkey(arrows, 0.93, 0.04, scale * key_px, f"{key_px:g} px", labelpos="W", coordinates="axes")
     return figure
@@ -237,13 +235,14 @@ def _views(fit: LensFit) -> Figure:
     values = solution.view_rms_px.tolist() + [rms for _, rms in solution.rejected]
     order = sorted(range(len(names)), key=lambda k: -values[k])[:_MAX_BARS]
     used = len(solution.views)
-    colours = ["tab:blue" if k < used else "tab:red" for k in order]
-    figure, axes = plt.subplots(figsize=(_WIDTH_IN, 1.2 + _BAR_IN * len(order)))
+    colours = [BLUE if k < used else RED for k in order]
+    figure = Figure(figsize=(_WIDTH_IN, 1.2 + _BAR_IN * len(order)))
+    axes = figure.subplots()
     axes.barh(range(len(order)), [values[k] for k in order], color=colours)
     axes.set_yticks(range(len(order)), [_short(names[k]) for k in order], fontsize="small")
     axes.axvline(solution.rms_px, color="black", linewidth=1, label=f"all together: {solution.rms_px:.3f} px")
     axes.invert_yaxis()
-    rejected = ", red: left out" if solution.rejected else ""
+    rejected = ", orange: left out" if solution.rejected else ""
     axes.set(xlabel="rms of the residuals (px)", title=f"Residuals of each view{rejected}")
     axes.legend(loc="lower right", fontsize="small")
     return figure
@@ -269,7 +268,7 @@ def _distortion(fit: LensFit) -> Figure:
     moved = distortion_px(camera, coarse).reshape(-1, 2)
     at = coarse.reshape(-1, 2)
     axes.quiver(*at.T, *moved.T, angles="xy", scale_units="xy", scale=_pleasant_scale(moved, fit), color="white")
-    axes.plot(camera.cx_px, camera.cy_px, "+", color="tab:red", markersize=12)
+    axes.plot(camera.cx_px, camera.cy_px, "+", color=RED, markersize=12)
     return figure
 
 

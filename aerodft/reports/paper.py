@@ -6,7 +6,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from aerodft.adapters.atomic_file import output_folder
 from aerodft.dft.paper import (
@@ -29,17 +30,13 @@ from aerodft.dft.paper import (
     table_2,
     table_3,
 )
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from aerodft.reports.style import save_figure, styled
 
 _SCHEMA: Final = "aerodft.paper/1"
 
 _DEPTHS_M: Final = tuple(range(10, 151, 10))
 
-_SIZE_IN, _DPI = (8, 5), 110
+_SIZE_IN = (8, 5)
 _HALF_DIGIT: Final = 0.005
 _HALF_PITCH_DIGIT_DEG: Final = 0.05
 
@@ -328,9 +325,11 @@ def _text_depth(row: CameraRow) -> str:
     return f"{row.printed.label} has {highest} m at {row.depth_of_text_error_m:.0f} m"
 
 
+@styled()
 def _draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], path: Path) -> None:
     """Quantization error over depth, one curve a camera, and what the paper's text says of 150 m."""
-    figure, axes = plt.subplots(figsize=_SIZE_IN)
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
+    axes = figure.subplots()
     styles = cycle(("-", "-", "-", "-", "--"))  # the fifth curve lies on the first
     for curve, row, style in zip(curves, cameras, styles, strict=False):
         (line,) = axes.plot(curve.depth_m, curve.error_m, style, label=curve.label)
@@ -344,9 +343,11 @@ def _draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], 
     _save(figure, axes, path)
 
 
+@styled()
 def _draw_figure_14(curve: ErrorCurve, rows: Sequence[DepthRow], path: Path) -> None:
     """Errors of Table 2 and the Canon's quantization error over depth."""
-    figure, axes = plt.subplots(figsize=_SIZE_IN)
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
+    axes = figure.subplots()
     axes.plot([row.printed.truth_m for row in rows], [row.printed.error_m for row in rows], "o-", label="Table 2")
     seen = curve.depth_m <= MAX_DEPTH_M + 1
     axes.plot(curve.depth_m[seen], curve.error_m[seen], label="quantization error, computed")
@@ -357,8 +358,5 @@ def _draw_figure_14(curve: ErrorCurve, rows: Sequence[DepthRow], path: Path) -> 
 
 
 def _save(figure: Figure, axes: Axes, path: Path) -> None:
-    axes.legend(loc="upper left", fontsize="small")
-    axes.grid(alpha=0.3)
-    figure.tight_layout()
-    figure.savefig(path, dpi=_DPI)
-    plt.close(figure)
+    axes.legend(loc="upper left")
+    save_figure(figure, path, "png")

@@ -5,4 +5,4 @@ from replay.export.maps import MapCrs, MapFeature, geojson_text, map_features, w
 from replay.export.merging import merge_segments
 from replay.export.parquet import ParquetRows, arrow_table, parquet_metadata, parquet_rows
 from replay.export.table import COLUMNS, LARGEST_NUMBER, Item, Kind, check_on_earth, parsed, row_of, time_utc
-from replay.export.video import COLOURS, Overlay, measured_images, write_video
+from replay.export.video import COLOURS, Overlay, best_image, measured_images, write_video

@@ -301,6 +301,28 @@ def measured_images(recording: Recording) -> Iterator[tuple[Image, list[Item]]]:
                 yield replace(image, pixels=pixels), measurements.of(image)
 
 
+def best_image(recording: Recording) -> tuple[Image, ImageArray] | None:
+    """The image in which most was measured, the later the better, with that drawn in; RGB.
+
+    Returns:
+        None where no image was recorded.
+
+    Raises:
+        InputError: The recording, its measurements or that image are damaged.
+    """
+    best: tuple[int, Image, list[Item]] | None = None
+    for image, items in measured_images(recording):
+        answers = sum(item["status"] == Status.OK for item in items)
+        if best is None or answers >= best[0]:
+            best = answers, image, items
+    if best is None or best[1].pixels is None:
+        return None
+    _, image, items = best
+    pixels = best[1].pixels()
+    drawn = Overlay(pixels.shape[1], pixels.shape[0]).draw(pixels, items, image.stamp_ns, image.index)
+    return image, drawn
+
+
 class _MeasurementsByImage:
     """Measurements by image; holds those of a minute."""
 

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib import pyplot as plt
 
-from aerodft.reports.comparison import with_gaps
+from aerodft.reports.style import with_gaps
 
 
 def test_a_band_ends_where_nothing_was_measured() -> None:

@@ -6,19 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from aerodft.model import FloatArray, ImageArray
 from aerodft.reports.calibration.ground_grid import Grid, horizon_px, in_image
 from aerodft.reports.calibration.marks import Mark, from_foot, ground_of, pixels_of
 from calibration.pose import State, angles_deg
-
-mpl.use("Agg")
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 _MIN_PX, _MAX_PX = 1280, 3840  # of the picture's width
 _STRIP_PX, _DPI = 112.0, 100.0

@@ -6,28 +6,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from aerodft.model import FloatArray
 from aerodft.reports.calibration.marks import Row
 from aerodft.reports.calibration.picture import shortened
+from aerodft.reports.style import BLACK, BLUE, ORANGE, RED, styled
 from calibration.flight import ImagesResult
 from calibration.pose import Result, correlations
-
-mpl.use("Agg")
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 PLANE_95: Final = math.sqrt(-2.0 * math.log(0.05))
 """Radius, in standard deviations, of the circle that holds 95 % of a plane's normal distribution."""
 
 _SIZE_IN, _DPI = (15.0, 9.4), 110
-_KEPT, _LINE_LIKE, _OUTLIER, _EXPECTED = "tab:blue", "tab:orange", "tab:red", "0.15"
+_KEPT, _LINE_LIKE, _OUTLIER, _EXPECTED = BLUE, ORANGE, RED, BLACK
 _MARGIN, _ROOM, _NAMED, _LOG_FROM, _MAX_BINS, _MAX_CELLS = 1.15, 1.4, 4, 8.0, 40, 9
 _DARK, _RIGHT, _LETTERS = 0.6, 0.65, 24
 
 
+@styled()
 def draw_residuals(rows: Sequence[Row], result: Result | ImagesResult, path: Path) -> None:
     """Write the figure as PNG.
 
@@ -136,7 +135,6 @@ def _over_range(axes: Axes, rows: Sequence[Row], values: Sequence[float], label:
         if math.isfinite(row.range_m) and math.isfinite(value)
     ]
     axes.set(xlabel="distance from the camera (m)", ylabel=label)
-    axes.grid(alpha=0.3)
     if not found:
         axes.text(0.5, 0.5, "no observation has one", ha="center", va="center", transform=axes.transAxes, color="0.4")
         axes.set(xticks=[], yticks=[])
@@ -166,6 +164,7 @@ def _over_range(axes: Axes, rows: Sequence[Row], values: Sequence[float], label:
 
 def _correlations(axes: Axes, result: Result | ImagesResult) -> None:
     names, matrix = result.problem.unknowns.names, correlations(result.solution.covariance)
+    axes.grid(visible=False)
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1)
     axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(names)), names)

@@ -1,0 +1,439 @@
+"""One page about a recording or a river for whoever was not there: HTML that needs no other file and no network."""
+
+import base64
+import hashlib
+import io
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+
+from aerodft.errors import InputError
+from aerodft.geometry import east_north
+from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
+from aerodft.reports.recording_plot import digits_of, draw_recording, typical, unit_of
+from aerodft.reports.recording_series import RecordingSeries, Series
+from aerodft.reports.river_folder import RiverFolder
+from aerodft.reports.style import BAND, BLACK, BLUE, COLOURS, GREY, RED, SKY, as_map, draw_band, styled
+from aerodft.version import SOFTWARE
+from replay.export import time_utc
+
+_MOST_ROWS: Final = 40
+"""Of one probe in the table of values."""
+_MOST_LINES: Final = 200
+"""Of one probe on the map."""
+_JPEG_QUALITY: Final = 88
+_NAMESPACES: Final = re.compile(r'\s+xmlns(:\w+)?="[^"]*"')
+_METADATA: Final = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+_TO_SECONDS: Final = 19  # characters of a time in ISO 8601
+_ENDS: Final = 2
+
+_STYLE: Final = """
+:root { color-scheme: light }
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
+h1 { font-size: 1.7rem; margin-bottom: 0 } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc }
+.lead { font-size: 1.15rem } .small, figcaption { color: #555; font-size: .85rem }
+figure { margin: 1rem 0 } figure svg, figure img { max-width: 100%; height: auto; display: block }
+table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-numeric: tabular-nums }
+th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px solid #ddd; vertical-align: top }
+td.n, th.n { text-align: right; white-space: nowrap } td.hash { font-family: monospace; overflow-wrap: anywhere }
+@page { size: A4; margin: 15mm }
+@media print { body { margin: 0; max-width: none; font-size: 10pt } thead { display: table-header-group }
+  h2 { break-after: avoid } figure, tr { break-inside: avoid } figure svg { max-height: 24cm } }
+"""
+_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+_COVERS: Final = (
+    "An interval holds the true value in 95 of 100 cases, as far as what is stated below is true. It does not cover a"
+    " wrong height of the water or the ground, ground that is not as configured, or a camera file of another camera or"
+    " mode."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingFacts:
+    """What a page says of a recording beside its values.
+
+    Attributes:
+        path: The recording.
+        station: Its station.
+        start_ns: UTC of its first message.
+        end_ns: UTC of its last message.
+        settings: Numbers and names of its station file: key, value, and whether the value is the default.
+        lacks: What is damaged or missing, a sentence each.
+        best: Index of the image in which most was measured, and that image with values drawn in, RGB; None without.
+    """
+
+    path: Path
+    station: str
+    start_ns: int
+    end_ns: int
+    settings: Sequence[tuple[str, str, bool]]
+    lacks: Sequence[str]
+    best: tuple[int, ImageArray] | None
+
+
+def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: RecordingFacts) -> str:
+    """The page about a recording.
+
+    Args:
+        found: Its values.
+        probes: Those to draw.
+        facts: What else is known of it.
+
+    Raises:
+        InputError: One of its files cannot be read.
+    """
+    start, end = (_clock(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
+    posed = found.poses.answered
+    lead = f"{len(found.probes)} quantities in {found.images} images; for {posed} of these the camera's pose is known."
+    parts = [
+        _heading(f"Measurements of {facts.station or facts.path.name}", f"{start} to {end} UTC"),
+        f'<p class="lead">{lead}</p>',
+        *(f"<p><strong>{escape(each)}</strong></p>" for each in facts.lacks),
+        _section("What was measured", _summary(found.probes.values()), _paragraph(_COVERS)),
+    ]
+    if facts.best is not None:
+        index, pixels = facts.best
+        bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+        data = bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
+        words = f"Image {index}, in which most was measured; behind each value its 95 % interval."
+        parts.append(_section("The image", _picture(data, "jpeg", words)))
+    drawn = _recording_map(found, list(found.probes.values()))
+    if drawn is not None:
+        parts.append(_section("The map", _drawing(drawn, _place_words(found))))
+    over_time = draw_recording(found, probes, facts.station)
+    words = f"Bands are 95 % intervals; {len(probes)} of {len(found.probes)} quantities are drawn."
+    parts += [
+        _section("Over time", _drawing(over_time, words)),
+        _section("Values", _values(found.probes.values())),
+        _section("What happened", _events(found)) if found.events else "",
+        _section("What was stated and assumed", *_settings(facts.settings), _remarks(found)),
+        _section("Provenance", _provenance(facts.path, found)),
+    ]
+    return _page(f"Measurements of {facts.station}", parts)
+
+
+def river_page(river: RiverFolder) -> str:
+    """The page about a river's folder.
+
+    Raises:
+        InputError: One of its files cannot be read.
+    """
+    document, width = river.document, river.document["width_m"]
+    used = [each for each in document["transects"] if each["status"] == Status.OK]
+    if width is None:
+        lead = f"No width was measured: {document['status']}."
+    else:
+        low, high = width["ci95"]
+        digits = digits_of((high - low) / 2)
+        lead = (
+            f"The river is {width['median']:.{digits}f} m wide in the median, {low:.{digits}f} to {high:.{digits}f} m"
+            f" (95 %); {width['min']:.{digits}f} to {width['max']:.{digits}f} m along {len(used)} of"
+            f" {len(document['transects'])} transects."
+        )
+    images = document.get("images")
+    seen = "" if images is None else f" {images.get('used', 0)} of {images['looked_at']} images show it."
+    sure = f"Confidence in the water's outline: {100 * document['confidence']:.0f} %.{seen}"
+    notes = document["reasons"] or ["Nothing more than its inputs' stated uncertainties was said of this answer."]
+    parts = [
+        _heading("Width of a river", river.path.name),
+        f'<p class="lead">{escape(lead)}</p>',
+        _paragraph(f"{sure} {_COVERS}"),
+    ]
+    plate = river.path / "plate.png"
+    if plate.is_file():
+        words = "Banks and transects in the image and from above, and the widths along the river."
+        parts.append(_section("The plate", _picture(_read(plate), "png", words)))
+    parts.append(_section("The map", _drawing(_river_map(river), _river_place(river))))
+    if used:
+        parts.append(_section("Along the river", _drawing(_profile(used), f"The band is the {BAND} of each width.")))
+    parts += [
+        _section("Transects", _transects(document["transects"])),
+        _section("What was assumed and what to know", _bullets(notes)),
+        _section("Provenance", _files(river.path), _made_by()),
+    ]
+    return _page(f"Width of a river: {river.path.name}", parts)
+
+
+def _page(title: str, parts: Iterable[str]) -> str:
+    head = (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>"
+    )
+    return "\n".join([head, *filter(None, parts), "</body></html>\n"])
+
+
+def _heading(title: str, below: str) -> str:
+    return f'<h1>{escape(title)}</h1><p class="small">{escape(below)}</p>'
+
+
+def _section(title: str, *parts: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{''.join(parts)}</section>"
+
+
+def _paragraph(text: str) -> str:
+    return f"<p>{escape(text)}</p>"
+
+
+def _bullets(sentences: Iterable[str]) -> str:
+    return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in sentences)}</ul>"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1) -> str:
+    """A table whose first columns are words, the others numbers."""
+    looks = [""] * words + [' class="n"'] * (len(head) - words)
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        return "".join(f"<{tag}{look}>{escape(cell)}</{tag}>" for look, cell in zip(looks, cells, strict=True))
+
+    body = "".join(f"<tr>{line('td', cells)}</tr>" for cells in rows)
+    return f"<table><thead><tr>{line('th', head)}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _picture(data: bytes, kind: str, words: str) -> str:
+    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    return f'<figure><img src="{source}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
+
+
+@styled()
+def _drawing(figure: Figure, words: str) -> str:
+    """A figure as SVG in the page: without what names addresses, which HTML does not need."""
+    file = io.StringIO()
+    figure.savefig(file, format="svg", metadata={"Date": None})
+    text = file.getvalue()
+    head, rest = text[text.index("<svg") :].split(">", 1)
+    label = f' role="img" aria-label="{escape(words)}"'
+    drawn = f"{_NAMESPACES.sub('', head)}{label}>{_METADATA.sub('', rest)}"
+    return f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
+
+
+def _clock(stamp_ns: int) -> str:
+    return time_utc(stamp_ns)[:_TO_SECONDS].replace("T", " ")
+
+
+def _summary(probes: Iterable[Series]) -> str:
+    """One row for each probe: what it came to, in the median."""
+    rows = []
+    for each in probes:
+        value, half = typical(each)
+        digits, unit = digits_of(half), unit_of(each)
+        known = each.numbers("value")[np.isfinite(each.numbers("value"))]
+        shown = [f"{number:.{digits}f}" for number in (value, half)] if len(known) else ["", ""]
+        span = f"{known.min():.{digits}f} to {known.max():.{digits}f}" if len(known) else ""
+        others = {name: each.statuses.count(name) for name in sorted({*each.statuses} - {Status.OK})}
+        why = ", ".join(f"{count} {name}" for name, count in others.items())
+        rows.append((each.name, each.kind, f"{each.answered} of {len(each.stamps_ns)}", *shown, span, unit, why))
+    head = ("quantity", "kind", "answered", "median", "± (95 %), typically", "least to largest", "unit", "no value")
+    return _table(head, rows, words=2)
+
+
+def _values(probes: Iterable[Series]) -> str:
+    """The values of each probe over time, evenly thinned."""
+    rows, thinned = [], False
+    for each in probes:
+        chosen = np.flatnonzero(np.isfinite(each.numbers("value")))
+        thinned = thinned or len(chosen) > _MOST_ROWS
+        for row in chosen[np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), _MOST_ROWS)).astype(int))]:
+            value, low, high = (float(each.numbers(name)[row]) for name in ("value", "ci95_low", "ci95_high"))
+            digits = digits_of((high - low) / 2)
+            numbers = (f"{value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit_of(each))
+            rows.append((each.name, time_utc(each.stamps_ns[row])[:-9].replace("T", " "), *numbers))
+    note = f"At most {_MOST_ROWS} of each quantity, evenly spread; aerodft export writes all." if thinned else ""
+    head = ("quantity", "UTC", "value", "95 % interval", "unit")
+    return _paragraph(note) * bool(note) + _table(head, rows, words=2)
+
+
+def _events(found: RecordingSeries) -> str:
+    rows = [(_clock(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
+    return _table(("UTC", "of", "what"), rows, words=3)
+
+
+def _settings(settings: Sequence[tuple[str, str, bool]]) -> Iterator[str]:
+    """What the station file states, and what it leaves to defaults."""
+    for title, is_default in (("Stated in the station file", False), ("Assumed: defaults of the software", True)):
+        rows = [(key, value) for key, value, own in settings if own is is_default]
+        if rows:
+            yield f"<h3>{title}</h3>{_table(('key, with its unit', 'value'), rows)}"
+
+
+def _remarks(found: RecordingSeries) -> str:
+    if not found.remarks:
+        return ""
+    said = [f"{text} ({count} values)" for text, count in found.remarks.most_common(_MOST_ROWS)]
+    return f"<h3>What values say of themselves</h3>{_bullets(said)}"
+
+
+def _provenance(path: Path, found: RecordingSeries) -> str:
+    made = ", ".join(f"{name} ({count} measurements)" for name, count in found.softwares.most_common())
+    calibrations = [name for name in found.calibrations if name]
+    lines = [f"Measured by {made}."] if made else []
+    lines += [f"Calibrations: {', '.join(sorted(calibrations))}."] if calibrations else []
+    return _bullets(lines) * bool(lines) + _files(path) + _made_by()
+
+
+def _made_by() -> str:
+    return _paragraph(f"Page written by {SOFTWARE} at {datetime.now(UTC).isoformat(timespec='seconds')}.")
+
+
+def _files(path: Path) -> str:
+    """Every file with its size and its SHA-256."""
+    rows = []
+    for each in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if each.is_file():
+            try:
+                with each.open("rb") as file:
+                    digest = hashlib.file_digest(file, "sha256").hexdigest()
+                    rows.append((each.name, digest, f"{each.stat().st_size:,}"))
+            except OSError as error:
+                raise InputError("the file cannot be read", where=each, got=error.strerror) from error
+    table = _table(("file", "SHA-256", "bytes"), rows, words=2)
+    return re.sub(r"<td>([0-9a-f]{64})</td>", r'<td class="hash">\1</td>', table)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError("the file cannot be read", where=path, got=error.strerror) from error
+
+
+def _thin(things: Sequence[FloatArray]) -> list[FloatArray]:
+    """At most ``_MOST_LINES`` of some things, evenly spread."""
+    return [
+        things[row] for row in np.unique(np.linspace(0, len(things) - 1, min(len(things), _MOST_LINES)).astype(int))
+    ]
+
+
+@styled()
+def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure | None:
+    """Where the camera was and what was measured, in metres; None where nothing has a place."""
+    poses = np.stack([found.poses.numbers("east_m"), found.poses.numbers("north_m")], axis=-1)
+    track = poses[np.isfinite(poses).all(axis=-1)]
+    shown = {
+        each.name: _thin([points for points, status in zip(each.points_m, each.statuses, strict=True)
+                          if len(points) and status == Status.OK])
+        for each in probes
+    }  # fmt: skip
+    everything = [track, *(points for lines in shown.values() for points in lines)]
+    if not sum(map(len, everything)):
+        return None
+    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(*track.T, ".-", color=GREY, markersize=3, linewidth=0.8, label="camera")
+    kinds = {each.name: each.kind for each in probes}
+    for row, (name, lines) in enumerate(shown.items()):
+        for number, points in enumerate(lines):
+            pieces = points.reshape(-1, 2, 2) if kinds[name] == ProbeKind.RIVER and len(points) % 2 == 0 else [points]
+            for piece in pieces:
+                closed = np.vstack([piece, piece[:1]]) if kinds[name] == ProbeKind.AREA else piece
+                label = name if not number and piece is pieces[0] else None
+                style = "." if len(closed) < _ENDS else "-"
+                axes.plot(*closed.T, style, color=COLOURS[row % len(COLOURS)], markersize=3, alpha=0.6, label=label)
+    as_map(axes, everything)
+    figure.legend(loc="outside right upper", frameon=False)
+    return figure
+
+
+def _place_words(found: RecordingSeries) -> str:
+    if found.origin_deg is None:
+        return "Metres from an origin whose place on Earth nobody said."
+    lat_deg, lon_deg = found.origin_deg
+    return f"Metres east and north of {lat_deg:.6f}°, {lon_deg:.6f}° (WGS84); the camera's track is grey."
+
+
+_Shape = tuple[str, Mapping[str, Any], list[FloatArray]]
+
+
+def _local_m(river: RiverFolder) -> tuple[list[_Shape], tuple[float, float] | None]:
+    """The river's features as lines in metres, and the place that they count from; None where nobody said it."""
+    shapes = []
+    for layer, geometry, properties in river.features:
+        if geometry is not None:
+            parts = geometry["coordinates"] if geometry["type"] == "Polygon" else [geometry["coordinates"]]
+            shapes.append((layer, properties, [np.asarray(part, dtype=np.float64)[:, :2] for part in parts]))
+    if river.is_local or not shapes:
+        return shapes, None
+    middle = np.mean(np.concatenate([part for _, _, parts in shapes for part in parts]), axis=0)
+    lon_rad, lat_rad = np.radians(middle).tolist()
+    origin = GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=0.0)
+    moved = [
+        (layer, properties, [east_north(origin, *np.radians(part[:, ::-1].T)) for part in parts])
+        for layer, properties, parts in shapes
+    ]
+    return moved, (float(middle[1]), float(middle[0]))
+
+
+@styled()
+def _river_map(river: RiverFolder) -> Figure:
+    """Water, banks, transects and centreline."""
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    axes, shapes = figure.add_subplot(), _local_m(river)[0]
+    looks: dict[str, dict[str, Any]] = {
+        "centreline": {"color": BLACK, "linestyle": "--", "linewidth": 0.9},
+        "transects": {"color": GREY, "linewidth": 0.6},
+        "left bank": {"color": RED, "linewidth": 1.6},
+        "right bank": {"color": BLUE, "linewidth": 1.6},
+    }
+    said = set()
+    for layer, properties, parts in shapes:
+        name = f"{properties.get('side')} bank" if layer == "banks" else layer
+        if layer == "water":
+            axes.fill(*parts[0].T, color=SKY, alpha=0.25, linewidth=0, label=name)
+            for hole in parts[1:]:
+                axes.fill(*hole.T, color="white")
+            continue
+        for part in parts:
+            axes.plot(*part.T, label=None if name in said else name, **looks.get(name, {"color": GREY}))
+            said.add(name)
+    if shapes:
+        as_map(axes, [part for _, _, parts in shapes for part in parts])
+        figure.legend(loc="outside right upper", frameon=False)
+    return figure
+
+
+def _river_place(river: RiverFolder) -> str:
+    place = _local_m(river)[1]
+    sides = "Left and right are as one looks downstream where the flow was stated, else as in the image."
+    if place is None:
+        return f"Metres from the camera's foot, whose place on Earth nobody said. {sides}"
+    return f"Metres east and north of {place[0]:.6f}°, {place[1]:.6f}° (WGS84). {sides}"
+
+
+@styled()
+def _profile(used: Sequence[Mapping[str, Any]]) -> Figure:
+    """Widths along the river with their 95 % intervals."""
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    rows = np.array([(each["station_m"], each["width_m"], *each["ci95"]) for each in used], dtype=np.float64)
+    at, width, low, high = rows.T
+    draw_band(axes, at, low, high, BLUE, label=BAND)
+    axes.plot(at, width, ".-", color=BLUE, markersize=3, linewidth=0.8, label="width")
+    if any((each["channels"] or 1) > 1 for each in used):
+        axes.plot(at, [each["wetted_m"] for each in used], ":", color=BLACK, label="wetted, without islands")
+    axes.set(xlabel="along the river (m)", ylabel="width (m)")
+    axes.legend(loc="best")
+    return figure
+
+
+def _transects(transects: Sequence[Mapping[str, Any]]) -> str:
+    rows = []
+    for each in transects:
+        if each["ci95"] is None:
+            rows.append((each["status"], f"{each['station_m']:.1f}", "", "", "", ""))
+            continue
+        low, high = each["ci95"]
+        digits = digits_of((high - low) / 2)
+        numbers = (f"{each['width_m']:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}")
+        bound = "at least" if each["bound"] else ""
+        rows.append((each["status"], f"{each['station_m']:.1f}", bound, *numbers, f"{each['wetted_m']:.{digits}f}"))
+    head = ("status", "along the river (m)", "bound", "width (m)", "95 % interval (m)", "wetted (m)")
+    return _table(head, rows)

@@ -1,0 +1,135 @@
+"""The one look of all figures: colours that the colour-blind tell apart (Okabe and Ito, 2008), bands, maps, files."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from aerodft.errors import UsageError
+from aerodft.model import FloatArray
+
+BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE, SKY, YELLOW, BLACK, GREY = "#CC79A7", "#56B4E9", "#F0E442", "#000000", "#999999"
+COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, YELLOW)
+"""In the order in which things get them; red is vermillion."""
+
+BAND: Final = "95 % interval"
+NORMAL_95: Final = 1.96
+"""Standard deviations to each side of a normal distribution's middle that hold 95 % of it."""
+
+FORMATS: Final = frozenset({"png", "svg", "pdf"})
+
+_DPI: Final = 110
+_GAP_STEPS: Final = 5  # usual steps from one row to the next
+_SCALE_SHARE: Final = 0.3  # of the map's width, at the most
+_LOOK: Final = {
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.prop_cycle": cycler(color=COLOURS),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": "medium",
+    "font.size": 9,
+    "grid.alpha": 0.3,
+    "legend.fontsize": "small",
+    "legend.framealpha": 0.9,
+    "svg.hashsalt": "aerodft",
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """The look, while something is drawn; as a decorator or a block."""
+    with mpl.rc_context(_LOOK):  # type: ignore[arg-type]  # its names are those of matplotlib
+        yield
+
+
+def figure_format(suffix: str) -> str:
+    """What a file's ending says a figure is to be written as.
+
+    Raises:
+        UsageError: It says none.
+    """
+    form = suffix.lower().removeprefix(".") or "png"
+    if form not in FORMATS:
+        raise UsageError("`path`", got=suffix, expected=" or ".join(sorted(f".{each}" for each in FORMATS)))
+    return form
+
+
+@styled()
+def save_figure(figure: Figure, path: Path, form: str) -> None:
+    """Write a figure, without the time of writing: equal figures are equal files.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(form)
+    figure.savefig(path, format=form, dpi=_DPI, metadata=date)
+
+
+def draw_band(
+    axes: Axes, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, *, label: str | None = None
+) -> None:
+    """Draw an interval along ``x``; what stands alone between gaps (NaN) gets a bar of its own."""
+    axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0, label=label)
+    known = np.pad(np.isfinite(low) & np.isfinite(high), 1)
+    alone = known[1:-1] & ~known[:-2] & ~known[2:]
+    axes.vlines(x[alone], low[alone], high[alone], color=colour, alpha=0.35, linewidth=2)
+
+
+def with_gaps(x: FloatArray, *columns: FloatArray) -> tuple[FloatArray, ...]:
+    """``x`` and its columns, ``(n,)`` each, with NaN where nothing was for long: no band is drawn across that."""
+    steps = np.diff(x)
+    behind = np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.int64)
+    return np.insert(x, behind, x[behind]), *(np.insert(each, behind, np.nan) for each in columns)
+
+
+def set_visible_range(axes: Axes, lows: FloatArray, highs: FloatArray) -> int:
+    """Let few intervals that are far wider than all others not flatten these; how many then leave the panel."""
+    low, high = lows[np.isfinite(lows)], highs[np.isfinite(highs)]
+    if not len(low) or not len(high):
+        return 0
+    bottom, top = float(np.quantile(low, 0.05)), float(np.quantile(high, 0.95))
+    spare = max(0.5 * (top - bottom), 1e-9)
+    if low.min() >= bottom - 2 * spare and high.max() <= top + 2 * spare:
+        return 0
+    axes.set_ylim(bottom - spare, top + spare)
+    return int(np.count_nonzero((lows < bottom - spare) | (highs > top + spare)))
+
+
+def as_map(axes: Axes, points_m: Iterable[FloatArray]) -> None:
+    """Make axes a map in metres: as long east as north, with a scale bar and north; numbers stand in full.
+
+    Args:
+        axes: With everything drawn.
+        points_m: What is drawn, ``(n, 2)`` each.
+    """
+    everything = np.concatenate([each[np.isfinite(each).all(axis=-1)] for each in points_m])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    size = max(float(np.max(high - low)), 1.0)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 0.3 * size) + 0.12 * size
+    axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+    axes.set_aspect("equal")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(5))
+    axes.ticklabel_format(style="plain", useOffset=False)
+    axes.set(xlabel="east (m)", ylabel="north (m)")
+    power = 10.0 ** np.floor(np.log10(_SCALE_SHARE * 2 * half[0]))
+    bar_m = max(step * power for step in (1, 2, 5) if step * power <= _SCALE_SHARE * 2 * half[0])
+    left, bottom = middle[0] - 0.94 * half[0], middle[1] - 0.92 * half[1]
+    axes.plot([left, left + bar_m], [bottom, bottom], color=BLACK, linewidth=3, solid_capstyle="butt")
+    box = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1}
+    axes.annotate(f"{bar_m:g} m", (left + bar_m / 2, bottom), (0, 4), textcoords="offset points", ha="center", bbox=box)
+    arrow = {"arrowstyle": "<|-", "color": BLACK, "linewidth": 1.5}
+    axes.annotate(
+        "N", (0.96, 0.98), (0.96, 0.86), xycoords="axes fraction", textcoords="axes fraction", ha="center", va="top",
+        arrowprops={**arrow, "arrowstyle": "-|>"}, fontweight="bold",
+    )  # fmt: skip

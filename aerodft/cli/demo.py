@@ -14,10 +14,9 @@ from typing import Annotated, Any
 
 import tomli_w
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, InputError
 
 _MARK = ".aerodft-demo"
@@ -96,7 +95,7 @@ def _print_table(probes: dict[str, Any]) -> None:
             "yes" if row["inside"] else "no",
             f"{row['intervals_with_truth']} of {row['intervals']} hold the truth",
         )
-    Console().print(table)
+    tables().print(table)
 
 
 def _clear(output: Path) -> None:

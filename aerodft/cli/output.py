@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import orjson
 import typer
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
+from rich.table import Table
 from rich.text import Text
 
 from aerodft.app.progress import Progress
@@ -63,6 +65,27 @@ class _PrintableConsole(Console):
     def render_str(self, text: str, **options: Any) -> Text:  # noqa: ANN401 - the library's own
         """A text that is to be shown."""
         return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
+
+    def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - the library's own
+        """Print tables and texts; no word and no number of a table is cut, however narrow the terminal."""
+        super().print(*(_fitted(each, self.width) if isinstance(each, Table) else each for each in objects), **options)
+
+
+def _fitted(table: Table, width: int) -> Table | str:
+    """A table whose columns are as wide as their longest words; a paragraph for each row where these have no room."""
+    columns = [[str(cell) for cell in (column.header, *column.cells)] for column in table.columns]
+    longest = [max((cell_len(word) for cell in cells for word in cell.split()), default=0) for cells in columns]
+    spare = width - sum(longest) - 3 * len(columns) - 1
+    if spare >= 0:
+        for column, cells, least in zip(table.columns, columns, longest, strict=True):
+            column.width = min(least + spare, max(cell_len(line) for cell in cells for line in f"{cell}\n".split("\n")))
+            spare -= column.width - least
+        return table
+    lines = [] if table.title is None else [str(table.title)]
+    _, *names = [cells[0] for cells in columns]
+    for name, *values in zip(*(cells[1:] for cells in columns), strict=True):
+        lines += [name, *(f"  {key}: {value}" for key, value in zip(names, values, strict=True) if value)]
+    return "\n".join(lines)
 
 
 def tables() -> Console:

@@ -81,7 +81,7 @@ def test_a_pipe_is_refused_and_nobody_waits(aerodft, desk, tmp_path: Path, comma
     assert len(done.err.splitlines()) == 1, done.err
 
 
-@pytest.mark.parametrize("name", ["a.txt", "a.json", "a.xlsx", "a.kml", "a.csv.gz"])
+@pytest.mark.parametrize("name", ["a.txt", "a.json", "a.xlsx", "a.shp", "a.csv.gz"])
 def test_an_ending_that_is_not_written_is_refused(aerodft, tmp_path: Path, name: str) -> None:
     done = aerodft("export", "tests/cli/frozen-0.1", "-o", tmp_path / name)
     assert (done.code, list(tmp_path.iterdir())) == (2, [])

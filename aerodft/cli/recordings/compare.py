@@ -59,13 +59,26 @@ def compare(
     if json:
         print_json(comparison.to_dict())
     else:
-        _show(comparison)
+        _show(comparison, f"{second} minus {first}")
     if comparison.differs:
         raise typer.Exit(LOSS)
 
 
-def _show(comparison: "Comparison") -> None:
-    table = Table("probe", "pairs", "mean", "median", "95 %", "max", "rms", "max std change", "in stds: median", "max")
+def _show(comparison: "Comparison", title: str) -> None:
+    """A row of differences for each probe, what else changed, and the sentences on them."""
+    names = (
+        "probe",
+        "pairs",
+        "mean",
+        "median",
+        "95 %",
+        "max",
+        "rms",
+        "max std change",
+        "in stds: median",
+        "in stds: max",
+    )
+    table = Table(*names, title=title, title_justify="left")
     for name, difference in comparison.probes.items():
         table.add_row(name, *_cells(difference))
     table.add_row("all", *_cells(comparison.total))

@@ -420,13 +420,22 @@ def _recorded_crs(recording: Recording, form: ExportFormat, crs: str | None) -> 
     """
     if form not in MAP_FORMATS:
         return None
-    items = map(parsed, recording.measurements())
-    is_local = not any(item.get("geo") for item in items)
+    is_local = _is_local(map(parsed, recording.measurements()))
     system = _map_crs(crs, form, recording.folder, is_local=is_local)
     if is_local and form is ExportFormat.GEOJSON:
         _log.warning("%s: no place is known, and GeoJSON has no metres: write .gpkg for a map", recording.folder)
         return MapCrs.wgs84()
     return system
+
+
+def _is_local(items: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether points of measurements are known in metres of the station's origin only."""
+    has_metres = False
+    for item in items:
+        if item.get("geo"):
+            return False
+        has_metres = has_metres or bool(item.get("enu_m"))
+    return has_metres
 
 
 def _map_crs(crs: str | None, form: ExportFormat, where: Path, *, is_local: bool) -> MapCrs:

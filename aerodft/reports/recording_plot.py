@@ -184,8 +184,7 @@ def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
     )
     ends = series.numbers("ci95_low"), series.numbers("ci95_high")
     beyond = _draw_line(axes, clock.of(series.stamps), series.numbers("value"), ends, BLUE)
-    cut = f"; {beyond} intervals reach beyond the panel" if beyond else ""
-    axes.set(title=f"{name}: {middle}{known}{cut}", ylabel=unit)
+    axes.set(title=f"{name}: {middle}{known}{_cut(beyond)}", ylabel=unit)
 
 
 def _draw_line(axes: Axes, x: FloatArray, value: FloatArray, ends: tuple[FloatArray, FloatArray], colour: str) -> int:
@@ -194,7 +193,12 @@ def _draw_line(axes: Axes, x: FloatArray, value: FloatArray, ends: tuple[FloatAr
     x, value, low, high = with_gaps(x[rows], value[rows], ends[0][rows], ends[1][rows])
     draw_band(axes, x, low, high, colour)
     axes.plot(x, value, ".", color=colour, markersize=3)
-    return set_visible_range(axes, low, high)
+    return set_visible_range(axes, *ends)
+
+
+def _cut(beyond: int) -> str:
+    """What a panel's heading says of the intervals that leave it."""
+    return f"; {beyond} intervals reach beyond the panel" if beyond else ""
 
 
 def _thinned(value: FloatArray) -> IntArray:
@@ -217,15 +221,14 @@ def _draw_height(axes: Axes, poses: Series, clock: _Clock) -> dict[str, str]:
     for name, colour in sources.items():
         own = np.where([each == name for each in names], height, np.nan)
         beyond = _draw_line(axes, x, own, (own - half, own + half), colour)
-    cut = f"; {beyond} intervals reach beyond the panel" if beyond else ""
-    axes.set(title=f"camera's height above the measured surface, by source{cut}", ylabel="m")
+    axes.set(title=f"camera's height above the measured surface, by source{_cut(beyond)}", ylabel="m")
     return sources
 
 
 def _draw_tilt(axes: Axes, poses: Series, clock: _Clock) -> None:
     tilt, half = poses.numbers("tilt_deg"), NORMAL_95 * poses.numbers("tilt_std_deg")
-    _draw_line(axes, clock.of(poses.stamps), tilt, (tilt - half, tilt + half), BLACK)
-    axes.set(title="camera's tilt: 0 straight down, 90 to the horizon", ylabel="°")
+    beyond = _draw_line(axes, clock.of(poses.stamps), tilt, (tilt - half, tilt + half), BLACK)
+    axes.set(title=f"camera's tilt: 0 straight down, 90 to the horizon{_cut(beyond)}", ylabel="°")
 
 
 class _Spans:
@@ -273,21 +276,21 @@ def _draw_events(axes: Axes, events: Sequence[Event], clock: _Clock, panels: Seq
     for panel in panels:
         for x in at[:_MOST_SPANS]:
             panel.axvline(x, color=BLACK, linewidth=0.7, linestyle=":", alpha=0.6)
-    free = dict.fromkeys(kinds, -math.inf)
-    for x, event in zip(at.tolist(), events, strict=True):
-        row = kinds.index(event.kind)
-        axes.plot(x, row, "|", color=BLACK, markersize=9)
-        text = event.text if len(event.text) <= _MOST_LETTERS else f"{event.text[: _MOST_LETTERS - 1]}…"
-        width = (len(text) + 2) * _LETTER_SHARE * (high - low)
-        is_left = x + width > high
-        start = x - width if is_left else x
-        if start >= free[event.kind] and start >= low:
-            side = "right" if is_left else "left"
-            axes.annotate(
-                text, (x, row), (-4 if is_left else 4, 0), textcoords="offset points", ha=side, va="center",
-                fontsize="small", annotation_clip=True, parse_math=False,
-            )  # fmt: skip
-            free[event.kind] = x + (0 if is_left else width)
+    for row, kind in enumerate(kinds):
+        own = [(x, event.text) for x, event in zip(at.tolist(), events, strict=True) if event.kind == kind]
+        free = low  # to the left of what comes next
+        for (x, words), following in zip(own, [*(x for x, _ in own[1:]), high], strict=True):
+            axes.plot(x, row, "|", color=BLACK, markersize=9)
+            text = words if len(words) <= _MOST_LETTERS else f"{words[: _MOST_LETTERS - 1]}…"
+            width = (len(text) + 2) * _LETTER_SHARE * (high - low)
+            is_right = x + width <= following
+            if is_right or x - width >= free:
+                side, away = ("left", 4) if is_right else ("right", -4)
+                axes.annotate(
+                    text, (x, row), (away, 0), textcoords="offset points", ha=side, va="center", fontsize="small",
+                    annotation_clip=True, parse_math=False,
+                )  # fmt: skip
+            free = x + width * is_right
     axes.set(ylim=(len(kinds) - 0.4, -0.6), title="events, in words where there is room")
     axes.set_yticks(range(len(kinds)), kinds)
 

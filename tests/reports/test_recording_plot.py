@@ -1,7 +1,7 @@
 """The figure of a recording: what is drawn is what was measured, and nothing stands on anything else."""
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +85,7 @@ def test_a_river_is_drawn_along_its_course(tmp_path):
 
 def test_no_words_stand_on_each_other(found):
     words = ("gps to home, +0.42 m", "home to rangefinder, -1.20 m", "ok; the gimbal may still be turning")
-    stamps = START_NS + np.array([0.1, 0.2, 0.25, 0.9, 1.6, 2.3, 2.35]) * SECOND_NS
+    stamps = START_NS + np.array([0.1, 0.2, 0.25, 0.9, 1.3, 1.31, 1.6, 2.3, 2.35]) * SECOND_NS
     for row, stamp_ns in enumerate(stamps.astype(int).tolist()):
         found.events += [Event(stamp_ns, ("height", "station")[row % 2], words[row % 3])]
     recordings = (found, read_series(Recording(FROZEN)))
@@ -97,6 +97,10 @@ def test_no_words_stand_on_each_other(found):
         boxes = [(each.get_text(), each.get_window_extent(renderer)) for each in shown]
         ticks = {each for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) for each in axis.get_ticklabels()}
         page = figure.bbox.padded(1)
+        marks = [line for axes in figure.axes for line in axes.lines if line.get_marker() == "|"]
+        for line, (text, box) in product(marks, boxes):
+            ends = line.get_window_extent(renderer)  # a square around the stroke
+            assert not box.contains((ends.x0 + ends.x1) / 2, (ends.y0 + ends.y1) / 2), text
         for (one_text, box), (other_text, other) in combinations(
             [pair for pair, each in zip(boxes, shown, strict=True) if each not in ticks], 2
         ):

@@ -43,6 +43,7 @@ h1 { font-size: 1.7rem; margin-bottom: 0 } h2 { font-size: 1.2rem; margin-top: 2
 figure { margin: 1rem 0 } figure svg, figure img { max-width: 100%; height: auto; display: block }
 table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-numeric: tabular-nums }
 th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px solid #ddd; vertical-align: top }
+td { overflow-wrap: break-word }
 td.n, th.n { text-align: right; white-space: nowrap } td.hash { font-family: monospace; overflow-wrap: anywhere }
 @page { size: A4; margin: 15mm }
 @media print { body { margin: 0; max-width: none; font-size: 10pt } thead { display: table-header-group }
@@ -335,7 +336,7 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
             pieces = points.reshape(-1, 2, 2) if kinds[name] == ProbeKind.RIVER and len(points) % 2 == 0 else [points]
             for piece in pieces:
                 closed = np.vstack([piece, piece[:1]]) if kinds[name] == ProbeKind.AREA else piece
-                label = name if not number and piece is pieces[0] else None
+                label = name[:40] if not number and piece is pieces[0] else None
                 style = "." if len(closed) < _ENDS else "-"
                 axes.plot(*closed.T, style, color=COLOURS[row % len(COLOURS)], markersize=3, alpha=0.6, label=label)
     as_map(axes, everything)

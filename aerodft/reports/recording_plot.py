@@ -43,7 +43,7 @@ _WIDTH_IN, _PANEL_IN = 11.0, 1.9
 _HATCHES: Final = ("", "///", "\\\\\\", "...")
 _STATUS_COLOURS: Final = ("#D55E00", "#E69F00", "#CC79A7", "#56B4E9", "#F0E442", "#999999")
 _TO_SECONDS: Final = 19  # characters of a time in ISO 8601
-_MOST_LETTERS: Final = 40  # of an event
+_MOST_LETTERS: Final = 40  # of a name, or of an event
 _LETTER_SHARE: Final = 0.0075  # of the figure's width
 _TIMES: Final = ((3 * 3600, 3600, "hours"), (600, 60, "minutes"), (0, 1, "seconds"))
 
@@ -151,7 +151,7 @@ def draw_recording(found: RecordingSeries, probes: Sequence[Series], station: st
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6), frameon=False)
     some = f" ({len(probes)} of {len(found.probes)} probes)" if len(probes) < len(found.probes) else ""
-    figure.suptitle(f"{station}: {clock.span}{some}", x=0.01, ha="left", fontweight="bold", parse_math=False)
+    figure.suptitle(f"{_short(station)}: {clock.span}{some}", x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -166,7 +166,7 @@ def write_recording_plot(found: RecordingSeries, probes: Sequence[Series], stati
 
 def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
     """One probe's values, or of a position its east and north from where it is in the median."""
-    name, unit = f"{series.name} ({series.kind})", unit_of(series)
+    name, unit = f"{_short(series.name)} ({_short(series.kind)})", unit_of(series)
     known = f"{series.answered} of {len(series.stamps_ns)} answered"
     if series.kind in {ProbeKind.POSITION, ProbeKind.TRACK} and not np.isfinite(series.numbers("value")).any():
         for axis, colour in (("east", BLUE), ("north", RED)):
@@ -194,6 +194,11 @@ def _draw_line(axes: Axes, x: FloatArray, value: FloatArray, ends: tuple[FloatAr
     draw_band(axes, x, low, high, colour)
     axes.plot(x, value, ".", color=colour, markersize=3)
     return set_visible_range(axes, *ends)
+
+
+def _short(name: str) -> str:
+    """A name or a few words that have room."""
+    return name if len(name) <= _MOST_LETTERS else f"{name[: _MOST_LETTERS - 1]}…"
 
 
 def _cut(beyond: int) -> str:
@@ -281,14 +286,14 @@ def _draw_events(axes: Axes, events: Sequence[Event], clock: _Clock, panels: Seq
         free = low  # to the left of what comes next
         for (x, words), following in zip(own, [*(x for x, _ in own[1:]), high], strict=True):
             axes.plot(x, row, "|", color=BLACK, markersize=9)
-            text = words if len(words) <= _MOST_LETTERS else f"{words[: _MOST_LETTERS - 1]}…"
+            text = _short(words)
             width = (len(text) + 2) * _LETTER_SHARE * (high - low)
             is_right = x + width <= following
             if is_right or x - width >= free:
                 side, away = ("left", 4) if is_right else ("right", -4)
                 axes.annotate(
                     text, (x, row), (away, 0), textcoords="offset points", ha=side, va="center", fontsize="small",
-                    annotation_clip=True, parse_math=False,
+                    annotation_clip=True,
                 )  # fmt: skip
             free = x + width * is_right
     axes.set(ylim=(len(kinds) - 0.4, -0.6), title="events, in words where there is room")

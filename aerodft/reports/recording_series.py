@@ -13,7 +13,7 @@ from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_S
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
 from aerodft.adapters.wire.status import STATUS_SCHEMA
 from aerodft.dft import PROBE_KINDS
-from aerodft.errors import InputError, located
+from aerodft.errors import InputError, located, printable
 from aerodft.model import FloatArray, IntArray, ProbeKind, Status
 from replay.export import Item, parsed, row_of
 from replay.recordings import Recording
@@ -147,7 +147,8 @@ def _add_measurement(found: RecordingSeries, item: Item) -> None:
     key = row["name"], row["kind"]
     if key not in found.probes:
         kind = PROBE_KINDS.get(row["kind"])
-        found.probes[key] = Series(*key, row["unit"] if kind is None else kind.unit)
+        unit = row["unit"] if kind is None else kind.unit
+        found.probes[key] = Series(printable(row["name"]), printable(row["kind"]), printable(unit))
     series, points = found.probes[key], row["enu_m"] or []
     known = [point[:2] for point in points if None not in point[:2]]
     place = known[0] if known and row["kind"] in {ProbeKind.POSITION, ProbeKind.TRACK} else (None, None)

@@ -1,5 +1,6 @@
 """The one look of all figures: colours that the colour-blind tell apart (Okabe and Ito, 2008), bands, maps, files."""
 
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,13 +43,15 @@ _LOOK: Final = {
     "legend.fontsize": "small",
     "legend.framealpha": 0.9,
     "svg.hashsalt": "aerodft",
+    "text.parse_math": False,  # names are what they are
 }
 
 
 @contextmanager
 def styled() -> Iterator[None]:
     """The look, while something is drawn; as a decorator or a block."""
-    with mpl.rc_context(_LOOK):  # type: ignore[arg-type]  # its names are those of matplotlib
+    with mpl.rc_context(_LOOK), warnings.catch_warnings():  # type: ignore[arg-type]  # names are those of matplotlib
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # names are in any script
         yield
 
 

@@ -187,7 +187,7 @@ def label_of(item: Item) -> str:
 
 def _place(item: Item) -> str:
     ellipse = item["ellipse95"]
-    spread = f"  ± {ellipse['semi_major_m']:.2g} m" if ellipse and ellipse["semi_major_m"] is not None else ""
+    spread = f"  ± {ellipse['semi_major_m']:.2g} m (95 %)" if ellipse and ellipse["semi_major_m"] is not None else ""
     geo, enu = item["geo"], item["enu_m"]
     if geo and geo[0]["lat_deg"] is not None and geo[0]["lon_deg"] is not None:
         return f"{geo[0]['lat_deg']:.6f}°, {geo[0]['lon_deg']:.6f}°{spread}"
@@ -212,7 +212,7 @@ def _header(items: Sequence[Item], stamp_ns: int, index: int) -> list[str]:
         "" if pose["heading_deg"] is None else f"heading {pose['heading_deg']:.0f}°",
     ]
     camera = "  ".join(part for part in parts if part)
-    return [f"{_clock(int(items[0]['stamp_ns']))}  image {index}", *([camera] if camera else [])]
+    return [f"{_clock(int(items[0]['stamp_ns']))}  image {index}  [ … ] 95 %", *([camera] if camera else [])]
 
 
 def _clock(stamp_ns: int) -> str:

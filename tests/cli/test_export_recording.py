@@ -115,7 +115,7 @@ def test_labels_say_value_and_interval_or_why_there_is_none():
     place = an_item(
         value=None, ci95=None, ellipse95=ellipse, geo=[{"lat_deg": -35.3634121, "lon_deg": 149.165, "alt_msl_m": None}]
     )
-    assert label_of(place) == "width  -35.363412°, 149.165000°  ± 4.2 m"
+    assert label_of(place) == "width  -35.363412°, 149.165000°  ± 4.2 m (95 %)"
 
 
 @pytest.mark.parametrize(("width", "height"), [(16, 12), (641, 479), (480, 1920), (3840, 2160)])

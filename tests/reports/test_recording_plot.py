@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,7 +13,7 @@ from matplotlib.text import Text
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import ProbeKind, Status
-from aerodft.reports.recording_plot import MOST_PROBES, chosen_probes, draw_recording, typical
+from aerodft.reports.recording_plot import MOST_PROBES, chosen_probes, draw_recording, typical, write_recording_plot
 from aerodft.reports.recording_series import Event, Series, read_series
 from aerodft.reports.style import COLOURS, with_gaps
 from replay.recordings import Recording
@@ -151,3 +152,13 @@ def test_the_colours_are_told_apart_without_red_or_green_cones(matrix):
     seen = [simulated(to_rgb(each), np.array(matrix)) for each in COLOURS]
     apart = [np.linalg.norm(one - other) for one, other in combinations(seen, 2)]
     assert min(apart) > 0.12
+
+
+def test_names_may_be_anything(tmp_path):
+    """Mathematics that is none, other scripts, markup, control characters, and no end."""
+    names = ("$\\frac{$", "河", "<b>&amp;</b>\x1b[31m", "n" * 3000, "_hidden")
+    values = [a_measurement(index, name=name, ci95=(0.0, 9.0)) for index, name in enumerate(names)]
+    found = read_series(Recording(record(tmp_path / "r", values)))
+    write_recording_plot(found, chosen_probes(found, ()), "$\\x$", tmp_path / "x.png", "png")
+    shown = cv2.imread(str(tmp_path / "x.png"))
+    assert shown.shape[1] == 1210

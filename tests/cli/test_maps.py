@@ -1,6 +1,7 @@
 """Maps, read by GDAL: layers, names, types, places and systems of what ``export`` writes."""
 
 import sqlite3
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -170,6 +171,44 @@ def test_local_metres_are_never_on_earth(aerodft, reach, tmp_path):
         refused = aerodft("export", folder, "-o", tmp_path / options[0], *options[1:])
         assert (refused.code, (tmp_path / options[0]).exists()) == (2, False)
         assert "metres" in refused.last
+
+
+STATION = """
+[station]
+name = "bridge"
+[camera]
+name = "bridge-cam"
+width_px = 1920
+height_px = 1080
+hfov_deg = 62.0
+[pose]
+height_agl_m = 7.85
+tilt_deg = 62.0
+[images]
+stills = "stills"
+pattern = "{unix_ms}.jpg"
+[[probe]]
+name = "span"
+kind = "width"
+pixels = [[700.0, 800.0], [1300.0, 780.0]]
+"""
+
+
+def test_a_camera_without_a_place_measures_in_metres(aerodft, tmp_path):
+    (tmp_path / "station.toml").write_text(STATION)
+    (tmp_path / "stills").mkdir()
+    picture = Path("configs/calibration/bridge.jpg").read_bytes()
+    (tmp_path / "stills/1795221278000.jpg").write_bytes(picture)
+    assert aerodft("import", "--config", tmp_path / "station.toml", "-o", tmp_path / "rec").code == 0
+    assert aerodft("export", tmp_path / "rec", "-o", tmp_path / "x.gpkg").code == 0
+    (row,) = pyogrio.read_dataframe(tmp_path / "x.gpkg", layer="width").itertuples()
+    assert row.geometry.length == pytest.approx(row.width_m, rel=1e-9)
+    assert "Undefined Cartesian" in pyogrio.read_info(tmp_path / "x.gpkg", layer="width")["crs"]
+    done = aerodft("export", tmp_path / "rec", "-o", tmp_path / "x.geojson")
+    assert "write .gpkg" in done.err
+    assert [each["geometry"] for each in orjson.loads((tmp_path / "x.geojson").read_bytes())["features"]] == [None]
+    for name, options in (("x.kml", ()), ("y.gpkg", ("--crs", 25832))):
+        assert aerodft("export", tmp_path / "rec", "-o", tmp_path / name, *options).code == 2
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,22 @@ def test_a_page_says_what_was_measured_and_of_what(aerodft, tmp_path):
     assert sum(tag == "svg" for tag, _ in page.elements) == 2
 
 
+@pytest.mark.parametrize("command", ["plot", "report"])
+def test_what_is_not_whole_is_said(aerodft, tmp_path, command):
+    folder = tmp_path / "r"
+    folder.mkdir()
+    for file in RECORDING.iterdir():
+        (folder / file.name).write_bytes(file.read_bytes())
+    data = bytearray((folder / "data_000.mcap").read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 200] = bytes(200)
+    (folder / "data_000.mcap").write_bytes(data)
+    done = aerodft(command, folder, "-o", tmp_path / "x.svg")
+    assert (done.code, (tmp_path / "x.svg").exists()) == (5, True)
+    assert "without 1 damaged chunk" in done.last
+    assert command == "plot" or "without 1 damaged chunk" in (tmp_path / "x.svg").read_text()
+
+
 def test_addresses_of_the_station_stay_out_of_the_page(aerodft, tmp_path):
     folder = tmp_path / "r"
     folder.mkdir()

@@ -1,19 +1,26 @@
-"""Publishing recordings again: on the bus, and their MAVLink on a link."""
+"""Publishing recordings again: on the bus, where they answer queries too, and their MAVLink on a link."""
 
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from types import TracebackType
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
-from aerodft.adapters.bus import session_on
+import zenoh
+
+from aerodft.adapters.bus import StationQueries, session_on
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.telemetry.mavlink import LinkKind, open_transport, parse_address
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN
+from aerodft.adapters.wire.measurement import encode_measurements
+from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.app.progress import Progress, no_progress
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
+from aerodft.model import Probe
 from aerodft.service.clocks import WallClock
 from replay.player import (
     AnyRecording,
@@ -21,13 +28,19 @@ from replay.player import (
     MavlinkOut,
     Player,
     Republisher,
+    TimelineMessage,
     check_mavlink,
     holds_mavlink,
     is_published,
+    keys_of,
     name_of,
+    shifted,
     timeline,
 )
 from replay.recordings import LeftOut, Recording
+
+if TYPE_CHECKING:
+    from aerodft.app.assembly import RecordedRun
 
 _LINK_S: Final = 5.0  # for a peer that is named to answer
 _SLOWEST, _FASTEST = 0.01, 1000.0
@@ -65,10 +78,86 @@ class ReplayResult:
         return not (self.measurements or self.images or self.others or self.mavlink_frames)
 
 
+class _ReplayedQueries:
+    """Answers the queries of the recordings' stations as the stations did when they were where the replay is.
+
+    An outlet of the player, before the one that publishes. Of several recordings of one station the one answers of
+    which something was published last.
+
+    Args:
+        session: Where to.
+        recordings: The recordings.
+    """
+
+    def __init__(self, session: zenoh.Session, recordings: Sequence[AnyRecording]) -> None:
+        self._lock = threading.Lock()  # between the queries: a run goes on from one to the next
+        self._runs: dict[int, RecordedRun] = {}
+        self._places: dict[
+            str, tuple[AnyRecording, int, int]
+        ] = {}  # by station: log time and shift of the last message
+        self._queries: dict[str, StationQueries] = {}
+        for recording in reversed(recordings):
+            keys = keys_of(recording)
+            self._places[keys.root] = recording, 0, 0
+            if keys.root not in self._queries:
+                self._queries[keys.root] = StationQueries(
+                    session,
+                    keys,
+                    probes=partial(self._probes, keys.root),
+                    measure=partial(self._measure, keys.root),
+                )
+
+    def send(self, item: TimelineMessage, shift_ns: int) -> None:
+        """Take note of the time that is reached; where it goes back, what was measured is of another round."""
+        root = keys_of(item.recording).root
+        if item.log_ns < self._places[root][1]:
+            self._queries[root].forget()
+        self._places[root] = item.recording, item.log_ns, shift_ns
+
+    def remember(self, recording: AnyRecording, probe: str, payload: bytes) -> None:
+        """Take a measurement that is published into the history of its station."""
+        self._queries[keys_of(recording).root].remember(probe, payload)
+
+    def close(self) -> None:
+        """Answer nothing any more."""
+        for each in self._queries.values():
+            each.close()
+
+    def _probes(self, root: str) -> Sequence[Probe]:
+        with self._lock:
+            return self._run_of(self._places[root][0]).station.pipeline.probes
+
+    def _measure(self, root: str, request: MeasureRequest) -> bytes:
+        recording, log_ns, shift_ns = self._places[root]
+        if request.stamp_ns is not None:
+            request = replace(request, stamp_ns=request.stamp_ns - shift_ns)
+        with self._lock:
+            measurements = self._run_of(recording).at(log_ns).measure(request)
+        return shifted(encode_measurements(measurements), shift_ns)
+
+    def _run_of(self, recording: AnyRecording) -> "RecordedRun":
+        """The run of a recording's station.
+
+        Raises:
+            NoAnswerError: Another tool made the recording.
+            InputError: It has no configuration, or one that this version cannot read.
+        """
+        if not isinstance(recording, Recording):
+            hint = "`import` makes a recording of a station from it"
+            raise NoAnswerError("another tool's recording has no station to ask", where=name_of(recording), hint=hint)
+        found = self._runs.get(id(recording))
+        if found is None:
+            from aerodft.app.assembly import RecordedRun  # noqa: PLC0415 - a replay that nobody asks needs no pipeline
+
+            found = self._runs[id(recording)] = RecordedRun(recording)
+        return found
+
+
 class Replay:
     """Recordings that are published again: original payloads on original keys, in order of time.
 
-    A ``with`` block opens the bus and the link, and closes them; ``play`` plays within it.
+    A ``with`` block opens the bus and the link, and closes them; ``play`` plays within it. Until then ``measure``,
+    ``probes`` and ``history`` queries are answered as the station would have at the time that is being replayed.
 
     Args:
         recordings: Opened recordings, of aerodft or other tools; several are merged by time.
@@ -165,10 +254,12 @@ class Replay:
                 stack.callback(transport.close)
                 self._sender = MavlinkOut(transport)
             session = stack.enter_context(session_on(self._listen, self._connect))
-            self._publisher = Republisher(session)
+            queries = _ReplayedQueries(session, self._recordings)
+            stack.callback(queries.close)
+            self._publisher = Republisher(session, queries.remember)
             stack.callback(self._publisher.close)
             self._await_listeners(self._publisher)
-            self._player.outlets = [each for each in (self._publisher, self._sender) if each is not None]
+            self._player.outlets = [queries, self._publisher, *([self._sender] if self._sender else [])]
             self._stack = stack.pop_all()
         return self
 

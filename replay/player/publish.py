@@ -218,10 +218,16 @@ class Republisher:
 
     Args:
         session: Where to.
+        on_measurement: Called with the recording, the probe and the payload of each measurement before it goes out.
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        on_measurement: Callable[[AnyRecording, str, bytes], None] = lambda _recording, _probe, _payload: None,
+    ) -> None:
         self.published = Published()
+        self._on_measurement = on_measurement
         self._session = session
         self._publishers = PublisherPool(session)
         self._image_stamps: dict[int, tuple[int, bytes]] = {}
@@ -277,13 +283,18 @@ class Republisher:
                 self._put_jpeg(keys.image, still, stamps)
         elif schema == MEASUREMENTS_SCHEMA:
             for name, payload in split_measurements(message.data):
-                self._put_json(keys.measurement(name), shifted(payload, shift_ns))
-                self.published.measurements += 1
+                self._put_measurement(item.recording, name, keys.measurement(name), shifted(payload, shift_ns))
+        elif schema == MEASUREMENT_SCHEMA:
+            name = load_payload(message.data, schema, lambda payload: str(payload["name"]))
+            self._put_measurement(item.recording, name, message.channel.topic, shifted(message.data, shift_ns))
         elif schema in _PUBLISHED:
             self._put_json(message.channel.topic, shifted(message.data, shift_ns))
-            is_measurement = schema == MEASUREMENT_SCHEMA
-            self.published.measurements += is_measurement
-            self.published.others += not is_measurement
+            self.published.others += 1
+
+    def _put_measurement(self, recording: AnyRecording, name: str, key: str, payload: bytes) -> None:
+        self._on_measurement(recording, name, payload)
+        self._put_json(key, payload)
+        self.published.measurements += 1
 
     def close(self) -> None:
         """Withdraw what was declared."""

@@ -1,8 +1,6 @@
 """One station on the bus: a ``Sink`` that publishes, and the queries and observations that come in."""
 
 import logging
-import threading
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 import zenoh
 
+from aerodft.adapters.bus.queries import MOST_HISTORY, StationQueries
 from aerodft.adapters.bus.session import close_session, open_session
 from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire.estimates import encode_camera_motion, encode_estimate
@@ -19,13 +18,7 @@ from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.wire.observations import parse_observation
 from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
-from aerodft.adapters.wire.requests import (
-    MeasureRequest,
-    encode_error,
-    encode_probes,
-    parse_history_request,
-    parse_measure_request,
-)
+from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.conventions import SECOND_NS
@@ -65,7 +58,7 @@ class BusSettings:
     connect: tuple[str, ...] = ()
     max_image_hz: float = 2.0
     jpeg_quality: int = 75
-    history: int = 1000
+    history: int = MOST_HISTORY
 
 
 def _as_it_is(image: Image) -> Image:
@@ -82,7 +75,6 @@ class _Payload(NamedTuple):
 
 
 _Work: TypeAlias = StepOutputs | StationStatus
-_Answer: TypeAlias = Callable[[bytes], bytes]
 
 
 class ZenohBus:
@@ -112,8 +104,6 @@ class ZenohBus:
     ) -> None:
         self._settings = settings
         self._keys = Keys(settings.station)
-        self._history: deque[_Payload] = deque(maxlen=settings.history)
-        self._history_lock = threading.Lock()
         self._last_image_ns: int | None = None
         self._in_utc = in_utc
         self._malformed = self._shed_images = self._shed_outputs = 0
@@ -121,9 +111,15 @@ class ZenohBus:
         self._publishers = _Publishers(self._session)
         self._queue: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
         self._image_queue: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, _nothing, capacity=2)
-        self._declared: list[zenoh.LivelinessToken | zenoh.Queryable[None] | zenoh.Subscriber[None]] = [
-            self._session.liveliness().declare_token(self._keys.alive),
-            *self._answers(tuple(probes), on_measure),
+        self._queries = StationQueries(
+            self._session,
+            self._keys,
+            probes=lambda: probes,
+            measure=None if on_measure is None else lambda request: encode_measurements(on_measure(request)),
+            most_history=settings.history,
+        )
+        self._declared: list[zenoh.LivelinessToken | zenoh.Subscriber[None]] = [
+            self._session.liveliness().declare_token(self._keys.alive)
         ]
         if on_observation is not None:
             self._declared.append(self._observations(on_observation))
@@ -159,6 +155,7 @@ class ZenohBus:
             stack.callback(self._publishers.close)
             for declared in self._declared:
                 stack.callback(declared.undeclare)
+            stack.callback(self._queries.close)
             stack.callback(self._queue.close)
             stack.callback(self._image_queue.close)
 
@@ -168,8 +165,7 @@ class ZenohBus:
             return
         for each in sorted(self._payloads(work), key=attrgetter("order")):
             if each.name is not None:
-                with self._history_lock:
-                    self._history.append(each)
+                self._queries.remember(each.name, each.payload)
             self._publishers.json(each.key, each.payload)
 
     def _payloads(self, outputs: StepOutputs) -> Iterator[_Payload]:
@@ -203,25 +199,6 @@ class ZenohBus:
         if rate_hz <= 0 or self._last_image_ns is None:
             return rate_hz > 0
         return image.arrival_ns - self._last_image_ns >= 0.9 * SECOND_NS / rate_hz
-
-    def _answers(
-        self, probes: tuple[Probe, ...], on_measure: Callable[[MeasureRequest], list[Measurement]] | None
-    ) -> "list[zenoh.Queryable[None]]":
-        answers: list[tuple[str, _Answer]] = [
-            (self._keys.probes, lambda _: encode_probes(probes)),
-            (self._keys.history, self._answer_history),
-        ]
-        if on_measure is not None:
-            answers.append(
-                (self._keys.measure, lambda data: encode_measurements(on_measure(parse_measure_request(data))))
-            )
-        return [_declare_answer(self._session, key, answer) for key, answer in answers]
-
-    def _answer_history(self, data: bytes) -> bytes:
-        last, name = parse_history_request(data)
-        with self._history_lock:
-            found = [item.payload for item in self._history if name is None or item.name == name]
-        return b"[" + b",".join(found[max(len(found) - last, 0) :]) + b"]"
 
     def _observations(self, on_observation: Callable[[Observation], None]) -> "zenoh.Subscriber[None]":
         def take(sample: zenoh.Sample) -> None:
@@ -274,28 +251,3 @@ class _Publishers:
             )
             self._declared[key] = publisher
         return publisher
-
-
-def _declare_answer(session: zenoh.Session, key: str, answer: _Answer) -> "zenoh.Queryable[None]":
-    """Answer queries on ``key`` with JSON: what ``answer`` makes of the payload, or ``{"error": sentence}``."""
-
-    def reply(query: zenoh.Query) -> None:
-        with query:
-            payload = query.payload
-            query.reply(
-                key,
-                _answer(answer, b"" if payload is None else payload.to_bytes(), key),
-                encoding=zenoh.Encoding.APPLICATION_JSON,
-            )
-
-    return session.declare_queryable(key, reply, complete=True)
-
-
-def _answer(answer: _Answer, payload: bytes, key: str) -> bytes:
-    try:
-        return answer(payload)
-    except AerodftError as error:
-        return encode_error(str(error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, the client must hear of it
-        _log.exception("%s: the question could not be answered", key)
-        return encode_error(f"{key}: internal error: {type(error).__name__}: {error}")

@@ -28,7 +28,7 @@ class Keys:
         self.camera_motion = f"{self.root}/camera_motion"  # whether a fixed camera looks where it looked
         self.status = f"{self.root}/status"  # the state once a second, with the vehicle's health
         self.alive = f"{self.root}/alive"  # liveliness token
-        self.measure = f"{self.root}/measure"  # ask with {kind, pixels}, get measurements
+        self.measure = f"{self.root}/measure"  # ask with {kind, pixels} and stamp_ns, get measurements
         self.probes = f"{self.root}/probes"  # ask: what is measured
         self.history = f"{self.root}/history"  # ask: what was measured lately
         self.observations = f"{self.root}/observation/*"  # yours to publish: pixels of an observed probe

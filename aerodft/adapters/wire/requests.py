@@ -11,6 +11,9 @@ from aerodft.conventions import LARGEST
 from aerodft.dft import PROBE_KINDS, Kind
 from aerodft.errors import InputError
 from aerodft.model import Probe, ProbeKind
+from aerodft.version import SOFTWARE
+
+ERROR_SCHEMA = "aerodft.error/1"
 
 _WHERE = "measure"
 _KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})
@@ -103,9 +106,14 @@ def encode_probes(probes: Iterable[Probe]) -> bytes:
     )
 
 
-def encode_error(sentence: str) -> bytes:
-    """The answer to a question that has none."""
-    return dump_payload({"error": sentence})
+def encode_error(code: int, sentence: str) -> bytes:
+    """``aerodft.error/1``, the error reply to a question that has no answer.
+
+    Args:
+        code: What a command that fails so would exit with.
+        sentence: What is wrong.
+    """
+    return dump_payload({"schema": ERROR_SCHEMA, "code": code, "sentence": sentence, "software": SOFTWARE})
 
 
 def _pixels(value: object, kind: Kind) -> tuple[tuple[float, float], ...]:

@@ -9,6 +9,7 @@ from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SC
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
+from aerodft.adapters.wire.requests import ERROR_SCHEMA
 from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA
 from aerodft.dft import PROBE_KINDS
 from aerodft.model import (
@@ -321,6 +322,15 @@ STATUS: Final = document(
     },
 )
 
+ERROR: Final = document(
+    ERROR_SCHEMA,
+    "The error reply to a query that has no answer",
+    {
+        "code": doc({"type": "integer"}, "As commands exit: 3 the question or an input is wrong, 4 no answer, 1 a bug"),
+        "sentence": doc(TEXT, "What is wrong: where, got, expected, what to do"),
+    },
+)
+
 SCHEMAS: Final[dict[str, Schema]] = {
     MEASUREMENT_SCHEMA: MEASUREMENT,
     MEASUREMENTS_SCHEMA: MEASUREMENTS,
@@ -331,6 +341,7 @@ SCHEMAS: Final[dict[str, Schema]] = {
     CALIBRATION_SCHEMA: CALIBRATION_ESTIMATE,
     CAMERA_MOTION_SCHEMA: CAMERA_MOTION,
     STATUS_SCHEMA: STATUS,
+    ERROR_SCHEMA: ERROR,
 }
 
 

@@ -4,12 +4,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from aerodft.adapters.config.station import StationConfig, Topics, load_station, parse_station, with_calibration
+from aerodft.adapters.outputs import Run
 from aerodft.adapters.telemetry import LogSource, open_log
 from aerodft.adapters.telemetry.mavlink import FrameCounts
+from aerodft.app.assembly.pipeline import build_pipeline, outputs_run
 from aerodft.app.assembly.sources import check_size
 from aerodft.errors import InputError
 from aerodft.model import Event, Image, RawBlock
+from aerodft.service import Batches, MergedFeed
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recordings import LeftOut, Recording, RecordingSource, is_mcap
 
@@ -96,3 +101,50 @@ def stations_of(
     if (first := next(images, None)) is not None:  # one source has images of one size
         check_size(first, station.pipeline.camera, recording.folder)
     return recorded, station
+
+
+class RecordedRun:
+    """The run of a recording's station as it was at any time of it: measured anew from the inputs until then.
+
+    Args:
+        recording: The recording.
+
+    Attributes:
+        station: The configuration that it was made with.
+
+    Raises:
+        InputError: It has no configuration, or one that this version cannot read.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.station = recorded_station(recording)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._now_ns = 0
+        self._pipeline = build_pipeline(self.station)
+        self._batches = MergedFeed([RecordingSource(self._recording)], self.station.pipeline.tick_ns).batches()
+        self._later: Batches | None = None  # read, and of ticks that are not over
+
+    def at(self, now_ns: int) -> Run:
+        """The run when its clock said ``now_ns`` (UTC); where time goes back it begins anew.
+
+        Raises:
+            InputError: The recording is damaged there.
+        """
+        if now_ns < self._now_ns:
+            self._begin()
+        try:
+            while (batches := self._later or next(self._batches, None)) is not None:
+                count = int(np.searchsorted(batches.now_ns, now_ns, side="right"))
+                if count:
+                    self._pipeline.advance(batches[:count])
+                self._later = batches[count:] if count < len(batches) else None
+                if self._later is not None:
+                    break
+        except BaseException:
+            self._begin()  # and fails there again, instead of an answer without what comes behind it
+            raise
+        self._now_ns = now_ns
+        return outputs_run(self.station, self._pipeline)

@@ -22,7 +22,7 @@ from aerodft.adapters.bus.session import open_session
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.adapters.wire.status import StationStatus
-from aerodft.errors import InputError, LinkError
+from aerodft.errors import InputError, LinkError, NoAnswerError
 from aerodft.geometry import camera_attitude
 from aerodft.model import (
     CalibrationEstimate,
@@ -132,6 +132,16 @@ def ask(session: zenoh.Session, key: str, question: object = None) -> object:
     return orjson.loads(reply.ok.payload.to_bytes())
 
 
+def refusal(session: zenoh.Session, key: str, question: object = None) -> tuple[int, str]:
+    payload = None if question is None else orjson.dumps(question)
+    (reply,) = session.get(key, payload=payload, timeout=10.0)
+    assert reply.err is not None
+    assert reply.err.encoding == zenoh.Encoding.APPLICATION_JSON
+    found = orjson.loads(reply.err.payload.to_bytes())
+    Draft202012Validator(SCHEMAS["aerodft.error/1"]).validate(found)
+    return found["code"], found["sentence"]
+
+
 def test_another_process_receives_everything_valid(endpoint: str) -> None:
     shot = Image(
         index=7, stamp_ns=3, arrival_ns=4, width_px=8, height_px=6, pixels=lambda: np.zeros((6, 8, 3), np.uint8)
@@ -189,13 +199,13 @@ def test_questions_are_answered(endpoint: str) -> None:
         assert [item["name"] for item in ask(client, "aerodft/s/history")] == ["b", "a", "b"]
         assert [item["stamp_ns"] for item in ask(client, "aerodft/s/history", {"last": 1, "name": "b"})] == ["3"]
         assert ask(client, "aerodft/s/history", {"last": 0}) == []
-        assert "error" in ask(client, "aerodft/s/history", {"last": "x"})
-        for malformed in ([1], {"kind": "width"}):
-            assert "last" in ask(client, "aerodft/s/history", malformed)["error"]
+        for malformed in ({"last": "x"}, [1], {"kind": "width"}):
+            code, sentence = refusal(client, "aerodft/s/history", malformed)
+            assert (code, "last" in sentence) == (3, True)
 
 
 @pytest.mark.parametrize(
-    ("question", "sentence"),
+    ("question", "said"),
     [
         (None, "not JSON"),
         ([1], "no JSON object"),
@@ -209,22 +219,26 @@ def test_questions_are_answered(endpoint: str) -> None:
         ({"kind": "range", "pixels": [[1, 2]], "std_px": 0}, "std_px"),
         ({"kind": "range", "pixels": [[1, 2]], "elevation_m": "2"}, "elevation_m"),
         ({"kind": "range", "pixels": [[1, 2]], "name": "refused"}, "no pose yet"),
+        ({"kind": "range", "pixels": [[1, 2]], "name": "no answer"}, "too early"),
         ({"kind": "range", "pixels": [[1, 2]], "name": "bug"}, "internal error: KeyError"),
     ],
 )
 def test_every_question_gets_an_answer(
-    endpoint: str, question: object, sentence: str, caplog: pytest.LogCaptureFixture
+    endpoint: str, question: object, said: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     def on_measure(request: MeasureRequest) -> list[Measurement]:
         if request.probe.name == "refused":
             raise InputError("no pose yet")
+        if request.probe.name == "no answer":
+            raise NoAnswerError("too early")
         raise KeyError(request.probe.name)
 
     with a_bus(endpoint, on_measure=on_measure), session_on(None, [endpoint]) as client:
-        answer = ask(client, "aerodft/s/measure", question)
-    assert isinstance(answer, dict)
-    assert sentence in answer["error"]
-    assert ("could not be answered" in caplog.text) == ("internal" in sentence)
+        code, sentence = refusal(client, "aerodft/s/measure", question)
+    assert said in sentence
+    assert "\n" not in sentence
+    assert code == {"internal error: KeyError": 1, "too early": 4}.get(said, 3)
+    assert ("could not be answered" in caplog.text) == ("internal" in said)
 
 
 def test_observations_come_in_and_nonsense_is_counted(endpoint: str, caplog: pytest.LogCaptureFixture) -> None:

@@ -481,7 +481,8 @@ class CameraMotionCalibrator:
         if turn is not None and state.moved_ns is not None:
             angle_deg = math.degrees(np.linalg.norm(turn.rotvec_rad))
             remarks.append(
-                f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)}; corrected"
+                f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)};"
+                " the pose is corrected, and fixed pixels follow the ground"
             )
         if state.state is not Steadiness.UNCHECKED or not state.has_looked:
             return [tuple(remarks)] * len(stamp_ns)

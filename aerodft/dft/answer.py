@@ -82,8 +82,8 @@ _NARROW: Final = 5e-3
 _GRAZING_RAD: Final = math.radians(15)  # below the horizon: from here on, small angles are large errors
 _NO_DIRECTIONS: Final = np.empty((0, 3))
 
-ReasonsOf: TypeAlias = Callable[[IntArray, IntArray], Iterable[tuple[str, ...]]]
-"""The reasons of refused requests: of images ``(r,)`` and requests ``(r,)``."""
+ReasonsOf: TypeAlias = Callable[[IntArray, IntArray], Iterable[str]]
+"""A sentence for each refused request: of images ``(r,)`` and requests ``(r,)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -436,15 +436,16 @@ class Answers:
         if not len(rows):
             return
         self.code[rows, members] = CODE_OF[code] if isinstance(code, Status) else code[rows, members]
-        for row, member, reasons in zip(rows.tolist(), members.tolist(), say(rows, members), strict=True):
-            self.reasons[member][row] = reasons
+        variants, variant_index = self._view.poses.variants, self._view.poses.variant_index
+        for row, member, sentence in zip(rows.tolist(), members.tolist(), say(rows, members), strict=True):
+            self.reasons[member][row] = (sentence, *variants[variant_index[row]].reasons)
 
-    def _say_no_ground(self, first: IntArray, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+    def _say_no_ground(self, first: IntArray, rows: IntArray, members: IntArray) -> Iterable[str]:
         for row, member in zip(rows.tolist(), members.tolist(), strict=True):
             index = int(first[row, member])
             column = int(self._columns[member, index])
             u, v = self._view.pixels_px[column] if self._view.pixels_px.ndim == 2 else self._view.pixels_px[row, column]  # noqa: PLR2004
-            yield (f"pixel {index} ({u:g}, {v:g}) {self._why(row, column)}",)
+            yield f"pixel {index} ({u:g}, {v:g}) {self._why(row, column)}"
 
     def _why(self, row: int, column: int) -> str:
         """Why a pixel of an image shows no ground."""
@@ -468,13 +469,13 @@ class Answers:
             Status.NO_ELEVATION: "looks over a hole in the elevation model",
         }.get(status, "is outside the valid radius of the lens model")
 
-    def _say_beyond(self, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+    def _say_beyond(self, rows: IntArray, members: IntArray) -> Iterable[str]:
         for ranges in self._range_m[rows, members]:
             farthest = int(np.argmax(ranges))
             limit = self._view.setup.max_range_m
-            yield (f"point {farthest} is {ranges[farthest]:.1f} m away, the limit is {limit:g} m",)
+            yield f"point {farthest} is {ranges[farthest]:.1f} m away, the limit is {limit:g} m"
 
-    def _say_range(self, half_m: FloatArray, rows: IntArray, members: IntArray) -> Iterable[tuple[str, ...]]:
+    def _say_range(self, half_m: FloatArray, rows: IntArray, members: IntArray) -> Iterable[str]:
         """How badly the worst point is known, and why.
 
         Args:
@@ -492,9 +493,8 @@ class Answers:
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):
             spread = f"+- {half:.0f} m (95 %)" if math.isfinite(half) else "and may be anything"
             where = f" is {math.degrees(below_rad):.1f} deg below the horizon" if below_rad < _GRAZING_RAD else ""
-            sample = poses.variants[variant]
-            cause = _cause(budget[0], sample, stds) if budget else "its error is not known"
-            yield (f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}", *sample.reasons)
+            cause = _cause(budget[0], poses.variants[variant], stds) if budget else "its error is not known"
+            yield f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}"
 
     def _cov_of(self, rows: IntArray, members: IntArray) -> FloatArray:
         """``(r, s, s)`` of the errors that all points of a request share."""
@@ -506,8 +506,8 @@ class Answers:
 def _saying(sentence: str, number: FloatArray | None = None) -> ReasonsOf:
     """One sentence, with a number ``(n, g)`` of each request where there is one."""
     if number is None:
-        return lambda rows, _: [(sentence,)] * len(rows)
-    return lambda rows, members: [(sentence.format(each),) for each in number[rows, members].tolist()]
+        return lambda rows, _: [sentence] * len(rows)
+    return lambda rows, members: [sentence.format(each) for each in number[rows, members].tolist()]
 
 
 def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:

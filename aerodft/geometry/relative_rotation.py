@@ -71,7 +71,13 @@ def find_turn(
 
 
 def rotated_pixels(camera: Camera, wxyz: FloatArray, pixels_px: FloatArray) -> FloatArray:
-    """Where points seen at ``pixels_px (..., 2)`` are after ``later_SO3_earlier``; NaN where they are out of view."""
+    """Where points seen at ``pixels_px (n, 2)`` are after ``later_SO3_earlier``; NaN where they are out of view.
+
+    Args:
+        camera: The camera.
+        wxyz: ``(4,)``; or ``(k, 4)`` for ``(k, n, 2)`` pixels.
+        pixels_px: In the earlier image.
+    """
     return _expected(camera, _bearings(camera, pixels_px), wxyz)[0]
 
 
@@ -159,7 +165,7 @@ def _agreeing(off_px: FloatArray, tolerance_px: float) -> BoolArray:
 
 def _expected(camera: Camera, earlier: FloatArray, wxyz: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pixels ``(..., 2)`` of bearings after a turn, and by a small further one ``(..., 2, 3)``."""
-    rays = earlier @ matrix(wxyz).T
+    rays = earlier @ np.swapaxes(matrix(wxyz), -1, -2)
     distorted, by_ray = distorted_with_jacobian(camera, rays)
     focal = np.array([camera.fx_px, camera.fy_px])
     by_turn = focal[:, None] * (by_ray @ -skew(rays))

@@ -37,7 +37,7 @@ class Status(StrEnum):
     BELOW_SURFACE = "BELOW_SURFACE"  # the measured plane is above the camera
     # Cure: check elevation_m and the height.
     CAMERA_MOVED = "CAMERA_MOVED"  # a fixed camera was bumped, and where it looks is not known yet
-    # Cure: wait for three looks; if it stays, calibrate anew.
+    # Cure: wait for three looks, then fixed pixels follow the ground; if it stays, calibrate anew.
     CLOCK_JUMPED = "CLOCK_JUMPED"  # the vehicle's or this machine's, and what time it is has not settled yet
     # Cure: wait; have clocks set before the flight.
     BEYOND_TERRAIN = "BEYOND_TERRAIN"  # the ray leaves the elevation model before it meets the ground

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, Request, Setup, link_requests, measure
-from aerodft.geometry import camera_pose
+from aerodft.geometry import camera_pose, inverse, multiply, rotated_pixels
 from aerodft.model import (
     Camera,
     HeightSource,
@@ -36,6 +36,7 @@ from aerodft.service.ports import (
 )
 from aerodft.service.settings import OBJECTS, PipelineSettings
 
+_DECIMALS: Final = 3  # of a pixel that follows the ground; a turn is not known better
 _UNCERTAIN: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # enough to be drawn
 _LOOKING_DOWN: Final = PoseBatch.of([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN)])
 
@@ -83,6 +84,7 @@ class _Measured:
         work: What is answered.
         poses: As the telemetry has them.
         known: Which of the calibrator's states in this step each is refined with.
+        fixed: The fixed probes' requests in them; empty before the poses are refined.
     """
 
     tick: IntArray
@@ -90,6 +92,7 @@ class _Measured:
     work: WorkList
     poses: PoseBatch
     known: IntArray
+    fixed: tuple[Request, ...] = ()
 
     def rows(self, rows: IntArray) -> "_Measured":
         tick, order, known = self.tick[rows], self.order[rows], self.known[rows]
@@ -135,6 +138,7 @@ class Answering:
         fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
         self._fixed = link_requests(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         self._setup = setup
+        self._is_watched = settings.fixed_pose is not None and helpers.calibrator is not None
         self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
         self._height_source: HeightSource | None = None
         self._known = [None if self._calibrator is None else self._calibrator.known()]
@@ -217,7 +221,32 @@ class Answering:
     def _refined(self, parts: Sequence[_Measured]) -> _Measured | None:
         """Parts as one, with refined poses; None where there is nothing in them."""
         whole = _Measured.joined(parts)
-        return None if whole is None else replace(whole, poses=self.refined(whole.poses, whole.known))
+        if whole is None:
+            return None
+        poses = self.refined(whole.poses, whole.known)
+        return replace(whole, poses=poses, fixed=self._fixed_in(whole.poses, poses))
+
+    def _fixed_in(self, stated: PoseBatch, refined: PoseBatch) -> tuple[Request, ...]:
+        """Requests of the fixed probes in images ``(n,)``: a watched camera's pixels stay on the ground as it turns.
+
+        Args:
+            stated: The poses that the pixels were chosen at.
+            refined: The poses after the camera's turn.
+        """
+        if not (self._is_watched and self._fixed):
+            return self._fixed
+        has_turned = refined.has_pose & np.any(refined.pose.wxyz != stated.pose.wxyz, axis=-1)
+        if not np.any(has_turned):
+            return self._fixed
+        now_SO3_stated = multiply(inverse(refined.pose.wxyz[has_turned]), stated.pose.wxyz[has_turned])  # noqa: N806
+
+        def held(request: Request) -> Request:
+            pixels = np.tile(request.pixels_px, (len(refined), 1, 1))
+            turned = rotated_pixels(self._setup.camera, now_SO3_stated, request.pixels_px)
+            pixels[has_turned] = np.round(turned, _DECIMALS)
+            return replace(request, pixels=pixels, on_top_of=None)
+
+        return link_requests(map(held, self._fixed))
 
     def _segments(self, ready: ReadyWork) -> Iterator[tuple[Task, IntArray]]:
         """Rows that are answered one segment after the other.
@@ -271,7 +300,7 @@ class Answering:
         return found
 
     def _image_outputs(self, part: _Measured) -> ImageOutputs:
-        measured = measure(self._setup, part.poses, self._fixed, part.work.image) if self._fixed else None
+        measured = measure(self._setup, part.poses, part.fixed, part.work.image) if part.fixed else None
         return ImageOutputs(
             tick=part.tick, order=part.order, images=part.work.image, poses=part.poses, measurements=measured
         )
@@ -282,7 +311,7 @@ class Answering:
             measured = unseen(self._setup, part.poses, probe, observations, part.work.image)
         else:
             request = request_of(probe, observations, self._setup, part.poses)
-            measured = measure(self._setup, part.poses, link_requests([request], self._fixed), part.work.image)
+            measured = measure(self._setup, part.poses, link_requests([request], part.fixed), part.work.image)
         return ObservationOutputs(tick=part.tick, order=part.order, observations=observations, measurements=measured)
 
 

@@ -1,7 +1,6 @@
 """A fixed camera that is bumped, as its owner meets it: a video in, widths with the right numbers before and after."""
 
 import math
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import tomli_w
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA
 from aerodft.dft import Request, Setup
-from aerodft.geometry import camera_pose, from_rotation_vector, inverse, multiply
+from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 from replay.recordings import Recording
 from tests.one_image import measure
@@ -89,27 +88,33 @@ def payloads(folder):
     return list(Recording(folder).measurements())
 
 
-def truth_m(is_bumped):
+def truth_m():
+    """Between the two places on the ground that the probe was put on, by the pose that was stated."""
     pose = camera_pose(height_agl_m=7.85, tilt_rad=math.radians(62.0), heading_rad=math.radians(128.0))
-    camera_turn = inverse(from_rotation_vector(TURN * is_bumped))
-    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=replace(pose, wxyz=multiply(pose.wxyz, camera_turn)))
+    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=pose)
     probe = Probe(name="crossing", kind=ProbeKind.DISTANCE, pixels=tuple(map(tuple, PIXELS)))
     return measure(Setup(camera=CAMERA), sample, (Request(probe=probe, pixels=probe.pixels, std_px=1.0),))[0].value
 
 
-def test_widths_hold_the_truth_before_and_after_the_bump(imported):
+def pixels_after_the_bump():
+    """``(2, 2)``: where the places on the ground are seen, by the homography that the images were warped by."""
+    intrinsics = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1.0]])
+    homography = intrinsics @ cv2.Rodrigues(TURN)[0] @ np.linalg.inv(intrinsics)
+    return cv2.perspectiveTransform(np.array([PIXELS]), homography)[0]
+
+
+def test_a_width_is_that_of_the_same_places_before_and_after_the_bump(imported):
     found = [orjson.loads(payload) for payload in payloads(imported[1])]
-    before, after = truth_m(0), truth_m(1)
-    assert abs(after - before) > 0.1
-    for measured in found[:BUMPED]:
+    for measured in found[: BUMPED + 1]:
         assert measured["reasons"] == []
-        assert measured["ci95"][0] < before < measured["ci95"][1]
+        assert measured["pixels"] == pytest.approx(np.array(PIXELS), abs=0.05)
     unknown = [index for index, measured in enumerate(found) if measured["status"] == "CAMERA_MOVED"]
     assert unknown == [BUMPED + 1, BUMPED + 2]
     for measured in found[BUMPED + 3 :]:
         assert measured["reasons"][0].startswith("CAMERA_MOVED: turned by 2.00 deg since 2026-11-21T10:00:04Z")
-        assert measured["ci95"][0] < after < measured["ci95"][1]
-        assert abs(measured["value"] - after) < 0.002 * after
+        np.testing.assert_allclose(measured["pixels"], pixels_after_the_bump(), atol=0.1)
+    for measured in found:
+        assert measured["status"] == "CAMERA_MOVED" or measured["value"] == pytest.approx(truth_m(), abs=0.002)
     assert "no steady points were recognised" in found[-1]["reasons"][1]
 
 

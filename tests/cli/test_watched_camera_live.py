@@ -14,7 +14,7 @@ from replay.recordings import Recording
 from tests.ports import free_endpoint, free_udp_port
 
 from .test_serve import Service
-from .test_watched_camera import BRIDGE, CAMERA, TURN, after_turn, station_file, truth_m
+from .test_watched_camera import BRIDGE, CAMERA, TURN, after_turn, pixels_after_the_bump, station_file, truth_m
 
 RATE_HZ, BUMP_S, LENGTH_S = 8, 3, 8
 
@@ -60,10 +60,11 @@ def test_it_says_so_and_carries_on_with_the_right_numbers(served):
     found = [orjson.loads(payload) for payload in Recording(recording).measurements()]
     first, last = found[0], found[-1]
     assert first["reasons"] == []
-    assert first["ci95"][0] < truth_m(0) < first["ci95"][1]
+    assert first["ci95"][0] < truth_m() < first["ci95"][1]
     assert last["status"] == "ok"
     assert last["reasons"][0].startswith("CAMERA_MOVED: turned by 2.00 deg")
-    assert last["ci95"][0] < truth_m(1) < last["ci95"][1]
+    assert last["ci95"][0] < truth_m() < last["ci95"][1]
+    np.testing.assert_allclose(last["pixels"], pixels_after_the_bump(), atol=0.2)
 
 
 def test_the_bus_has_the_status_and_the_turn(served):

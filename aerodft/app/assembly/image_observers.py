@@ -1,5 +1,6 @@
 """What finds pixels in a station's images: what each of its tables and probes asks for."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,6 +19,8 @@ from aerodft.vision.objects import MovingObjects, MovingOverGround
 from aerodft.vision.plane_lock import TrackedProbes
 from aerodft.vision.river import RiverObserver
 from calibration.markers import CameraPlace, MarkerObserver
+
+_log = logging.getLogger(__name__)
 
 _RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
 
@@ -113,6 +116,11 @@ def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> O
     if settings.reference is not None:
         hint = "camera_motion.reference is an image that the camera took in the mode that it is in now"
         pixels = read_camera_image(settings.reference, camera, hint)
+    else:
+        _log.warning(
+            "no camera_motion.reference: the first good image counts as the view in which pose and pixels were found;"
+            " a bump before it is not seen"
+        )
     points = SteadyPoints(camera, settings.ignore, pixels)
     if points.corners is not None and points.corners < LEAST_CORNERS:
         raise InputError(

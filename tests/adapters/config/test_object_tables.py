@@ -61,7 +61,7 @@ def test_a_tracked_probe_has_pixels_of_the_first_image_or_of_its_time() -> None:
         ((FIXED, "[objects]\nmin_area_px = 0\n"), "objects.min_area_px"),
         ((FIXED, "[objects]\ncolour = 1\n"), "objects.colour"),
         ((FIXED, "[objects]\n", BANKS.replace("tracked = true\n", "").replace("banks", "object-1")), "another name"),
-        ((FIXED, BANKS), "a fixed camera's pixels stay where they are"),
+        ((FIXED, BANKS), "a fixed camera's pixels stay, or follow its turns with"),
         ((FLYING, BANKS, "observed = true\n"), "one of the two"),
         ((FLYING, BANKS.replace("tracked = true\n", ""), 'at = "2026-11-21T10:00:00Z"\n'), "without tracked = true"),
         ((FLYING, BANKS.replace("distance", "track")), r'kind: got "track"'),

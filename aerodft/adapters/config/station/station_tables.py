@@ -312,7 +312,10 @@ class ConfigTable(Table):
             hint = "a camera that moves has no image to be held against"
             raise impossible("camera_motion", got="it beside [telemetry]", expected="[pose]", hint=hint)
         if self.pose is not None and (tracked := next((each.name for each in self.probe if each.tracked), None)):
-            got, hint = f'tracked = true of "{tracked}" beside [pose]', "a fixed camera's pixels stay where they are"
+            got, hint = (
+                f'tracked = true of "{tracked}" beside [pose]',
+                "a fixed camera's pixels stay, or follow its turns with [camera_motion]",
+            )
             raise impossible("probe", got=got, expected="[telemetry]", hint=hint)
         for key in ("landmark", "markers"):
             if getattr(self, key) and self.telemetry is None:

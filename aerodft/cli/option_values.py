@@ -3,7 +3,6 @@
 import math
 import re
 from dataclasses import replace
-from datetime import timedelta
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 MOST_SECONDS = 1e8
 """Three years: what a wait may last at most."""
 
-_EXPECTED = "ISO 8601 (UTC unless it says otherwise), seconds, or nanoseconds since 1970"
+_EXPECTED = "ISO 8601 that ends with Z or an offset like +01:00, seconds, or nanoseconds since 1970"
 _LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start
 _MOST_UNIX_S = 1e10  # 2286; milli- and microseconds are in between
 _LEAST_UNIX_NS = 1e17
@@ -71,7 +70,7 @@ def parse_utc(option: str, text: str) -> int:
     number = _number(text)
     if number is None:
         try:
-            return iso_to_unix_ns(text, default_offset=timedelta())
+            return iso_to_unix_ns(text)
         except ValueError:
             raise UsageError(option, got=repr(text), expected=_EXPECTED) from None
     if not (_LEAST_UNIX_S <= number < _MOST_UNIX_S or _LEAST_UNIX_NS <= number < _MOST_UNIX_NS):

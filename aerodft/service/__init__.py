@@ -34,6 +34,7 @@ from aerodft.service.settings import (
     RiverLook,
     SigningSettings,
     TelemetrySettings,
+    WaterHints,
     ZoomSettings,
 )
 from aerodft.service.streams import LAST

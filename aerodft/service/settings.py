@@ -330,19 +330,34 @@ class PipelineSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WaterHints:
+    """What a person says of the first image that is looked at; it is carried to the others on the water's plane.
+
+    Attributes:
+        water_px: Pixels in the water.
+        land_px: Pixels on land.
+    """
+
+    water_px: tuple[tuple[float, float], ...] = ()
+    land_px: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RiverLook:
     """How banks are looked for.
 
     Attributes:
         every_s: Least time between two looks; 0 for every image.
         spacing_m: Of the transects; up to 32 of them, evenly chosen, become one observation.
-        seed_px: A pixel in the water of every image; None for the lower middle.
+        seed_px: A pixel in the water of every image; None for the largest water.
+        hints: What a person says of the first image.
         max_range_m: Water farther than this is left out; None for 6 camera heights.
     """
 
     every_s: float = 1.0
     spacing_m: float = 1.0
     seed_px: tuple[float, float] | None = None
+    hints: WaterHints = WaterHints()
     max_range_m: float | None = None
 
 

@@ -110,7 +110,7 @@ def test_above_the_horizon_there_is_no_point(camera):
 def reach():
     camera = ad.load_camera("configs/cameras/demo-1080p.toml")
     pose = ad.CameraPose(height_m=7.93, tilt_deg=62.3, lat_deg=47.06, lon_deg=15.43, std=STD)
-    return ad.survey_river("configs/calibration/bridge.jpg", camera, pose, seed=(960, 150), spacing_m=3)
+    return ad.survey_river("configs/calibration/bridge.jpg", camera, pose, spacing_m=3)
 
 
 def test_a_surveyed_river_is_a_table_and_a_map(reach, tmp_path):

@@ -10,7 +10,7 @@ from aerodft.dft import Setup
 from aerodft.model import PoseSample, Status
 from aerodft.sim import default_camera
 from aerodft.vision.river import Islands, Reach, River, RiverQuestion, RiverView, find_river, measure_reach
-from aerodft.vision.river.observer import common_islands
+from aerodft.vision.river.reach import common_islands
 from tests.vision.river_scenes import picture, river_scene
 
 HALF_PERCENT = 0.005

@@ -11,7 +11,14 @@ from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.world import DEFAULT_ORIGIN, Look, World
 from aerodft.sim.world import River as SimulatedRiver
-from aerodft.vision.river import NoRiver, River, RiverQuestion, RiverStatus, find_river
+from aerodft.vision.river import (
+    NoRiver,
+    River,
+    RiverHints,
+    RiverQuestion,
+    RiverStatus,
+    find_river,
+)
 
 CAMERA = default_camera(960, 540)
 MIDDLE = (480.0, 270.0)
@@ -24,7 +31,9 @@ def seen(north_m, tilt_deg, height_m, *, width_m=22.0, look=None, seed_px=None, 
     pose = camera_pose(height_agl_m=height_m, tilt_rad=math.radians(tilt_deg), north_m=north_m)
     image = Renderer(CAMERA, world, Imaging()).render(pose, 1.0)
     image = (image * dim).astype(np.uint8)
-    return find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(seed_px=seed_px))
+    return find_river(
+        image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints.of([] if seed_px is None else [seed_px], []))
+    )
 
 
 def test_a_river_across_the_image_is_measured_from_its_middle():
@@ -95,7 +104,7 @@ def test_a_road_is_no_river_unless_somebody_says_so(bgr):
     assert isinstance(found, NoRiver)
     assert found.status is RiverStatus.NO_WATER
     assert "a road?" in found.reason
-    told = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(seed_px=MIDDLE))
+    told = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints.of([MIDDLE], [])))
     assert isinstance(told, River)
     assert "taken on trust" in told.remarks[0]
     assert np.median(told.widths.width_m) == pytest.approx(200 * 30.0 / CAMERA.fx_px, rel=0.01)

@@ -14,6 +14,7 @@ from aerodft.vision.river import (
     LaterLook,
     NoRiver,
     River,
+    RiverHints,
     RiverQuestion,
     RiverStatus,
     WaterPlane,
@@ -94,7 +95,9 @@ def test_what_does_not_move_is_a_road_unless_somebody_says_so():
     assert isinstance(found, NoRiver)
     assert found.status is RiverStatus.NO_WATER
     assert "does not move" in found.reason
-    assert isinstance(find_river(image, SETUP, pose, replace(SPARSE, seed_px=(960.0, 810.0)), later), River)
+    assert isinstance(
+        find_river(image, SETUP, pose, replace(SPARSE, hints=RiverHints.of([(960.0, 810.0)], [])), later), River
+    )
 
 
 @pytest.mark.nightly

@@ -7,7 +7,6 @@ from aerodft.dft import Setup
 from aerodft.dft.river import BankPair, river_widths
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseStd
-from aerodft.vision.river import water_likeness
 from aerodft.vision.river.banks import flag_outliers, locate_edges
 
 FIFTH_OF_A_PIXEL = 0.2
@@ -63,18 +62,3 @@ def test_what_all_widths_share_does_not_average_out(count):
     own = np.sqrt(2.0) / metre_px * (1.0 if count == 1 else 1.2533 / np.sqrt(count))
     assert std == pytest.approx(np.hypot(0.01 * median, own), rel=0.06)
     assert high - low == pytest.approx(2 * 1.96 * std, rel=0.06)
-
-
-def test_likeness_tells_water_from_land_and_what_looks_alike():
-    """Two colours and a patch that is of the water's colour on land: a half where half of its kind is water."""
-    planes = np.zeros((60, 90, 4), dtype=np.float32)
-    planes[:, 45:, 0] = 30.0
-    water = np.zeros((60, 90), dtype=bool)
-    water[:30, :45] = True
-    likeness = water_likeness(
-        planes + np.random.default_rng(1).normal(0, 0.01, planes.shape).astype(np.float32),
-        water,
-        np.ones((60, 90), dtype=bool),
-    )
-    assert likeness[:, 50:].max() == 0.0
-    assert abs(likeness[:, :40].mean() - 0.5) < 0.05

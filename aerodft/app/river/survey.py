@@ -1,7 +1,6 @@
 """A river's width along it, from one image with a known pose, a recording or a fixed camera's video."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -29,6 +28,7 @@ from aerodft.vision.river import (
     NoRiver,
     Reach,
     River,
+    RiverHints,
     RiverQuestion,
     RiverView,
     WaterNetwork,
@@ -150,7 +150,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
     max_range_m: float | None = None,
     spacing_m: float = 1.0,
     flow_deg: float | None = None,
-    seed: Sequence[float] | None = None,
+    hints: RiverHints | None = None,
     images: int = MOST_IMAGES,
     water_model: str | Path | None = None,
     progress: Progress = no_progress,
@@ -167,7 +167,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         max_range_m: Water farther than this is left out; None for no limit.
         spacing_m: Of the transects along the river.
         flow_deg: Where the river flows to, clockwise from north: left is then its left bank.
-        seed: A pixel ``(u, v)`` in the water; None for the lower middle.
+        hints: What you say is water or land, in pixels of the image, or of the first one that is looked at.
         images: How many images of a recording or a video are looked at, evenly spread.
         water_model: A network of your own (ONNX) that says where water is.
         progress: Called with looks done, and how many there are.
@@ -183,7 +183,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         >>> camera = ad.load_camera("configs/cameras/demo-1080p.toml")
         >>> std = ad.PoseStd(height_m=0.1, tilt_deg=0.2)
         >>> pose = ad.CameraPose(height_m=7.93, tilt_deg=62.3, roll_deg=-0.6, std=std)
-        >>> reach = ad.survey_river("configs/calibration/bridge.jpg", camera, pose, seed=(960, 150), spacing_m=2)
+        >>> reach = ad.survey_river("configs/calibration/bridge.jpg", camera, pose, spacing_m=2)
         >>> f"{reach.status}: {reach.width_m['median']:.1f} m"
         'ok: 9.4 m'
         >>> rows = reach.transects.rows()
@@ -193,7 +193,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
     source = Path(what)
     surface = MeasuredSurface(elevation_m, 0.0, max_range_m)
     network = None if water_model is None else WaterNetwork.read(Path(water_model))
-    question = river_question(seed, spacing_m, flow_deg, network)
+    question = river_question(hints or RiverHints(), spacing_m, flow_deg, network)
     if is_recording(source):
         if camera is not None or pose is not None:
             raise UsageError("a camera or a pose beside a recording", expected="neither: the recording has them")
@@ -207,7 +207,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
 
 
 def river_question(
-    seed_px: Sequence[float] | None,
+    hints: RiverHints,
     spacing_m: float,
     flow_deg: float | None,
     network: WaterNetwork | None = None,
@@ -223,11 +223,11 @@ def river_question(
     if flow_deg is not None and not abs(flow_deg) <= 360:  # noqa: PLR2004 - one turn
         raise InputError("`flow_deg`", got=f"{flow_deg:g}", expected="-360 to 360 deg clockwise from north")
     return RiverQuestion(
-        seed_px=None if seed_px is None else (float(seed_px[0]), float(seed_px[1])),
+        hints=hints,
         spacing_m=spacing_m,
         flow_rad=None if flow_deg is None else math.radians(flow_deg),
         least_std_px=RiverQuestion().least_std_px if bank_std_px is None else bank_std_px,
-        network=network,
+        network=WaterNetwork.shipped() if network is None else network,
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,6 +23,9 @@ from aerodft.cli.scenes.image_options import (
 )
 from aerodft.conventions import LARGEST
 from aerodft.errors import NoAnswerError, UsageError
+
+if TYPE_CHECKING:
+    from aerodft.vision.river import RiverHints
 
 
 def river(
@@ -46,7 +49,16 @@ def river(
         Path | None,
         typer.Option(help="Take pose and lens of a calibration file, or correct the options by its biases."),
     ] = None,
-    seed: Annotated[str | None, typer.Option(help="A pixel u,v in the water; else the lower middle.")] = None,
+    water: Annotated[
+        list[str] | None,
+        typer.Option("--water", "--seed", help="A pixel u,v in the water, or a stroke u,v;u,v;...; again for more."),
+    ] = None,
+    land: Annotated[
+        list[str] | None, typer.Option("--land", help="A pixel u,v on land, or a stroke; again for more.")
+    ] = None,
+    hints: Annotated[
+        Path | None, typer.Option(help="Water and land from a JSON file, or a mask image (white is water).")
+    ] = None,
     spacing: Annotated[float, typer.Option(help="Of the transects along the river, m; of 1000 at the most.")] = 1.0,
     flow: Annotated[
         float | None,
@@ -94,7 +106,7 @@ def river(
     network = None if water_model is None else WaterNetwork.read(water_model)
     check_folder(output)
     stds, most = parse_stds(std), MOST_IMAGES if images is None else images
-    question = river_question(None if seed is None else _pixel(seed), spacing, flow, network, stds.px)
+    question = river_question(_hints(water or [], land or [], hints), spacing, flow, network, stds.px)
     surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
     if is_recording(what):
         refuse_beside(pose, "a recording")
@@ -125,14 +137,24 @@ def river(
         raise NoAnswerError("no river width", where=what, got=f"{survey.status}: {'; '.join(survey.reasons)}")
 
 
-def _pixel(text: str) -> tuple[float, float]:
+def _hints(water: list[str], land: list[str], file: Path | None) -> "RiverHints":
+    from aerodft.vision.river import RiverHints
+
+    told = RiverHints() if file is None else RiverHints.read(file)
+    more = RiverHints.of(
+        *([_stroke(name, each) for each in texts] for name, texts in (("--water", water), ("--land", land)))
+    )
+    return RiverHints(told.water + more.water, told.land + more.land, told.mask)
+
+
+def _stroke(option: str, text: str) -> list[tuple[float, float]]:
     try:
-        u, v = (float(part) for part in text.split(","))
+        points = [(float(u), float(v)) for u, v in (point.split(",") for point in text.split(";"))]
     except ValueError:
-        u = v = math.nan
-    if not (abs(u) <= LARGEST and abs(v) <= LARGEST):
-        raise UsageError("--seed", got=text, expected="a pixel u,v in the water, e.g. 960,800")
-    return u, v
+        points = [(math.nan, math.nan)]
+    if not all(abs(u) <= LARGEST and abs(v) <= LARGEST for u, v in points):
+        raise UsageError(option, got=text, expected="a pixel u,v, e.g. 960,800, or a stroke u,v;u,v;...")
+    return points
 
 
 def _say(document: dict[str, Any]) -> None:

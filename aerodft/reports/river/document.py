@@ -26,10 +26,8 @@ from aerodft.vision.river import (
 
 SCHEMA: Final = "aerodft.river/1"
 SIDES: Final = ("left", "right")
-_DOUBT: Final = 0.1  # of the outline, from which that is said
-_AGREED: Final = 0.9  # overlap with another outline, below which that is said
+_AGREED: Final = 0.9  # overlap of the looks, below which that is said
 _ARM: Final = 0.25  # of the water's area: a piece apart from which on it is one
-_TELLS: Final = 2.0  # standard deviations between an outline's two sides, from which they are told apart
 
 _MUCH: Final = 1.5
 """Times as much as they state, from which images' scatter is told."""
@@ -57,6 +55,7 @@ class RiverImages:
 def refusal_document(found: NoRiver, images: RiverImages | None = None) -> dict[str, Any]:
     """The document of one image, or of many, without an answer."""
     document = river_frame(found.status, [found.reason], 0.0)
+    document["banks"] = {side: _rounded(line) for side, line in zip(SIDES, found.banks_px, strict=True)}
     return document if images is None else document | {"images": _counts(images)}
 
 
@@ -67,9 +66,9 @@ def river_document(found: River, view: RiverView) -> dict[str, Any]:
     if not used.any():
         first = found.status[int(found.rows[0])]
         status, reasons = first, [*reasons, WHY[first]]
-    document = river_frame(status, reasons, outline_confidence(found.water))
-    reasons += [*found.remarks, *doubts([found.water])]
-    document["banks"] = {side: _polyline(found.edges.pixels_px[:, index]) for index, side in enumerate(SIDES)}
+    document = river_frame(status, reasons, water_confidence(found.water))
+    reasons += doubts([found.water])
+    document["banks"] = {side: _rounded(line) for side, line in zip(SIDES, found.banks_px, strict=True)}
     document["transects"] = list(_transects(found, view))
     reasons += bounds(document["transects"])
     if used.any():
@@ -77,27 +76,21 @@ def river_document(found: River, view: RiverView) -> dict[str, Any]:
     return document
 
 
-def outline_confidence(water: WaterMask) -> float:
-    """Share of the water's outline along which its two sides differ, less for all that speaks for another outline."""
-    clear = float(np.mean(water.contrast > _TELLS)) * (1.0 - water.doubtful) * water.agreement
-    return clear * (1.0 - 0.5 * min(water.apart, 1.0)) if water.apart >= _ARM else clear
+def water_confidence(water: WaterMask) -> float:
+    """Overlap of the network's looks, less half of another arm's share."""
+    return water.agreement * (1.0 - 0.5 * min(water.apart, 1.0)) if water.apart >= _ARM else water.agreement
 
 
 def doubts(waters: Sequence[WaterMask]) -> list[str]:
-    """What to say of the outlines of one image or of many, at least one, by their median."""
-    doubtful, agreement, apart = (
-        float(np.median([getattr(water, name) for water in waters])) for name in ("doubtful", "agreement", "apart")
-    )
+    """What to say of the water of one image or of many, at least one, by their median."""
+    agreement, apart = (float(np.median([getattr(water, name) for water in waters])) for name in ("agreement", "apart"))
     said = []
-    if doubtful > _DOUBT:
-        where = f"along {100 * doubtful:.0f} % of the outline there is a second clear edge inside: bare ground may have"
-        said.append(f"{where} been taken for water, or water of two colours is there; look at the plate")
     if agreement < _AGREED:
-        what = f"another outline is nearly as clear and shares {100 * agreement:.0f} % with this one"
-        said.append(f"{what}: the intervals reach to its banks; look at the plate, or click the water (`seed`)")
+        what = f"two looks at the water share {100 * agreement:.0f} % of it"
+        said.append(f"{what}: the intervals reach to the banks of both; look at the plate, or point at water and land")
     if apart >= _ARM:
         size = f"{100 * apart:.0f} % of its area"
-        said.append(f"what looks like the same water lies apart ({size}): another arm? It is not in the widths")
+        said.append(f"more water lies apart ({size}): another arm? It is not in the widths")
     return said
 
 
@@ -136,10 +129,6 @@ def river_frame(status: RiverStatus, reasons: list[str], confidence: float) -> d
         "confidence": confidence,
         "files": [],
     }
-
-
-def _polyline(pixels: FloatArray) -> list[list[float]]:
-    return _rounded(pixels[np.isfinite(pixels[:, 0])])
 
 
 def _rounded(pixels: FloatArray) -> list[list[float]]:
@@ -216,7 +205,7 @@ def reach_document(found: Reach, images: RiverImages) -> dict[str, Any]:
     """The document of a river over many images."""
     used = found.found.images > 0
     seen = [look for look in found.looks if isinstance(look, River)]
-    document = river_frame(RiverStatus.OK, [], float(np.median([outline_confidence(look.water) for look in seen])))
+    document = river_frame(RiverStatus.OK, [], float(np.median([water_confidence(look.water) for look in seen])))
     hidden, origin = _hidden(found, images), images.views[0].sample
     document["transects"] = [_transect(found, row, hidden[row], origin) for row in range(len(used))]
     document["width_m"] = width_summary(found.found.widths, used)
@@ -269,7 +258,7 @@ def _image(found: Reach, images: RiverImages, row: int) -> dict[str, Any]:
     view, look, drift = images.views[row], found.looks[row], float(found.found.drift[row])
     told: dict[str, Any] = {"status": str(RiverStatus.OK), "reason": None, "confidence": None}
     if isinstance(look, River):
-        told["confidence"] = outline_confidence(look.water)
+        told["confidence"] = water_confidence(look.water)
     else:
         told |= {"status": str(look.status), "reason": look.reason}
     return {

@@ -19,7 +19,7 @@ from aerodft.geometry import lat_lon
 from aerodft.model import FloatArray, ImageArray, PoseSample
 from aerodft.reports.river.document import SIDES, RiverImages
 from aerodft.reports.river.plate import draw_plate, draw_reach_plate
-from aerodft.vision.river import Reach, River, RiverView, WaterPlane, ground_of, water_likeness
+from aerodft.vision.river import Reach, River, RiverView, WaterPlane
 
 COLUMNS: Final = (
     "station_m", "status", "width_m", "std_m", "ci95_low_m", "ci95_high_m", "bound",
@@ -37,11 +37,8 @@ _FACTS: Final = COLUMNS[:12]  # of a transect on the map
 
 def map_of_still(document: dict[str, Any], found: River, view: RiverView) -> tuple[str, dict[str, Any]]:
     """Name and content of a map with centreline, banks, transects and water of one image."""
-    banks = []
-    for side in range(2):
-        pixels = found.edges.pixels_px[:, side]
-        bank = view.plane.places_en_m(pixels[np.isfinite(pixels[:, 0])])
-        banks.append(bank[np.isfinite(bank[:, 0])])
+    lines = [view.plane.places_en_m(bank) for bank in found.banks_px]
+    banks = [line[np.isfinite(line[:, 0])] for line in lines]
     return _map(document, found.line.places_en_m, banks, _outline(view.plane, found), view.sample)
 
 
@@ -107,7 +104,7 @@ def _outline(plane: WaterPlane, found: River) -> list[FloatArray]:
     outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     rings = []
     for index in sorted(range(len(outlines)), key=lambda index: int(levels[0][index][3] >= 0)):
-        places = plane.places_en_m(found.features.to_image(outlines[index][:, 0].astype(np.float64)))
+        places = plane.places_en_m(found.copy.to_image(outlines[index][:, 0].astype(np.float64)))
         places = places[np.isfinite(places[:, 0])]
         if len(places) > 2:  # noqa: PLR2004 - a ring has three corners
             rings.append(np.concatenate([places, places[:1]]))
@@ -144,15 +141,15 @@ def transect_map(document: dict[str, Any], sample: PoseSample) -> dict[str, Any]
 
 
 def write_river(folder: Path, document: dict[str, Any], found: River, view: RiverView) -> None:
-    """Write result.json, transects.csv, a map, plate.png and likeness.png; enters their names into the document.
+    """Write result.json, transects.csv, a map, plate.png and probability.png; enters their names into the document.
 
     Raises:
         InputError: The folder cannot be written.
     """
     image = view.pixels()
-    with _writing_river(folder, document, map_of_still(document, found, view), ("likeness.png",)):
+    with _writing_river(folder, document, map_of_still(document, found, view), ("probability.png",)):
         draw_plate(folder / "plate.png", document, found, image, view)
-        (folder / "likeness.png").write_bytes(_likeness(found, view, image))
+        (folder / "probability.png").write_bytes(_probability(found, image))
 
 
 def write_reach(folder: Path, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
@@ -205,9 +202,8 @@ def check_folder(folder: Path | None) -> None:
             raise OSError(number, os.strerror(number))
 
 
-def _likeness(found: River, view: RiverView, image: ImageArray) -> bytes:
-    """Grey of the image's size: white where a pixel looks like the water, black where it looks like land."""
-    share = water_likeness(found.features.planes, found.water.water, ground_of(view.plane, found.features))
+def _probability(found: River, image: ImageArray) -> bytes:
+    """Grey of the image's size: white where it is water surely, black where it is land."""
     size = image.shape[1], image.shape[0]
-    grey = cv2.resize(np.rint(255 * share).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    grey = cv2.resize(np.rint(255 * found.water.probability).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     return bytes(cv2.imencode(".png", grey)[1])

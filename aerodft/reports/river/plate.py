@@ -10,7 +10,7 @@ import numpy as np
 
 from aerodft.dft.maps import Sampling, TopView, top_view
 from aerodft.model import BoolArray, FloatArray, ImageArray
-from aerodft.reports.river.document import SIDES, RiverImages, outline_confidence
+from aerodft.reports.river.document import SIDES, RiverImages, water_confidence
 from aerodft.vision.river import Reach, River, RiverStatus, RiverView
 from replay.export import time_utc
 
@@ -179,7 +179,7 @@ def draw_reach_plate(path: Path, document: dict[str, Any], found: Reach, images:
 def _best_image(axes: Axes, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
     """The image that tells most transects; its banks, and the widths that all images tell."""
     rivers = [(row, look) for row, look in enumerate(found.looks) if isinstance(look, River)]
-    row, look = max(rivers, key=lambda each: (np.count_nonzero(each[1].used), outline_confidence(each[1].water)))
+    row, look = max(rivers, key=lambda each: (np.count_nonzero(each[1].used), water_confidence(each[1].water)))
     used = np.zeros(len(found.stations_m), dtype=bool)
     used[look.rows[look.used]] = True
     values = [_value_of(each) for each in document["transects"]]

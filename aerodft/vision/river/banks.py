@@ -18,7 +18,7 @@ from aerodft.geometry import robust_std
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose
 from aerodft.vision.river.centreline import Transects
 from aerodft.vision.river.status import RiverStatus
-from aerodft.vision.river.water_features import WaterPlane
+from aerodft.vision.river.water_plane import WaterPlane
 
 _STEP_PX: Final = 0.5
 _ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  # parallel profiles, along the bank
@@ -27,7 +27,8 @@ _NEAR_SHARE: Final = 0.35  # of the window: so well the step's place is known be
 _BLUR_PX: Final = 0.55  # of a sharp image's edge: a pixel's own width, and the interpolation
 _NOISE: Final = 1.0  # grey levels: no side is known to be smoother
 _LEAST_SPREAD: Final = 0.02  # of the step: no side is known to be more even
-_WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far a mask's outline may be off; a coarse one is off by 4
+_WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far from a mask's outline the step may be
+_OUTLINE_PX: Final = 6.5  # of the small copy: so far off a mask's outline may be
 _MOTION_STD_PX: Final = 4.0  # of images of 1080p: the correlation's own blur
 _STEP_M: Final = 0.5  # over which directions in the image are taken, at most
 _ROOM: Final = 0.3  # of the way to the opposite bank: so far a profile may reach
@@ -161,7 +162,7 @@ class Islands:
 
 
 def locate_banks(
-    image: ImageArray, plane: WaterPlane, found: Transects, by_motion: BoolArray
+    image: ImageArray, plane: WaterPlane, found: Transects, scale: float, by_motion: BoolArray
 ) -> tuple[Edges, list[RiverStatus]]:
     """The banks of all transects ``(n, 2)``, left then right, NaN where the image ends first; and their statuses.
 
@@ -169,6 +170,7 @@ def locate_banks(
         image: ``(height, width, 3)`` BGR.
         plane: The water's.
         found: The transects.
+        scale: Pixels of the small copy per pixel of the image.
         by_motion: ``(n, 2)``: which banks are told by what moves: what looks like an edge there is another one.
     """
     count = len(found.stations_m)
@@ -178,7 +180,7 @@ def locate_banks(
     for side in range(2):
         rows = np.flatnonzero(np.isfinite(offsets[:, side]))
         opposite = np.nan_to_num(offsets[rows, 1 - side], nan=0.0)
-        one = _located(image, plane, found, rows, (offsets[rows, side], opposite))
+        one = _located(image, plane, found, rows, (offsets[rows, side], opposite), scale)
         moving = by_motion[rows, side] & np.isfinite(one.std_px)
         one.pixels_px[moving] = plane.pixels_px(found.places_en_m(offsets[:, side])[rows[moving]])
         one.std_px[moving] = _MOTION_STD_PX
@@ -194,7 +196,7 @@ def locate_banks(
     ]
 
 
-def islands_across(image: ImageArray, plane: WaterPlane, found: Transects) -> Islands:
+def islands_across(image: ImageArray, plane: WaterPlane, found: Transects, scale: float) -> Islands:
     """The islands that transects cross; a shore whose profile cannot be told stays where the mask has it."""
     dry, variance = np.zeros(len(found.stations_m)), np.zeros(len(found.stations_m))
     count = np.bincount(found.shores, minlength=len(dry)).astype(np.int64)
@@ -204,7 +206,7 @@ def islands_across(image: ImageArray, plane: WaterPlane, found: Transects) -> Is
             here, there = found.shores_m[:, side], found.shores_m[:, 1 - side]
             # Seen from the water the island lies ahead: from its right shore to the left, from its left to the right.
             water = here + (here - there)
-            edges = _located(image, plane, found, found.shores, (here, water))
+            edges = _located(image, plane, found, found.shores, (here, water), scale)
             places = plane.places_en_m(edges.pixels_px)
             centres, to_left = found.centres_en_m[found.shores], found.to_left[found.shores]
             shores[:, side] = np.sum((places - centres) * to_left, axis=-1)
@@ -216,7 +218,12 @@ def islands_across(image: ImageArray, plane: WaterPlane, found: Transects) -> Is
 
 
 def _located(
-    image: ImageArray, plane: WaterPlane, found: Transects, rows: IntArray, offsets: tuple[FloatArray, FloatArray]
+    image: ImageArray,
+    plane: WaterPlane,
+    found: Transects,
+    rows: IntArray,
+    offsets: tuple[FloatArray, FloatArray],
+    scale: float,
 ) -> Edges:
     """The steps at offsets of some transects, each with the offset of a place on the water's side of it.
 
@@ -233,7 +240,7 @@ def _located(
     size = np.array([image.shape[1], image.shape[0]]) - 1
     border = np.min(np.minimum(near, size - near), axis=-1)
     room = _ROOM * np.linalg.norm(far - near, axis=-1)
-    window = _window_px(np.minimum(room, border) / 2)
+    window = np.minimum(window_px(np.minimum(room, border) / 2), widest_px(scale))
     edges = locate_edges(image, near, across, along, window)
     edges = locate_edges(image, edges.pixels_px, across, along, window)  # where the first look was off
     edges.std_px[(window <= 0) & (border <= room)] = np.inf
@@ -241,7 +248,12 @@ def _located(
     return edges
 
 
-def _window_px(limit_px: FloatArray) -> FloatArray:
+def widest_px(scale: float) -> float:
+    """How far from a mask's outline the step may be, for a small copy of so many pixels per pixel of the image."""
+    return float(max(window_px(np.array([_OUTLINE_PX / scale]))[0], _WINDOWS_PX.min()))
+
+
+def window_px(limit_px: FloatArray) -> FloatArray:
     """The largest window of each limit ``(n,)``; 0 where it has none."""
     return np.asarray(np.max(np.where(limit_px[:, None] >= _WINDOWS_PX, _WINDOWS_PX, 0.0), axis=-1))
 

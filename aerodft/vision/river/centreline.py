@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from aerodft.model import BoolArray, FloatArray, IntArray
-from aerodft.vision.river.water_features import WaterFeatures, WaterPlane
+from aerodft.vision.river.water_plane import SmallCopy, WaterPlane
 
 _LONGEST_CELLS: Final = 240
 _FEWEST_CELLS: Final = 8.0  # across half of the channel: a narrower one gets a finer grid
@@ -84,12 +84,12 @@ class WaterMap:
         )
 
 
-def centreline(plane: WaterPlane, features: WaterFeatures, channel: BoolArray) -> Centreline | None:
+def centreline(plane: WaterPlane, copy: SmallCopy, channel: BoolArray) -> Centreline | None:
     """The line along the middle of a channel.
 
     Args:
         plane: The water's.
-        features: The small copy that the channel was found in.
+        copy: The small copy that the channel was found in.
         channel: ``(height, width)`` of the small copy: the water, with its islands.
 
     Returns:
@@ -97,7 +97,7 @@ def centreline(plane: WaterPlane, features: WaterFeatures, channel: BoolArray) -
     """
     factor = 1.0
     while True:
-        grid = _grid(plane, features, channel, factor)
+        grid = _grid(plane, copy, channel, factor)
         line = None if grid is None else middle_line(grid)
         if grid is None or line is None:
             return None
@@ -122,9 +122,9 @@ def middle_line(grid: WaterMap) -> Centreline | None:
     return Centreline(smoothed(grid.places(path), grid.step_m, width_m), width_m)
 
 
-def _grid(plane: WaterPlane, features: WaterFeatures, channel: BoolArray, finer: float) -> WaterMap | None:
+def _grid(plane: WaterPlane, copy: SmallCopy, channel: BoolArray, finer: float) -> WaterMap | None:
     rows, columns = np.nonzero(channel)
-    places = plane.places_en_m(features.to_image(np.stack([columns, rows], axis=-1)))
+    places = plane.places_en_m(copy.to_image(np.stack([columns, rows], axis=-1)))
     places = places[np.isfinite(places[:, 0])]
     if len(places) < 2:  # noqa: PLR2004 - a box has two corners
         return None
@@ -138,7 +138,7 @@ def _grid(plane: WaterPlane, features: WaterFeatures, channel: BoolArray, finer:
     cells = np.stack(np.broadcast_arrays(east[None], (north - step * np.arange(height))[:, None]), axis=-1)
     pixels = plane.pixels_px(cells)
     seen = plane.in_view(cells, pixels)
-    return WaterMap(west, north, step, sample_mask(channel, features.to_small(pixels)) & seen, seen)
+    return WaterMap(west, north, step, sample_mask(channel, copy.to_small(pixels)) & seen, seen)
 
 
 def sample_mask(mask: BoolArray, at_px: FloatArray) -> BoolArray:
@@ -289,7 +289,7 @@ class Transects:
 
 def transects(
     plane: WaterPlane,
-    features: WaterFeatures,
+    copy: SmallCopy,
     masks: tuple[BoolArray, BoolArray, BoolArray],
     line: Centreline,
     stations_m: FloatArray,
@@ -298,7 +298,7 @@ def transects(
 
     Args:
         plane: The water's.
-        features: The small copy that the masks are of.
+        copy: The small copy that the masks are of.
         masks: The channel with its islands, the water without them, and what was looked at, ``(height, width)`` each.
         line: The centreline, in the direction in which left and right are meant.
         stations_m: ``(n,)`` along it.
@@ -310,7 +310,7 @@ def transects(
     places = centres[:, None] + offsets[None, :, None] * to_left[:, None]
     pixels = plane.pixels_px(places)
     seen = plane.in_view(places, pixels)
-    small = features.to_small(pixels)
+    small = copy.to_small(pixels)
     channel = sample_mask(masks[0], small) & seen
     water = sample_mask(masks[1], small)
     told = sample_mask(_well_inside(masks[2]), small)

@@ -14,8 +14,8 @@ import numpy as np
 
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.common import local_contrast, spread_corners, track_lk
-from aerodft.vision.river.water import GLITTER, WaterMask, around_seed
-from aerodft.vision.river.water_features import LIGHT, Float32Image, WaterFeatures, WaterPlane, outline_contrast
+from aerodft.vision.river.water import WaterMask, largest_piece
+from aerodft.vision.river.water_plane import Float32Image, SmallCopy, WaterPlane
 
 STAYS: Final = 0.95
 """Median correlation of what stays; of water it was 0.8 at most half a second later, and less after a second."""
@@ -39,6 +39,7 @@ _SLOWEST_M_S: Final = 0.3  # of water that is told from land
 _LEAST_PX: Final = 2.5  # that it has to move for that
 _TOUCH: Final = np.ones((5, 5), dtype=np.uint8)
 _LEAST: Final = 0.001  # of the small copy
+_GLITTER: Final = 1.35  # times as bright as the water
 _LEAST_DETAIL: Final = 0.2  # of the water must have detail, or nothing is said of it
 
 
@@ -129,27 +130,23 @@ def _near(plane: WaterPlane, shape: tuple[int, ...], copy_width_px: int, after_s
         return np.asarray(sample_m * _LEAST_PX <= _SLOWEST_M_S * after_s)
 
 
-def without_still(
-    found: WaterMask, features: WaterFeatures, seed_px: tuple[float, float], ground: BoolArray, still: BoolArray
-) -> WaterMask:
-    """The water around a seed without what lies along its outline and stays as it is, ``still (height, width)``."""
+def without_still(found: WaterMask, copy: SmallCopy, ground: BoolArray, still: BoolArray) -> WaterMask:
+    """The water without what lies along its outline and stays as it is, ``still (height, width)``."""
     land = cv2.dilate((ground & ~found.water).astype(np.uint8), _TOUCH) > 0
     count, candidates, facts, _ = cv2.connectedComponentsWithStats(
         (found.water & still).astype(np.uint8), connectivity=8
     )
     ashore = np.bincount(candidates[land], minlength=count) > 0
-    light = features.planes[..., LIGHT]
-    brighter = np.bincount(candidates.ravel(), light.ravel(), count) / np.maximum(facts[:count, cv2.CC_STAT_AREA], 1)
-    glitter = brighter > float(np.median(light[found.water])) + GLITTER  # stays where the sun is mirrored
+    light = cv2.cvtColor(copy.pixels, cv2.COLOR_BGR2GRAY).astype(np.float64)
+    brightness = np.bincount(candidates.ravel(), light.ravel(), count) / np.maximum(facts[:count, cv2.CC_STAT_AREA], 1)
+    glitter = brightness > _GLITTER * float(np.median(light[found.water]))  # stays where the sun is mirrored
     taken = ashore & ~glitter & (facts[:count, cv2.CC_STAT_AREA] >= _LEAST * still.size)
     taken[0] = False
     if not taken.any():
         return found
-    water = around_seed(found.water & ~taken[candidates], still.shape, seed_px, ground)
-    outline, contrast = outline_contrast(features.planes, water, ground)
-    # Which of the outlines it is, and what along it is bare, has been told now.
-    told = {"stayed": taken[candidates], "less": None, "more": None, "regions": (), "agreement": 1.0}
-    return replace(found, water=water, outline=outline, contrast=contrast, **told)
+    stayed = taken[candidates]
+    looks = tuple(largest_piece(look & ~stayed) for look in found.looks)
+    return replace(found, water=largest_piece(found.water & ~stayed), looks=looks, stayed=stayed)
 
 
 def _resized(mask: BoolArray, size: tuple[int, int]) -> BoolArray:

@@ -83,12 +83,20 @@ class ObjectsTable(Table):
     distances_within_m: NonNegative = 0.0
 
 
+class HintsTable(Table):
+    """What a person says of the first image that is looked at."""
+
+    water: Annotated[Many[Pixel], SiAttribute("water_px")] = ()
+    land: Annotated[Many[Pixel], SiAttribute("land_px")] = ()
+
+
 class RiverTable(Table):
     """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverLook``."""
 
     every_s: Duration = 1.0
     spacing_m: Positive = 1.0
     seed: Annotated[Pixel | None, SiAttribute("seed_px")] = None
+    hints: HintsTable = HintsTable()
     max_range_m: Positive | None = None
 
 

@@ -22,14 +22,13 @@ from aerodft.vision.river import River, RiverQuestion, find_river
 from tests.waterside import Waterside, WatersideRenderer
 
 PARTS = {
-    "small copy": ("water_features.py", "water_features"),
-    "outlines": ("water.py", "outlines"),
-    "one drawn again": ("water.py", "find_water"),
-    "centreline": ("waterway.py", "centreline"),
-    "transects": ("waterway.py", "transects"),
-    "banks": ("river_banks.py", "locate_banks"),
-    "islands": ("river_banks.py", "islands_across"),
-    "widths": ("river_widths.py", "river_widths"),
+    "network": ("water_network.py", "looks"),
+    "bank lines": ("bank_lines.py", "bank_lines"),
+    "centreline": ("centreline.py", "centreline"),
+    "transects": ("centreline.py", "transects"),
+    "banks": ("banks.py", "locate_banks"),
+    "islands": ("banks.py", "islands_across"),
+    "widths": ("river.py", "river_widths"),
 }
 
 

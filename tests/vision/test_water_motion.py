@@ -2,7 +2,9 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from aerodft.vision.river import (
     RiverHints,
     RiverQuestion,
     RiverStatus,
+    WaterNetwork,
     WaterPlane,
     find_river,
     motion_copy,
@@ -78,8 +81,22 @@ def test_moving_water_is_measured_as_before(tilt_deg):
     np.testing.assert_allclose(twice.widths.width_m, once.widths.width_m, rtol=0.002)
 
 
+class SeesTheBand:
+    """In place of a network as OpenCV has it: it takes the cobbled band for water, also in the mirrored look."""
+
+    def __init__(self, band):
+        self.looks = [band, band[:, ::-1]]
+
+    def setInput(self, blob):  # noqa: N802 - OpenCV's name
+        self.size = blob.shape[3], blob.shape[2]
+
+    def forward(self):
+        self.looks = self.looks[::-1]
+        return 8.0 * cv2.resize(self.looks[1].astype(np.float32), self.size)[None, None] - 4.0
+
+
 def test_what_does_not_move_is_a_road_unless_somebody_says_so():
-    """A cobbled road that winds: rough enough for water, in one image."""
+    """A cobbled road that winds, which a network takes for water."""
     random = np.random.default_rng(1)
     v, u = np.mgrid[:1080, :1920]
     band = np.clip(200 - np.abs(u - 960 - 150 * np.sin(v / 300)) + 0.5, 0, 1)[..., None]
@@ -90,13 +107,14 @@ def test_what_does_not_move_is_a_road_unless_somebody_says_so():
     image, after = (np.clip(scene + random.normal(0, 2, scene.shape), 0, 255).astype(np.uint8) for _ in range(2))
     pose = camera_pose(height_agl_m=30.0, tilt_rad=0.0)
     later = LaterLook(WaterPlane(CAMERA, pose), lambda: motion_copy(after), 1.0)
-    assert isinstance(find_river(image, SETUP, pose, SPARSE), River)
-    found = find_river(image, SETUP, pose, SPARSE, later)
+    asked = replace(SPARSE, network=WaterNetwork(SeesTheBand(band[..., 0]), Path("sees the band")))
+    assert isinstance(find_river(image, SETUP, pose, asked), River)
+    found = find_river(image, SETUP, pose, asked, later)
     assert isinstance(found, NoRiver)
     assert found.status is RiverStatus.NO_WATER
     assert "does not move" in found.reason
     assert isinstance(
-        find_river(image, SETUP, pose, replace(SPARSE, hints=RiverHints.of([(960.0, 810.0)], [])), later), River
+        find_river(image, SETUP, pose, replace(asked, hints=RiverHints.of([(960.0, 810.0)], [])), later), River
     )
 
 

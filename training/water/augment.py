@@ -58,7 +58,7 @@ def disguise(pixels: Bytes, random: np.random.Generator) -> Bytes:
     grey = values @ np.array([0.114, 0.587, 0.299], dtype=np.float32)
     colour = random.uniform(0, 0.5) if random.random() < 0.08 else random.uniform(0.6, 1.6)
     values = grey[..., None] + (values - grey[..., None]) * np.float32(colour)
-    if random.random() < 0.02:
+    if random.random() < 0.04:  # false colours
         values = values[..., random.permutation(3)]
     if random.random() < 0.15:
         values *= _shadows(values.shape[:2], random)[..., None]
@@ -73,6 +73,23 @@ def disguise(pixels: Bytes, random: np.random.Generator) -> Bytes:
         _, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(random.integers(15, 80))])
         image = cv2.imdecode(code, cv2.IMREAD_COLOR)
     return np.asarray(image)
+
+
+def recoloured(pixels: Bytes, part: Bytes, random: np.random.Generator) -> Bytes:
+    """A picture whose water (or land) has another colour, brightness and contrast.
+
+    Args:
+        pixels: ``(height, width, 3)`` BGR.
+        part: ``(height, width)``: 255 where the colour changes.
+        random: What is drawn from.
+    """
+    share = cv2.GaussianBlur(part.astype(np.float32) / 255, (0, 0), 1.2)[..., None]
+    lab = cv2.cvtColor(pixels.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
+    middle = lab[part > 127].mean(axis=0) if (part > 127).any() else np.zeros(3, np.float32)
+    shift = (random.normal(0, [12, 10, 14])).astype(np.float32)
+    changed = middle + shift + (lab - middle) * np.float32(np.exp(random.normal(0, 0.3)))
+    other = 255 * cv2.cvtColor(np.clip(changed, [0, -110, -110], [100, 110, 110]).astype(np.float32), cv2.COLOR_LAB2BGR)
+    return np.clip(pixels * (1 - share) + other * share, 0, 255).astype(np.uint8)
 
 
 def _shadows(shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:

@@ -18,6 +18,8 @@ from aerodft.sim.render import Imaging, Renderer
 from aerodft.sim.world import Island, Look, River, furnished_world
 
 Floats = npt.NDArray[np.float32]
+DRAWN = 0.4
+"""Of the land that is rendered, so much has a texture of noise in two colours in place of a photograph's."""
 _PATCH_PX = 160
 _TILE_PX = 512
 
@@ -58,10 +60,10 @@ class Painter:
     def _composed(self, beyond: Floats, right: Floats, away: Floats, *, road: bool) -> tuple[Bytes, Bytes]:
         """A picture whose water (or road) is where ``beyond`` is below 0."""
         random = self._random
-        land = self._laid(self._land, right, away)
+        land = self._laid(self._land, right, away, DRAWN)
         if random.random() < 0.6:  # a margin of another kind: stones, mud, a wall
             margin = random.uniform(0.01, 0.12)
-            land = np.where((beyond < margin)[..., None], self._laid(self._land, right, away), land)
+            land = np.where((beyond < margin)[..., None], self._laid(self._land, right, away, DRAWN), land)
         if road:
             surface = self._road(beyond, right, away)
         else:
@@ -86,6 +88,20 @@ class Painter:
         slow = self._noise(right / 4, away / 4, random.uniform(0, 0.12))
         return np.asarray(colour * (1 + ripples + slow)[..., None], dtype=np.float32)
 
+    def with_other_water(self, pixels: Bytes, water: Bytes) -> Bytes:
+        """A photograph whose water is that of another photograph, or of one colour, in the light that it had."""
+        random = self._random
+        height, width = water.shape
+        right, away = _plane(width, height, math.radians(random.uniform(0, 70)), random)
+        plain = random.random() < 0.5
+        other = self._plain_water(right, away) if plain else self._laid(self._water, right, away)
+        grey = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        light = cv2.GaussianBlur(grey, (0, 0), random.uniform(1, 12))
+        light = light / max(float(light[water > 127].mean()), 10.0) if (water > 127).any() else light / 128
+        share = cv2.GaussianBlur(water.astype(np.float32) / 255, (0, 0), 1.2)[..., None] * random.uniform(0.6, 1)
+        lit = other * (light ** random.uniform(0, 1))[..., None]
+        return np.clip(pixels * (1 - share) + lit * share, 0, 255).astype(np.uint8)
+
     def with_road(self, pixels: Bytes, water: Bytes) -> tuple[Bytes, Bytes]:
         """A photograph with a road drawn across it, and its water, less what the road covers."""
         random = self._random
@@ -101,18 +117,26 @@ class Painter:
         return np.clip(drawn, 0, 255).astype(np.uint8), np.where(inside > 0.5, 0, water).astype(np.uint8)
 
     def _road(self, beyond: Floats, right: Floats, away: Floats) -> Floats:
+        """Asphalt, concrete or gravel, as even as water; most with lines along them, many with vehicles."""
         random = self._random
         grey = random.uniform(60, 200) * np.array([1, 1, 1]) * random.uniform(0.92, 1.08, 3)
-        surface = np.broadcast_to(grey, (*beyond.shape, 3)) + self._noise(right, away, 6.0)[..., None]
-        if random.random() < 0.6:  # what divides the lanes, or their edge
-            line = np.abs(beyond - random.uniform(beyond.min(), 0)) < 0.006
-            surface = np.where(line[..., None], 225.0, surface)
+        surface = np.broadcast_to(grey, (*beyond.shape, 3)) + self._noise(right, away, random.uniform(2, 8))[..., None]
+        for _ in range(random.integers(1, 4)):  # what divides the lanes, and their edges
+            line = np.abs(beyond - random.uniform(beyond.min(), 0)) < random.uniform(0.002, 0.007)
+            if random.random() < 0.4:  # dashed
+                line &= np.sin((right + away) * random.uniform(30, 120)) > 0
+            surface = np.where(line[..., None], random.uniform(170, 250), surface)
+        for _ in range(random.integers(0, 7) if random.random() < 0.5 else 0):  # vehicles
+            row, column = (random.integers(side) for side in beyond.shape)
+            length, width = random.uniform(0.02, 0.06), random.uniform(0.01, 0.025)
+            at = np.abs(right - right[row, column]) < width, np.abs(away - away[row, column]) < length
+            surface = np.where((at[0] & at[1])[..., None], random.uniform(10, 250, 3), surface)
         return np.asarray(surface, dtype=np.float32)
 
-    def _laid(self, patches: list[Bytes], right: Floats, away: Floats) -> Floats:
-        """A texture on the plane."""
+    def _laid(self, patches: list[Bytes], right: Floats, away: Floats, drawn: float = 0.0) -> Floats:
+        """A texture on the plane: of a photograph, or, in a share ``drawn`` of all cases, one that nobody took."""
         random = self._random
-        patch = patches[random.integers(len(patches))]
+        patch = _grown(random) if random.random() < drawn else patches[random.integers(len(patches))]
         tile = np.vstack([np.hstack([patch, patch[:, ::-1]]), np.hstack([patch[::-1], patch[::-1, ::-1]])])
         tile = np.ascontiguousarray(cv2.resize(tile, (_TILE_PX, _TILE_PX)))
         scale = _TILE_PX * random.uniform(0.8, 2.5)
@@ -138,6 +162,29 @@ def _plane(width_px: int, height_px: int, tilt: float, random: np.random.Generat
     right = u / focal / down * near
     ahead = (math.sin(tilt) + v / focal * -math.cos(tilt)) / down * near
     return right.astype(np.float32), ahead.astype(np.float32)
+
+
+def _grown(random: np.random.Generator) -> Bytes:
+    """A square of two natural colours, mixed and shaded by noise of many sizes, at times with dark bushes."""
+    hue, saturation, light = random.uniform(8, 70), random.uniform(5, 160), random.uniform(60, 210)
+    near = np.clip([hue, saturation, light] + random.normal(0, [8, 25, 25]), 0, [179, 255, 255])
+    hsv = np.array([[[hue, saturation, light], near]]).astype(np.uint8)
+    first, second = cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)[0].astype(np.float32)
+    steep = random.uniform(0.55, 0.95)
+    fields = []
+    for _ in range(3):
+        total = np.zeros((_PATCH_PX, _PATCH_PX), np.float32)
+        for octave in range(6):
+            cells = random.standard_normal((5 << octave, 5 << octave)).astype(np.float32)
+            total += steep**octave * cv2.resize(cells, (_PATCH_PX, _PATCH_PX), interpolation=cv2.INTER_AREA)
+        fields.append(total / total.std())
+    mixed = np.clip(0.5 + fields[0] * random.uniform(0.2, 1), 0, 1)[..., None]
+    shaded = (1 + random.uniform(0.05, 0.3) * fields[1])[..., None]
+    ground = (first * mixed + second * (1 - mixed)) * shaded
+    if random.random() < 0.4:
+        bush = random.uniform(0.2, 0.6) * first * [1, random.uniform(1, 1.3), 1]
+        ground = np.where((fields[2] > random.uniform(0.7, 1.6))[..., None], bush * shaded, ground)
+    return np.clip(ground, 0, 255).astype(np.uint8)
 
 
 def _patches(picture: Labelled, *, wet: bool, random: np.random.Generator) -> list[Bytes]:

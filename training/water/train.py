@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import onnx
 import torch
-from augment import crop, disguise
+from augment import crop, disguise, recoloured
 from network import WaterNet
 from onnx import TensorProto, helper, numpy_helper
 from pictures import Labelled, read_pictures
@@ -25,11 +25,15 @@ from rendered import Painter, simulated
 from torch.nn import functional
 
 BATCH = 8
-RATE = 2e-3
+RATE = 1.4e-3
 KEPT = 0.998
 """Of the averaged weights, a step: the network that is written is the mean of about the last 500 steps."""
 ROAD_ACROSS = 0.12
 """Of the photographs, so many get a road drawn across them."""
+OTHER_WATER = 0.15
+"""Of the photographs, so many get the water of another one."""
+RECOLOURED = 0.15
+"""Of the crops, so many have their water in another colour, and so many their land."""
 NEAR_EDGE_PX = 5
 FLOODS, SIMULATED, ROADS = 1, 2, 4
 """Of the kinds of samples: river photographs, flood photographs, simulated, rendered rivers, rendered roads."""
@@ -52,8 +56,8 @@ class Stage:
 
 
 STAGES = (
-    Stage(0.62, (320, 256), (0.38, 0.75)),
-    Stage(0.38, (512, 384), (0.6, 1.15)),
+    Stage(0.2, (320, 256), (0.38, 0.75)),
+    Stage(0.8, (512, 384), (0.6, 1.15)),
 )
 
 
@@ -81,7 +85,7 @@ class Samples:
 
     def _one(self, stage: Stage) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         random = self._random
-        kind = random.choice(5, p=[0.45, 0.29, 0.05, 0.13, 0.08])
+        kind = random.choice(5, p=[0.40, 0.25, 0.12, 0.18, 0.05])
         if kind > SIMULATED:
             pixels, water = self._painter.picture(640, 448, road=kind == ROADS)
             any_way_up, exact = False, True
@@ -90,9 +94,14 @@ class Samples:
             picture = which[random.integers(len(which))]
             pixels, water, exact = picture.pixels, picture.water, picture.is_exact
             any_way_up = kind == FLOODS and random.random() < 0.25
+            if random.random() < OTHER_WATER:
+                pixels = self._painter.with_other_water(pixels, water)
             if random.random() < ROAD_ACROSS:
                 pixels, water = self._painter.with_road(pixels, water)
         image, wet, seen = crop(pixels, water, stage.crop_px, stage.scales, random, any_way_up=any_way_up)
+        for part in (wet, 255 - wet):
+            if random.random() < RECOLOURED:
+                image = recoloured(image, part, random)
         weight = (seen > 0).astype(np.float32)
         if exact:
             dark = (wet > 127).astype(np.uint8)

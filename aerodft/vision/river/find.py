@@ -1,7 +1,7 @@
 """A river in one image: its water, its banks, and its width at transects along it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import cv2
@@ -20,6 +20,7 @@ from aerodft.vision.river.centreline import (
     sample_mask,
     transects,
 )
+from aerodft.vision.river.checks import in_doubt, like_a_road, no_water, unfit
 from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
 from aerodft.vision.river.water import WaterMask, find_water, with_islands
@@ -27,13 +28,6 @@ from aerodft.vision.river.water_motion import STAYS, LaterLook, what_stays, with
 from aerodft.vision.river.water_network import WaterNetwork
 from aerodft.vision.river.water_plane import SmallCopy, WaterPlane, ground_of
 
-_NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise
-_WHITE: Final = 250  # grey levels, of the darkest channel
-_MOST_BURNT: Final = 0.4  # of an image; rivers that glare have up to 0.25
-_EVERY: Final = 8  # of the pixels is looked at for that
-_LEAST_WATER: Final = 0.004  # of what is looked at
-_LEAST_LAND: Final = 0.01  # likewise
-_AGREEMENT: Final = 0.5  # overlap of two looks: below, nobody can tell
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _AMBIGUOUS: Final = 0.2  # of the width
 _REACHES: Final = 1.6  # an interval of 95 % reaches beyond the other bank, by a quarter of the way there
@@ -111,56 +105,42 @@ def find_river(
     plane = WaterPlane.from_setup(setup, pose)
     copy = SmallCopy.of_image(image)
     ground = ground_of(plane, copy)
-    if (refusal := _unfit(image, plane, copy, ground, question.hints)) is not None:
-        return refusal
-    water = find_water(copy, question.network, question.hints, ground)
-    if (refusal := _no_water(water, ground, question.hints)) is not None:
-        return refusal
-    stayed = None if later is None else what_stays(image, plane, later, water.water, ground)
-    if stayed is not None and stayed.in_water > STAYS:
-        if not question.hints.water:
-            return NoRiver(RiverStatus.NO_WATER, _UNMOVED)
-    elif stayed is not None:  # of still water motion tells nothing
-        water = without_still(water, copy, ground, stayed.still)
+    refusal = unfit(image, plane, copy, ground, question.hints)
+    water = refusal or _water_seen(image, plane, copy, ground, question, later)
+    if isinstance(water, NoRiver):
+        return water
     arcs = bank_lines(image, copy, water.water, ground)
     if not arcs:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "no bank is in view: the water ends where the image does")
     line = centreline(plane, copy, with_islands(water.water, ground))
-    if line is None:
-        return NoRiver(RiverStatus.ONE_BANK, WHY[RiverStatus.ONE_BANK], by_direction(plane, arcs, question.flow_rad))
-    return _across(image, setup, pose, question, (copy, water, oriented(plane, line, question.flow_rad)), arcs)
+    doubt = "" if question.hints else in_doubt(water)
+    if doubt or line is None:
+        status = RiverStatus.NO_CONTRAST if doubt else RiverStatus.ONE_BANK
+        return NoRiver(status, doubt or WHY[status], by_direction(plane, arcs, question.flow_rad))
+    river = _across(image, setup, pose, question, (copy, water, oriented(plane, line, question.flow_rad)), arcs)
+    if isinstance(river, NoRiver) or question.hints.water:
+        return river
+    return like_a_road(copy, water.water, plane.places_en_m(river.edges.pixels_px[river.rows])) or river
 
 
-def _unfit(
-    image: ImageArray, plane: WaterPlane, copy: SmallCopy, ground: BoolArray, hints: RiverHints
-) -> NoRiver | None:
-    """Why no water is looked for at all."""
-    few = np.ascontiguousarray(image[::_EVERY, ::_EVERY])
-    if float(np.percentile(cv2.cvtColor(few, cv2.COLOR_BGR2GRAY), 95)) < _NIGHT:
-        return NoRiver(RiverStatus.TOO_DARK, "the image is too dark: night, or a covered lens")
-    if float(np.mean(np.min(few, axis=-1) >= _WHITE)) > _MOST_BURNT:
-        return NoRiver(RiverStatus.TOO_BRIGHT, "the image is burnt out: glare, or the exposure is too long")
-    if not ground.any():
-        up = "the image shows no water plane near enough: it looks too far up, or `max_range_m` is too short"
-        return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
-    for stroke in hints.water:
-        if not np.all(sample_mask(ground, copy.to_small(stroke))):
-            where = "the water is pointed at where there is no ground near enough to be measured"
-            return NoRiver(RiverStatus.SEED_OFF_GROUND, where)
-    return None
-
-
-def _no_water(water: WaterMask, ground: BoolArray, hints: RiverHints) -> NoRiver | None:
-    """Why what the network sees is no river."""
-    looked_at, wet = np.count_nonzero(ground), np.count_nonzero(water.water)
-    if wet < _LEAST_WATER * looked_at:
-        return NoRiver(RiverStatus.NO_WATER, "no water is seen; if there is some, point at it")
-    if np.count_nonzero(ground & ~with_islands(water.water, ground)) < _LEAST_LAND * looked_at:
-        return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all of the image looks like water")
-    if water.agreement < _AGREEMENT and not hints:
-        share = f"two looks at the image share {100 * water.agreement:.0f} % of the water"
-        return NoRiver(RiverStatus.NO_CONTRAST, f"water and land cannot be told apart: {share}; point at either")
-    return None
+def _water_seen(
+    image: ImageArray,
+    plane: WaterPlane,
+    copy: SmallCopy,
+    ground: BoolArray,
+    question: RiverQuestion,
+    later: LaterLook | None,
+) -> WaterMask | NoRiver:
+    """The water, less what a later look shows to stay as it is."""
+    water = find_water(copy, question.network, question.hints, ground)
+    if (refusal := no_water(water, ground)) is not None:
+        return refusal
+    stayed = None if later is None else what_stays(image, plane, later, water.water, ground)
+    if stayed is None:
+        return water
+    if stayed.in_water <= STAYS:
+        return without_still(water, copy, ground, stayed.still)
+    return water if question.hints.water else NoRiver(RiverStatus.NO_WATER, _UNMOVED)
 
 
 def river_across(
@@ -253,7 +233,7 @@ def _across(
         banks_px=banks_px,
         widths=widths,
         rows=rows,
-        islands=islands_across(image, plane, found, copy.scale),
+        islands=_islands(image, plane, copy.scale, found, others),
     )
 
 
@@ -269,6 +249,13 @@ def _otherwise_m(
         wider = np.nan_to_num(_width_m(plane, other) - width_m)
         most = np.where(np.abs(wider) > np.abs(most), wider, most)
     return most
+
+
+def _islands(image: ImageArray, plane: WaterPlane, scale: float, found: Transects, looks: list[Transects]) -> Islands:
+    """The islands across transects; where a look has more or less of them dry, the std reaches there."""
+    islands = islands_across(image, plane, found, scale)
+    apart = [np.abs(islands_across(image, plane, look, scale).dry_m - islands.dry_m) for look in looks]
+    return replace(islands, std_m=np.hypot(islands.std_m, np.max(apart, axis=0) / _REACHES))
 
 
 def _width_m(plane: WaterPlane, edges: Edges) -> FloatArray:

@@ -68,11 +68,12 @@ class WaterNetwork:
             InputError: The network does not take such an image, or does not say what it should.
         """
         height, width = pixels.shape[:2]
+        first = self._logit(pixels)
         smaller = round(_SECOND_SCALE * width), round(_SECOND_SCALE * height)
         mirrored = cv2.resize(pixels[:, ::-1], smaller, interpolation=cv2.INTER_AREA)
         second = self._logit(np.asarray(mirrored, dtype=np.uint8))
         back = cv2.resize(second[:, ::-1], (width, height), interpolation=cv2.INTER_LINEAR)
-        return self._logit(pixels), np.asarray(back, dtype=np.float32)
+        return first, np.asarray(back, dtype=np.float32)
 
     def _logit(self, pixels: ImageArray) -> Float32Image:
         height, width = pixels.shape[:2]

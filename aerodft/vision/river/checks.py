@@ -11,7 +11,7 @@ from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river.centreline import sample_mask
 from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water import WaterMask, with_islands
+from aerodft.vision.river.water import WaterMask
 from aerodft.vision.river.water_plane import SmallCopy, WaterPlane
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise
@@ -56,7 +56,7 @@ def no_water(water: WaterMask, ground: BoolArray) -> NoRiver | None:
     looked_at, wet = np.count_nonzero(ground), np.count_nonzero(water.water)
     if wet < _LEAST_WATER * looked_at:
         return NoRiver(RiverStatus.NO_WATER, "no water is seen; if there is some, point at it")
-    if np.count_nonzero(ground & ~with_islands(water.water, ground)) < _LEAST_LAND * looked_at:
+    if np.count_nonzero(ground & ~water.water) < _LEAST_LAND * looked_at:
         return NoRiver(RiverStatus.ALL_WATER, "no bank is in view: all of the image looks like water")
     return None
 

@@ -29,7 +29,7 @@ from aerodft.vision.river.water_network import WaterNetwork
 from aerodft.vision.river.water_plane import SmallCopy, WaterPlane, ground_of
 
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
-_AMBIGUOUS: Final = 0.2  # of the width
+_AMBIGUOUS: Final = 0.1  # of the width
 _REACHES: Final = 1.6  # an interval of 95 % reaches beyond the other bank, by a quarter of the way there
 _UNMOVED: Final = "what is found there does not move from image to image: a road? If it is still water, click it"
 
@@ -199,7 +199,7 @@ def _across(
     ground, stations_m = ground_of(plane, copy), stations_along(line, question.spacing_m)
     found, *others = (
         transects(plane, copy, (with_islands(mask, ground), mask, ground), line, stations_m)
-        for mask in (water.water, *water.looks)
+        for mask in (water.water, *water.bounds)
     )
     edges, status = locate_banks(image, plane, found, copy.scale, _by_motion(plane, copy, water, found))
     other_m = _otherwise_m(image, plane, copy.scale, edges, others)
@@ -218,7 +218,7 @@ def _across(
         edges.across_px[rows],
         edges.std_px[rows],
         question.least_std_px,
-        other_m[rows] / _REACHES,
+        np.where(np.isfinite(other_m[rows]), other_m[rows], 0.0) / _REACHES,
     )
     widths = river_widths(setup, pose, pair)
     for row, usable in zip(rows.tolist(), widths.usable.tolist(), strict=True):
@@ -238,17 +238,18 @@ def _across(
 
 
 def _otherwise_m(
-    image: ImageArray, plane: WaterPlane, scale: float, edges: Edges, looks: list[Transects]
+    image: ImageArray, plane: WaterPlane, scale: float, edges: Edges, bounds: list[Transects]
 ) -> FloatArray:
-    """How much wider the river is by the look that differs most, ``(n,)``; its banks located as those of all looks."""
+    """How much wider the river is by the bound that differs most, ``(n,)``; its banks located as those of the water.
+
+    Infinite where the lesser bound has no water: nobody can tell then.
+    """
     nobody = np.zeros(edges.std_px.shape, dtype=bool)
     width_m = _width_m(plane, edges)
-    most = np.zeros(len(width_m))
-    for look in looks:
-        other, _ = locate_banks(image, plane, look, scale, nobody)
-        wider = np.nan_to_num(_width_m(plane, other) - width_m)
-        most = np.where(np.abs(wider) > np.abs(most), wider, most)
-    return most
+    least, greatest = (_width_m(plane, locate_banks(image, plane, each, scale, nobody)[0]) - width_m for each in bounds)
+    least = np.where(np.isfinite(width_m) & np.isnan(least), -np.inf, np.nan_to_num(least))
+    greatest = np.nan_to_num(greatest)
+    return np.where(np.abs(greatest) > np.abs(least), greatest, least)
 
 
 def _islands(image: ImageArray, plane: WaterPlane, scale: float, found: Transects, looks: list[Transects]) -> Islands:
@@ -273,14 +274,17 @@ def _by_motion(plane: WaterPlane, copy: SmallCopy, water: WaterMask, found: Tran
 
 
 def _ambiguous(other_m: FloatArray, width_m: float) -> BoolArray:
-    """Which transects ``(n,)`` another outline has far off; none where it has most of them so, which is the river then.
+    """Which transects ``(n,)`` another outline has far off, or nobody can tell.
+
+    Where it has most of them far off, it is the river, and none is ambiguous for that.
 
     Args:
         other_m: ``(n,)``: how much wider the river is by the other outline.
         width_m: Of the river.
     """
-    far = np.abs(other_m) > _AMBIGUOUS * width_m
-    return far & (2 * np.count_nonzero(far) < len(far))
+    unknown = np.isinf(other_m)
+    far = ~unknown & (np.abs(other_m) > _AMBIGUOUS * width_m)
+    return unknown | (far & (2 * np.count_nonzero(far) < len(far)))
 
 
 def _unlike_neighbours(plane: WaterPlane, found: Transects, edges: Edges, width_m: float) -> BoolArray:

@@ -11,6 +11,7 @@ from aerodft.vision.river.hints import RiverHints, hinted, with_hints
 from aerodft.vision.river.water_network import WaterNetwork
 from aerodft.vision.river.water_plane import Float32Image, SmallCopy
 
+_MARGIN: Final = 1.0  # of a logit: 73 %, and 27 %
 _SPECK: Final = 3e-4  # of the image: what is drier and smaller is a wave, or a boat
 _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
@@ -23,21 +24,18 @@ class WaterMask:
     Attributes:
         water: ``(height, width)``, in one piece; empty where there is none.
         logit: ``(height, width)`` of water, in the mean of the network's looks.
-        looks: ``(height, width)`` each: the same piece by each look alone.
+        bounds: ``(height, width)`` each: where every look is sure of water, and where one at least may see some.
+        agreement: The overlap of the looks, intersection over union.
         apart: How large the largest other piece of water is, of its own area: another arm?
         stayed: ``(height, width)``: what was taken off because it did not move; None where nothing was.
     """
 
     water: BoolArray
     logit: Float32Image
-    looks: tuple[BoolArray, ...]
+    bounds: tuple[BoolArray, BoolArray]
+    agreement: float
     apart: float = 0.0
     stayed: BoolArray | None = None
-
-    @property
-    def agreement(self) -> float:
-        """The least overlap of two looks."""
-        return min(overlap(one, other) for one in self.looks for other in self.looks)
 
     @property
     def probability(self) -> Float32Image:
@@ -61,8 +59,10 @@ def find_water(copy: SmallCopy, network: WaterNetwork, hints: RiverHints, ground
     mean = np.asarray(np.mean(logits, axis=0), dtype=np.float32)
     wet, _ = hinted(copy, hints)
     water, apart = _piece((mean > 0) & ground, wet & ground)
-    looks = tuple(_piece((each > 0) & ground, water)[0] for each in logits)
-    return WaterMask(water, mean, looks, apart)
+    first, second = (_piece((each > 0) & ground, water)[0] for each in logits)
+    least = _piece((np.min(logits, axis=0) > _MARGIN) & ground, water)[0]
+    most = _piece((np.max(logits, axis=0) > -_MARGIN) & ground, water)[0]
+    return WaterMask(water, mean, (least, most), overlap(first, second), apart)
 
 
 def _piece(wet: BoolArray, hint: BoolArray) -> tuple[BoolArray, float]:

@@ -145,8 +145,8 @@ def without_still(found: WaterMask, copy: SmallCopy, ground: BoolArray, still: B
     if not taken.any():
         return found
     stayed = taken[candidates]
-    looks = tuple(largest_piece(look & ~stayed) for look in found.looks)
-    return replace(found, water=largest_piece(found.water & ~stayed), looks=looks, stayed=stayed)
+    least, most = (largest_piece(bound & ~stayed) for bound in found.bounds)
+    return replace(found, water=largest_piece(found.water & ~stayed), bounds=(least, most), stayed=stayed)
 
 
 def _resized(mask: BoolArray, size: tuple[int, int]) -> BoolArray:

@@ -92,6 +92,56 @@ def recoloured(pixels: Bytes, part: Bytes, random: np.random.Generator) -> Bytes
     return np.clip(pixels * (1 - share) + other * share, 0, 255).astype(np.uint8)
 
 
+def waterside(pixels: Bytes, water: Bytes, random: np.random.Generator) -> Bytes:
+    """A picture whose banks are harder to find: foam on the water, a bare margin of its colour, shade, rank growth.
+
+    Args:
+        pixels: ``(height, width, 3)`` BGR.
+        water: ``(height, width)``: 255 where there is water; its edge stays where it is.
+        random: What is drawn from.
+    """
+    wet = (water > 127).astype(np.uint8)
+    if wet.all() or not wet.any():
+        return pixels
+    inland = cv2.distanceTransform(1 - wet, cv2.DIST_L2, 3) - cv2.distanceTransform(wet, cv2.DIST_L2, 3)
+    share = cv2.GaussianBlur(wet.astype(np.float32), (0, 0), random.uniform(0.6, 1.3))[..., None]
+    long_px = max(wet.shape)
+    land, river = pixels.astype(np.float32), pixels.astype(np.float32)
+    if random.random() < 0.4:  # rank growth
+        blades = _streaks(wet.shape, random.uniform(1, 6), 1.0, random)
+        land = land * (1 + random.uniform(0.05, 0.3) * blades)[..., None]
+    if random.random() < 0.35:  # a margin of mud or stones, as bright as the water or not
+        colour = pixels[wet > 0].mean(axis=0) * random.uniform(0.7, 1.5) + random.normal(0, 12, 3)
+        ends = random.uniform(0.005, 0.06) * long_px * (1 + 0.4 * _streaks(wet.shape, 25, 1.0, random))
+        bare = np.clip((ends - inland) / 2, 0, 1)[..., None] * random.uniform(0.6, 1)
+        land = land + bare * (colour * (1 + 0.06 * _streaks(wet.shape, 1.5, 1.0, random))[..., None] - land)
+    if random.random() < 0.45:  # foam, in streaks, at times along the bank
+        streaks = _streaks(wet.shape, random.uniform(1, 5), random.uniform(1, 6), random)
+        near = random.uniform(0, 1.5) * np.exp(np.minimum(inland, 0) / (0.03 * long_px)) * (random.random() < 0.5)
+        foam = np.clip((streaks + near - random.uniform(1.2, 2.6)) * 2, 0, 1)[..., None] * random.uniform(0.4, 1)
+        river = river + foam * (random.uniform(175, 245) - river)
+    picture = river * share + land * (1 - share)
+    if random.random() < 0.4:  # what stands on one bank, or both, throws its shade over the water
+        reach = random.uniform(0.01, 0.12) * long_px * (1 + 0.4 * _streaks(wet.shape, 12, 1.0, random))
+        dark = np.clip((inland + reach) / 2, 0, 1) * np.clip((random.uniform(0, 0.1) * long_px - inland) / 2, 0, 1)
+        if random.random() < 0.6:
+            _, parts = cv2.connectedComponents(1 - wet)
+            side = cv2.GaussianBlur((parts == parts.max()).astype(np.float32), (0, 0), 0.04 * long_px)
+            dark = dark * np.clip(3 * side, 0, 1)
+        picture = picture * (1 - random.uniform(0.25, 0.7) * dark[..., None])
+    return np.clip(picture, 0, 255).astype(np.uint8)
+
+
+def _streaks(shape: tuple[int, int], size_px: float, longer: float, random: np.random.Generator) -> np.ndarray:
+    """Noise of standard deviation 1: spots of a size, so many times longer in one direction."""
+    rows, columns = (max(int(side / size_px) + 2, 3) for side in shape)
+    columns = max(int(columns / longer), 3)
+    noise = cv2.resize(random.standard_normal((rows, columns)).astype(np.float32), shape[::-1])
+    turn = cv2.getRotationMatrix2D((shape[1] / 2, shape[0] / 2), random.uniform(-90, 90) if longer > 1 else 0.0, 1.0)
+    turned = cv2.warpAffine(noise, turn, shape[::-1], borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(turned / max(float(turned.std()), 1e-3))
+
+
 def _shadows(shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:
     cells = int(random.integers(3, 12))
     noise = cv2.resize(

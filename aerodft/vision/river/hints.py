@@ -129,7 +129,7 @@ def _drawn(copy: SmallCopy, strokes: Sequence[FloatArray], mask: ImageArray | No
 
 
 def with_hints(copy: SmallCopy, logits: Sequence[Float32Image], hints: RiverHints) -> tuple[Float32Image, ...]:
-    """The network's looks at a small copy, each corrected by the hints; logits ``(height, width)``."""
+    """The network's looks at a small copy, corrected where the hints contradict it; logits ``(height, width)``."""
     wet, dry = hinted(copy, hints)
     if not (wet.any() or dry.any()):
         return tuple(logits)
@@ -137,7 +137,11 @@ def with_hints(copy: SmallCopy, logits: Sequence[Float32Image], hints: RiverHint
         said = np.where(wet, _SURE, np.where(dry, -_SURE, 0.0)).astype(np.float32)
         return tuple(said for _ in logits)
     mean = np.asarray(np.mean(logits, axis=0), dtype=np.float32)
+    if np.all(mean[wet] > 0) and np.all(mean[dry] < 0):  # the network knows all that the person says
+        return tuple(logits)
     changed = _walked(copy, mean, wet, dry) - mean
+    changed[wet] = np.maximum(changed, _SURE - mean)[wet]
+    changed[dry] = np.minimum(changed, -_SURE - mean)[dry]
     return tuple(np.asarray(each + changed, dtype=np.float32) for each in logits)
 
 

@@ -216,7 +216,8 @@ def simulated(count: int, random: np.random.Generator) -> list[Labelled]:
         world = furnished_world(river, seed=1000 + number, look=look)
         east, north, _ = river.enu(random.uniform(-60, 60), random.uniform(-15, 15))
         pose = camera_pose(
-            height_agl_m=random.uniform(15, 90), tilt_rad=random.choice([0.0, random.uniform(0, 1.2)]), roll_rad=random.uniform(-0.1, 0.1),
+            height_agl_m=random.uniform(15, 90), tilt_rad=random.choice([0.0, random.uniform(0, 1.2)]),
+            roll_rad=random.uniform(-0.1, 0.1),
             heading_rad=random.uniform(-3, 3), east_m=float(east), north_m=float(north),
         )  # fmt: skip
         pixels = Renderer(camera, world, Imaging(seed=number)).render(pose, random.uniform(0, 30))

@@ -185,7 +185,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         >>> pose = ad.CameraPose(height_m=7.93, tilt_deg=62.3, roll_deg=-0.6, std=std)
         >>> reach = ad.survey_river("configs/calibration/bridge.jpg", camera, pose, spacing_m=2)
         >>> f"{reach.status}: {reach.width_m['median']:.1f} m"
-        'ok: 9.4 m'
+        'ok: 9.5 m'
         >>> rows = reach.transects.rows()
         >>> len(rows) == len(reach.transects)
         True

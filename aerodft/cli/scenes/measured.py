@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Any
 
 import typer
 from rich.table import Table
 
 from aerodft.adapters.wire.measurement import measurement_payload
+from aerodft.app.viewing import measured_document
 from aerodft.cli.output import print_json, say, tables
 from aerodft.dft import ModelDifference, Request, Setup, Share, advice, compare_models, measure
 from aerodft.dft import explain as explain_request
@@ -25,12 +27,8 @@ def show_measurements(
     """
     measurements = measure(setup, PoseBatch.of([sample]), requests)[0]
     budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
-    documents = [measurement_payload(measurement) for measurement in measurements]
-    for document, budget in zip(documents, budgets, strict=False):  # no budgets without --explain
-        document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
-        document["advice"] = advice(budget)
     if as_json:
-        print_json(documents)
+        print_json([measured_document(*each) for each in zip_longest(measurements, budgets)])
     else:
         _print_measurements(measurements, budgets)
     _finish(measurements)

@@ -1,0 +1,106 @@
+"""``aerodft view``: an image or a recording in the browser, to look, click and measure."""
+
+import asyncio
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from aerodft.cli.output import say
+from aerodft.cli.scenes.image_options import (
+    CameraOption,
+    HeadingOption,
+    HeightOption,
+    LatOption,
+    LonOption,
+    RollOption,
+    StdOption,
+    TiltOption,
+    parse_stds,
+    refuse_beside,
+    scene_of_options,
+)
+from aerodft.errors import InputError
+
+if TYPE_CHECKING:
+    from aerodft.app.viewing import View
+
+
+def view(
+    source: Annotated[Path, typer.Argument(metavar="RECORDING|IMAGE", help="What to look at.")],
+    camera: CameraOption = None,
+    height: HeightOption = None,
+    tilt: TiltOption = None,
+    roll: RollOption = 0.0,
+    heading: HeadingOption = 0.0,
+    lat: LatOption = None,
+    lon: LonOption = None,
+    std: StdOption = None,
+    calibration: Annotated[Path | None, typer.Option(help="Take pose and lens of a calibration file.")] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; beyond this machine a token is asked for.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 0,
+    browser: Annotated[bool, typer.Option("--open", help="Open it in the browser of this machine.")] = False,
+) -> None:
+    r"""Show an image or a recording as a page: zoom, click, and read distances with their intervals.
+
+    \b
+    Example:
+      aerodft view demo/recording --open
+      aerodft view bridge.jpg --camera camera.toml --height 10.5 --tilt 67 --std height=0.1,tilt=0.2
+    """
+    try:
+        from aerodft.web import Access, serve_view
+    except ImportError as error:
+        raise InputError("the page needs Tornado", got=error, hint="install aerodft[web]") from error
+
+    access = Access.at(host, port)
+    pose: dict[str, Any] = {"height": height, "tilt": tilt, "roll": roll or None, "heading": heading or None}
+    pose |= {"lat": lat, "lon": lon, "covariance": None}
+    given = pose | {"camera": camera, "calibration": calibration, "std": std}
+    shown = _recording(source, given) if source.is_dir() or _is_recording(source) else _still(source, given)
+
+    def opened(address: str) -> None:
+        say(f"{shown.title}: open {address} in a browser; stop with Ctrl-C")
+        if browser:
+            import webbrowser
+
+            webbrowser.open(address)
+
+    stds = parse_stds(std)
+    with suppress(KeyboardInterrupt):
+        asyncio.run(serve_view(shown, access, 1.0 if stds.px is None else stds.px, opened))
+
+
+def _is_recording(source: Path) -> bool:
+    from replay.recordings import is_mcap
+
+    return source.exists() and is_mcap(source)
+
+
+def _recording(source: Path, given: dict[str, Any]) -> "View":
+    from aerodft.app.recordings import open_recording
+    from aerodft.app.viewing import RecordingView
+
+    refuse_beside(given, "a recording")
+    return RecordingView(open_recording(source))
+
+
+def _still(source: Path, given: dict[str, Any]) -> "View":
+    from dataclasses import replace
+
+    from aerodft.app.measure import MeasuredSurface
+    from aerodft.app.viewing import StillView
+
+    options = {name: value for name, value in given.items() if name not in {"camera", "calibration", "std"}}
+    stds = parse_stds(given["std"])
+    surface = MeasuredSurface(0.0, stds.elevation_m, None)
+    setup, sample = scene_of_options(options, given["camera"], given["calibration"], given["std"], surface)
+    if stds.px is None:
+        sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
+    words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+    shown = StillView(path=source, setup=setup, sample=sample, words=tuple(words))
+    shown.jpeg(0)  # what is wrong with it is said before a page opens
+    return shown

@@ -1,0 +1,128 @@
+"""Whoever is not the page itself, or has no token, is refused; what is asked must be sound."""
+
+import asyncio
+import json
+import re
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
+
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+from tests.web.pages import opened_page
+
+RECORDING = "tests/cli/frozen-0.1"
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
+
+
+@pytest.fixture(scope="module")
+def page():
+    with opened_page(RECORDING) as address:
+        yield address
+
+
+def fetched(address, **headers):
+    """Status, headers and content."""
+    to = urlsplit(address)
+    link = HTTPConnection(to.hostname, to.port, timeout=60)
+    try:
+        link.request("GET", f"{to.path}?{to.query}", headers=headers)
+        answer = link.getresponse()
+        return answer.status, answer.headers, answer.read()
+    finally:
+        link.close()
+
+
+def asked(address, message, **headers):
+    """The answer to one message on the page's WebSocket."""
+
+    async def talk():
+        request = HTTPRequest(address.replace("http:", "ws:") + "measure", headers=headers)
+        link = await websocket_connect(request)
+        await link.write_message(message)
+        answer = await link.read_message()
+        link.close()
+        while answer is not None and await link.read_message() is not None:
+            pass
+        return answer
+
+    answer = asyncio.run(talk())
+    return None if answer is None else json.loads(answer)
+
+
+def test_the_page_comes_with_a_strict_policy(page):
+    status, headers, content = fetched(page)
+    assert status == 200
+    assert b"<canvas" in content
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "Access-Control-Allow-Origin" not in headers
+    assert not re.search(rb"https?://|style=|onclick=", content)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "10.1.2.3", ""])
+def test_a_name_that_somebody_made_point_here_is_refused(page, host):
+    assert fetched(page + "view.json", Host=host)[0] in {400, 403}
+
+
+def test_another_site_is_refused(page):
+    assert fetched(page + "view.json", Origin="http://evil.example")[0] == 403
+    with pytest.raises(HTTPClientError, match="403"):
+        asked(page, "{}", Origin="http://evil.example")
+
+
+@pytest.mark.parametrize(
+    "path", ["../server.py", "%2e%2e/server.py", "..%2fserver.py", "/etc/passwd", "page.js/../../access.py"]
+)
+def test_no_file_beside_the_page_s_own_is_read(page, path):
+    status, _, content = fetched(page + path)
+    assert status in {403, 404}
+    assert b"import" not in content
+
+
+@pytest.mark.parametrize("path", ["images/99999.jpg", "images/-1.jpg", "images/x.jpg", "images/999999999999.jpg"])
+def test_an_image_that_is_not_there_is_refused(page, path):
+    assert fetched(page + path)[0] == 404
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "no JSON", "[]", "{}", '{"image": 0}', '{"image": "0", "probes": []}', '{"image": 0, "probes": [7]}',
+        '{"image": 0, "probes": [{"kind": "width", "pixels": [[NaN, 1], [2, 3]]}]}',
+        '{"image": 0, "probes": [{"kind": "width", "pixels": [[1e999, 1], [2, 3]]}]}',
+        '{"image": 0, "probes": [{"kind": "width", "pixels": [[1e300, 1], [2, 3]]}]}',
+        '{"image": 0, "probes": [{"kind": "width", "pixels": [["1", 1], [2, 3]]}]}',
+        '{"image": 0, "probes": [{"kind": "width", "pixels": [[1, 1]]}]}',
+        '{"image": 0, "probes": [{"kind": "__class__", "pixels": [[1, 1]]}]}',
+        '{"image": 0, "probes": [{"kind": "range", "pixels": [[1, 1]], "name": "a b"}]}',
+        '{"image": 0, "probes": [{"kind": "range", "pixels": [[1, 1]], "std_px": 0}]}',
+        '{"image": 99999, "probes": [{"kind": "range", "pixels": [[1, 1]]}]}',
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_answered_with_a_sentence(page, message):
+    answer = asked(page, message)
+    assert set(answer) == {"id", "error"}
+    assert "Traceback" not in answer["error"]
+
+
+def test_a_message_that_is_too_long_ends_the_connection_and_nothing_else(page):
+    assert asked(page, "[" + "0," * 100_000 + "0]") is None
+    assert fetched(page)[0] == 200
+
+
+def test_beyond_this_machine_a_token_is_asked_for():
+    with opened_page(RECORDING, "--host", EVERYWHERE) as address:
+        base, token = address.replace(EVERYWHERE, "127.0.0.1").split("?token=")
+        assert len(token) >= 30
+        for wrong in ("view.json", "view.json?token=", f"view.json?token={token[:-1]}x", "images/0.jpg", "page.js"):
+            assert fetched(base + wrong)[0] == 403
+        with pytest.raises(HTTPClientError, match="403"):
+            asked(base, "{}")
+        status, headers, _ = fetched(f"{base}view.json?token={token}")
+        assert status == 200
+        assert "HttpOnly" in headers["Set-Cookie"]
+        assert fetched(base + "view.json", Cookie=f"aerodft_token={token}")[0] == 200
+        assert fetched(f"{base}view.json?token={token}", Host="evil.example")[0] == 403

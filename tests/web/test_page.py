@@ -1,0 +1,207 @@
+"""The page in a real browser: what people click is what ``aerodft measure`` says, to the last digit shown."""
+
+import math
+import shlex
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import expect, sync_playwright
+
+from tests.commands import run_aerodft
+from tests.web.pages import opened_page
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+HEIGHT_M, TILT_DEG, FOCAL_PX, SIZE = 20.0, 50.0, 800.0, (960, 640)
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+PATIENCE_MS = 60_000
+
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium: install the package chromium, and the page is tried in it"
+)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, "--disable-component-update"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    """An image of a river between two banks that are 12 m apart, straight ahead, and its options."""
+    folder = tmp_path_factory.mktemp("still")
+    width, height = SIZE
+    image = np.full((height, width, 3), (60, 120, 80), dtype=np.uint8)
+    banks = [seen(x, y) for x, y in ((-6.0, 15.0), (-6.0, 60.0), (6.0, 60.0), (6.0, 15.0))]
+    cv2.fillPoly(image, [np.rint(banks).astype(np.int32)], (150, 110, 60))
+    cv2.imwrite(str(folder / "river.png"), image)
+    camera = f'name = "c"\nwidth_px = {width}\nheight_px = {height}\nfx_px = {FOCAL_PX}\nfy_px = {FOCAL_PX}\n'
+    (folder / "camera.toml").write_text(f"{camera}cx_px = {(width - 1) / 2}\ncy_px = {(height - 1) / 2}\n")
+    return folder / "river.png", ["--camera", folder / "camera.toml", "--height", HEIGHT_M, "--tilt", TILT_DEG]
+
+
+def seen(x_m, y_m, z_m=0.0):
+    """Pixel of a point to the right, ahead and above the ground below the camera, by the pinhole."""
+    tilt, up = math.radians(TILT_DEG), z_m - HEIGHT_M
+    depth = y_m * math.sin(tilt) - up * math.cos(tilt)
+    down = -y_m * math.cos(tilt) - up * math.sin(tilt)
+    return (SIZE[0] - 1) / 2 + FOCAL_PX * x_m / depth, (SIZE[1] - 1) / 2 + FOCAL_PX * down / depth
+
+
+@pytest.fixture(scope="module")
+def address(still):
+    path, options = still
+    with opened_page(path, *options) as where:
+        yield where
+
+
+@pytest.fixture
+def page(browser, address):
+    yield from shown(browser, address)
+
+
+def shown(browser, address, **options):
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, **options)
+    tab, wrong = context.new_page(), []
+    tab.on("pageerror", lambda error: wrong.append(str(error)))
+    tab.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+    tab.goto(address)
+    tab.wait_for_selector("body[data-ready]", timeout=PATIENCE_MS)
+    yield tab
+    assert not wrong
+    context.close()
+
+
+def click(page, pixel):
+    """Click a pixel of the image, as near as the screen's pixels allow."""
+    x, y = place(page, pixel)
+    page.mouse.move(x, y)
+    page.mouse.click(x, y)
+
+
+def place(page, pixel):
+    box = page.locator("#image").bounding_box()
+    scale = min(box["width"] / SIZE[0], box["height"] / SIZE[1])
+    left, top = (box["width"] - SIZE[0] * scale) / 2, (box["height"] - SIZE[1] * scale) / 2
+    return box["x"] + left + (pixel[0] + 0.5) * scale, box["y"] + top + (pixel[1] + 0.5) * scale
+
+
+def value_of(page, row=0):
+    cell = page.locator("#measurements .value").nth(row)
+    expect(cell).not_to_have_text("…", timeout=PATIENCE_MS)
+    return cell.inner_text()
+
+
+def copied(page, form):
+    page.click(f"[data-copy={form}]")
+    return page.input_value("#copied")
+
+
+def numbers(text):
+    value, _, rest = text.partition(" ")
+    low, high = rest.partition("[")[2].partition("]")[0].split(" … ")
+    return float(value), float(low), float(high)
+
+
+def test_two_banks_are_as_far_apart_as_they_are(page):
+    for x_m in (-6.0, 6.0):
+        click(page, seen(x_m, 30.0))
+    value, low, high = numbers(value_of(page))
+    assert low < 12.0 < high
+    assert abs(value - 12.0) < 0.2
+    assert (high - low) / value < 0.3
+    expect(page.locator("#budget span").first).to_be_visible()
+    assert "%" in page.locator("#advice").inner_text()
+
+
+def test_the_numbers_are_those_of_the_command_line(page):
+    for x_m in (-6.0, 6.0):
+        click(page, seen(x_m, 30.0))
+    shown_text, command = value_of(page), copied(page, "command")
+    _, *words = shlex.split(command)
+    found = run_aerodft(*words, "--json").json[0]
+    decimals = len(shown_text.split(" ")[0].partition(".")[2])
+    low, high = found["ci95"]
+    expected = f"{found['value']:.{decimals}f} m [{low:.{decimals}f} … {high:.{decimals}f}] 95 %"
+    assert shown_text == expected
+
+
+def test_a_dragged_point_and_what_was_taken_back(page):
+    for x_m in (-6.0, 6.0):
+        click(page, seen(x_m, 30.0))
+    before = value_of(page)
+    page.mouse.move(*place(page, seen(6.0, 30.0)))
+    page.mouse.down()
+    page.mouse.move(*place(page, seen(3.0, 30.0)), steps=5)
+    page.mouse.up()
+    expect(page.locator("#measurements .value")).not_to_have_text(before, timeout=PATIENCE_MS)
+    page.wait_for_function(
+        "() => Math.abs(parseFloat(document.querySelector('#measurements .value').textContent) - 9) < 0.2",
+        timeout=PATIENCE_MS,
+    )
+    page.keyboard.press("Control+z")
+    expect(page.locator("#measurements .value")).to_have_text(before, timeout=PATIENCE_MS)
+
+
+def test_the_height_of_a_post(page):
+    page.click("[data-kind=height]")
+    click(page, seen(2.0, 20.0))
+    page.mouse.move(*place(page, seen(2.0, 20.0, 2.0)))
+    page.wait_for_timeout(300)
+    click(page, seen(2.0, 20.0, 3.0))
+    value, low, high = numbers(value_of(page))
+    assert low < 3.0 < high
+    assert abs(value - 3.0) < 0.1
+
+
+def test_a_refusal_is_said_in_words_where_the_pointer_is(browser, still):
+    path, options = still
+    with opened_page(path, *options[:-1], 80) as address:
+        for page in shown(browser, address):
+            page.mouse.move(*place(page, (480, 20)))
+            expect(page.locator("#pointer")).to_contain_text("ABOVE_HORIZON", timeout=PATIENCE_MS)
+
+
+def test_a_recording_is_scrubbed_and_measures_as_the_command_line_does(browser):
+    with opened_page("tests/cli/frozen-0.1") as address:
+        for page in shown(browser, address):
+            box = page.locator("#image").bounding_box()
+            for share in (0.4, 0.6):
+                page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
+            value_of(page)
+            for number in (2, 3, 4):
+                page.click("#after")
+                expect(page.locator("#when")).to_contain_text(f"image {number} of", timeout=PATIENCE_MS)
+            expect(page.locator("#measurements .value")).to_contain_text("95 %", timeout=PATIENCE_MS)
+            page.wait_for_timeout(1000)
+            _, *words = shlex.split(copied(page, "command"))
+            found = run_aerodft(*words, "--json").json[0]
+            low, high = found["ci95"]
+            assert numbers(value_of(page)) == pytest.approx((found["value"], low, high), abs=0.06 * (high - low))
+
+
+def test_a_lost_link_is_said_and_comes_back(browser, still):
+    path, options = still
+    with opened_page(path, *options) as address:
+        port = address.rstrip("/").rpartition(":")[2]
+        context = browser.new_context()
+        page = context.new_page()
+        page.goto(address)
+        expect(page.locator("#link")).to_have_text("connected", timeout=PATIENCE_MS)
+    expect(page.locator("#link")).to_contain_text("lost", timeout=PATIENCE_MS)
+    with opened_page(path, *options, "--port", port):
+        expect(page.locator("#link")).to_have_text("connected", timeout=PATIENCE_MS)
+    context.close()
+
+
+def test_it_is_reached_by_keys_alone(page):
+    page.focus("#image")
+    page.keyboard.press("p")
+    for _ in range(3):
+        page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    assert "ahead" in value_of(page)

@@ -17,9 +17,10 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from itertools import pairwise
 from types import FrameType
-from typing import Annotated, Final, NoReturn, cast
+from typing import Annotated, Any, Final, NoReturn, cast
 
 import typer
+from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
 from aerodft.cli.option_values import as_typed
@@ -154,6 +155,23 @@ def _options(
     logging.getLogger("aerodft").setLevel(logging.DEBUG if verbose else logging.INFO)
 
 
+class _GroupedCommand(TyperCommand):
+    """A command whose help shows options under the headings that they name, those without one last."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - types that the library keeps to itself
+        """Write arguments and options, a section for each heading."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": []}
+        others: list[tuple[str, str]] = []
+        for each in self.get_params(ctx):
+            heading = "Arguments" if each.param_type_name == "argument" else getattr(each, "rich_help_panel", None)
+            if record := each.get_help_record(ctx):
+                (others if heading is None else sections.setdefault(heading, [])).append(record)
+        for heading, records in {**sections, "Options": others}.items():
+            if records:
+                with formatter.section(heading):
+                    formatter.write_dl(records)
+
+
 def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
@@ -165,9 +183,9 @@ def _command(name: str, wanted: str | None) -> Callable[..., None]:
 
 def build_app(arguments: list[str]) -> typer.Typer:
     """The application for these arguments, with only their command loaded: ``measure`` needs no video library."""
-    wanted = next((argument for argument in arguments if argument in COMMANDS), None)
+    typed = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()  # a shell completes it
+    wanted = next((argument for argument in arguments or typed if argument in COMMANDS), None)
     app = typer.Typer(
-        add_completion=False,
         pretty_exceptions_enable=False,
         no_args_is_help=True,
         invoke_without_command=True,
@@ -178,7 +196,8 @@ def build_app(arguments: list[str]) -> typer.Typer:
     for name, line in COMMANDS.items():
         function = _command(name, wanted)
         text = inspect.getdoc(function) or line
-        app.command(name=name, short_help=line, help=text.replace(r"\b", "\b"))(function)  # keeps an example's lines
+        help_text = text.replace(r"\b", "\b")  # keeps an example's lines
+        app.command(name=name, cls=_GroupedCommand, short_help=line, help=help_text)(function)
     return app
 
 

@@ -23,7 +23,7 @@ from aerodft.errors import InputError, UsageError, printable
 if TYPE_CHECKING:
     from replay.recordings import LeftOut
 
-_SAY_EVERY_S = 5.0
+_SAY_EVERY_S = 10.0
 _FILE_WIDTH = 132
 """Columns of a table that goes to a pipe or a file, where nothing says how wide it may be."""
 
@@ -124,39 +124,28 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Progress]:
-    """A progress bar of a use case on stderr, on a terminal only.
-
-    Yields:
-        What the use case calls with how much is done, and of how much.
-    """
-    console = Console(stderr=True)
-    with ProgressBar(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))
-
-
-@contextmanager
-def steps(what: str, clock: Callable[[], float] = time.monotonic) -> Iterator[Progress]:
-    """Progress of slow steps on stderr: a bar on a terminal, elsewhere a line every 5 s.
+def progress(what: str, clock: Callable[[], float] = time.monotonic) -> Iterator[Progress]:
+    """Progress of a use case on stderr: a bar on a terminal, elsewhere a line every 10 s.
 
     Args:
         what: Is done.
         clock: Seconds.
 
     Yields:
-        What to call with how many steps are done, and how many there are.
+        What the use case calls with how much is done, and of how much.
     """
-    if sys.stderr.isatty():
-        with progress(what) as advance:
-            yield advance
-        return
+    console = Console(stderr=True)
     said_s = clock()
 
     def line(done: int, total: int) -> None:
         nonlocal said_s
         if clock() - said_s >= _SAY_EVERY_S:
             said_s = clock()
-            say(f"aerodft: {what}: {done} of {total}")
+            say(f"aerodft: {what}: {100 * done // max(total, 1)} %")
 
-    yield line
+    if not console.is_terminal:
+        yield line
+        return
+    with ProgressBar(console=console, transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))

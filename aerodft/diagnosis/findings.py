@@ -451,7 +451,7 @@ def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
     yield from report.height_pairs.sentences(0.0 if settings is None else settings.height.home_above_plane_m)
     yield from _silences(report)
     yield from _ends(report)
-    yield from (request.sentence() for request in report.requests)
+    yield from (request.sentence(is_live=is_link(report.target)) for request in report.requests)
     yield from _switched_off(report)
     yield from _damage(report)
 

@@ -189,8 +189,13 @@ class MessageRequest:
             f"MAVn_{self.group}, the first port being MAV1)"
         )
 
-    def sentence(self) -> str:
-        """What is wrong, and what to do."""
+    def sentence(self, *, is_live: bool) -> str:
+        """What is wrong, and what to do: at once on a link, before the next flight where a log is all there is."""
+        settings = [f"{_WAYS[name]} {how}" for name, how in self.parameters.items()]
+        if not is_live:
+            came = f"came at {self.now_hz:.1f} Hz" if self.now_hz else "did not come"
+            advice = ", or ".join(settings) or "request it on the link"
+            return f"{self.name} {came}, it is wanted {self.rate_text}: before the next flight, {advice}"
         comes = f"comes at {self.now_hz:.1f} Hz" if self.now_hz else "does not come"
         if self.rate_hz is None:
             command = f"MAV_CMD_REQUEST_MESSAGE with {self.message_id}"
@@ -198,7 +203,7 @@ class MessageRequest:
             command = f"MAV_CMD_SET_MESSAGE_INTERVAL with {self.message_id} and {self.interval_us} us"
         ways = [
             f"request it from component {self.component} (`request_messages`, or {command})",
-            *(f"{_WAYS[name]} {how}" for name, how in self.parameters.items()),
+            *settings,
         ]
         return f"{self.name} {comes}, it is wanted {self.rate_text}: {', or '.join(ways)}"
 

@@ -16,6 +16,7 @@ from aerodft.model import FloatArray, IntArray, RawBlock, WireProtocol
 
 _SYSTEM_BITS, _COMPONENT_BITS = 24, 32
 _BYTE = 0xFF
+_BURST_NS: Final = SECOND_NS // 10  # shorter is one answer in several frames
 _ID_MASK = (1 << 24) - 1
 _RANGEFINDER = payload_dtype(RANGEFINDER)
 _PARAM_VALUE: Final = 22
@@ -51,9 +52,9 @@ class Stream:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate between the first and the last; 0 for a single one."""
+        """Mean rate between the first and the last; 0 for a single one, and for a burst: it has none."""
         span_ns = self.last_ns - self.first_ns
-        return (self.count - 1) * SECOND_NS / span_ns if span_ns > 0 else 0.0
+        return (self.count - 1) * SECOND_NS / span_ns if span_ns > _BURST_NS else 0.0
 
     def add(self, arrival_ns: IntArray) -> None:
         """Take in arrivals ``(n,)``, n > 0, not before the last one."""

@@ -3,12 +3,14 @@ import socket
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from typer.testing import CliRunner
 
 from aerodft.cli.flights.doctor import doctor
+from aerodft.diagnosis.streams import Stream
 from aerodft.errors import InputError, LinkError, NoAnswerError
 from tests.replay.foreign_files import frames_of
 
@@ -134,3 +136,22 @@ def test_a_clock_that_jumps_by_decades_is_no_endless_loop(aerodft, desk):
     assert done.code in {0, 4}, done.err
     assert done.json["poses"]["seconds"] > 29 * 365 * 86_400
     assert done.json["poses"]["ok_s"] < 10
+
+
+def test_the_answer_stands_before_the_tables_and_a_log_is_not_asked(flight: Path) -> None:
+    said = CliRunner().invoke(app, [str(flight)]).stdout
+    assert said.startswith("images could be measured")
+    assert said.index("\n- ") < said.index("Sources") < said.index("rate Hz")
+    said = CliRunner().invoke(app, [str(flight.parents[1] / "logs/dronekit_quad.tlog")]).stdout
+    assert (
+        "ATTITUDE came at 2.7 Hz, it is wanted at 10 Hz: before the next flight, for ArduPilot set SR1_EXTRA1" in said
+    )
+    assert "request-messages" not in said
+
+
+def test_a_burst_has_no_rate() -> None:
+    burst = Stream("PARAM_VALUE", 1, 1, first_ns=0, last_ns=0)
+    burst.add(np.arange(40) * 2_538)  # 40 frames in a datagram's time
+    assert (burst.count, burst.rate_hz) == (40, 0.0)
+    burst.add(np.array([2_000_000_000]))
+    assert burst.rate_hz == 20.0

@@ -119,3 +119,23 @@ def test_every_command_says_misuse_in_one_sentence(aerodft, name):
     assert (found.code, found.out) == (2, b"")
     assert found.err.count("\n") == 1
     assert found.err.startswith(f"aerodft: {name}: no such option: got --no-such-option; ")
+
+
+def test_the_shell_completes_commands_and_their_options(aerodft, monkeypatch):
+    monkeypatch.setenv("_AERODFT_COMPLETE", "complete_bash")
+    for words, at, found in (
+        ("aerodft re", 1, {"replay", "recompute", "recover", "report"}),
+        ("aerodft import --vid", 2, {"--video", "--video-start"}),
+    ):
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", str(at))
+        said = aerodft().out.decode().split()
+        assert set(said) == found
+
+
+def test_the_options_of_measure_stand_in_groups(aerodft):
+    said = aerodft("measure", "--help").out.decode()
+    names = ("Camera and pose", "Ground", "Uncertainty and model", "Options")
+    begins = [said.index(f"\n{name}:\n") for name in names]
+    options = [said.index(f"\n  {name} <") for name in ("--height", "--terrain", "--model", "--probe")]
+    assert sorted(begins + options) == [at for pair in zip(begins, options, strict=True) for at in pair]

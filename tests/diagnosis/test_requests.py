@@ -146,7 +146,7 @@ def test_cameras_are_asked_where_there_are_some_or_one_is_needed(
     streams.append(Stream(SETTINGS, 7, 100, 0, 0, count=1))  # another vehicle's
     found = tuple(missing_camera_messages(streams, system=1, component=1, autopilot=autopilot, zoom=zoom))
     assert [(each.component, each.name, each.command_id) for each in found] == expected
-    assert all(f"from component {each.component} (" in each.sentence() for each in found)
+    assert all(f"from component {each.component} (" in each.sentence(is_live=True) for each in found)
 
 
 def test_what_is_asked_for_once_is_a_request_of_the_message(parse: Callable[[bytes], dialect.MAVLink_message]) -> None:
@@ -160,7 +160,7 @@ def test_what_is_asked_for_once_is_a_request_of_the_message(parse: Callable[[byt
     sent = parse(request.command(1))
     assert (sent.command, sent.target_system, sent.target_component) == (dialect.MAV_CMD_REQUEST_MESSAGE, 1, 100)
     assert (sent.param1, sent.param2, sent.confirmation) == (269, 0, 1)
-    assert "MAV_CMD_REQUEST_MESSAGE with 269)" in request.sentence()
+    assert "MAV_CMD_REQUEST_MESSAGE with 269)" in request.sentence(is_live=True)
 
 
 @pytest.fixture

@@ -107,19 +107,19 @@ def _print_outcome(outcome: "RequestOutcome") -> None:
 
 def _print(diagnosis: "Diagnosis", console: Console) -> None:
     report = diagnosis.report
-    console.print(_stream_table(report))
-    console.print(_source_table(report))
     clock = report.clock
-    if clock.known_after_s is not None:
-        console.print(
-            f"UTC known after {clock.known_after_s:.1f} s; arrival minus UTC {clock.host_minus_utc_s:.3f} s",
-        )
     for sentence in diagnosis.notes:
         console.print(as_typed(sentence), soft_wrap=True)
     for sentence in diagnosis.problems:
         console.print(f"- {as_typed(sentence)}", soft_wrap=True)
     for outcome in diagnosis.requests or ():
         _print_outcome(outcome)
+    if clock.known_after_s is not None:
+        console.print(
+            f"UTC known after {clock.known_after_s:.1f} s; arrival minus UTC {clock.host_minus_utc_s:.3f} s",
+        )
+    console.print(_source_table(report))
+    console.print(_stream_table(report))
 
 
 def _stream_table(report: "DiagnosisReport") -> Table:
@@ -128,7 +128,7 @@ def _stream_table(report: "DiagnosisReport") -> Table:
         streams.add_column(column, justify="left" if column in {"message", "from"} else "right")
     for stream in report.streams:
         sender = "" if stream.system is None else f"{stream.system}/{stream.component}"
-        streams.add_row(stream.name, sender, str(stream.count), f"{stream.rate_hz:.1f}")
+        streams.add_row(stream.name, sender, str(stream.count), f"{stream.rate_hz:.1f}" if stream.rate_hz else "")
     return streams
 
 

@@ -16,22 +16,41 @@ if TYPE_CHECKING:
     from aerodft.app.measure import ImageProbe, MeasuredSurface, PoseStd
     from aerodft.dft import Request, Setup
 
-CameraOption = Annotated[Path | None, typer.Option(help="Camera file (TOML).")]
-HeightOption = Annotated[float | None, typer.Option(help="Camera height above the ground right below it, m.")]
-TiltOption = Annotated[float | None, typer.Option(help="Angle of the optical axis from straight down, deg.")]
-RollOption = Annotated[float, typer.Option(help="Positive with the camera's right side down, deg.")]
-HeadingOption = Annotated[float, typer.Option(help="Clockwise from true north, deg.")]
-LatOption = Annotated[float | None, typer.Option(help="Camera latitude, WGS84, deg.")]
-LonOption = Annotated[float | None, typer.Option(help="Camera longitude, WGS84, deg.")]
+CAMERA_AND_POSE: Final = "Camera and pose"
+GROUND: Final = "Ground"
+UNCERTAINTY: Final = "Uncertainty and model"
+RECORDED: Final = "Of a recording, instead of camera and pose"
+DEPTH_MAP: Final = "Every pixel, instead of probes"
+
+CameraOption = Annotated[Path | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera file (TOML).")]
+HeightOption = Annotated[
+    float | None,
+    typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera height above the ground right below it, m."),
+]
+TiltOption = Annotated[
+    float | None,
+    typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Angle of the optical axis from straight down, deg."),
+]
+RollOption = Annotated[
+    float, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Positive with the camera's right side down, deg.")
+]
+HeadingOption = Annotated[float, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Clockwise from true north, deg.")]
+LatOption = Annotated[float | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera latitude, WGS84, deg.")]
+LonOption = Annotated[float | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera longitude, WGS84, deg.")]
 StdOption = Annotated[
     str | None,
     typer.Option(
+        rich_help_panel=UNCERTAINTY,
         help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude. What is not"
-        " named is assumed, which is said; 0 says exact."
+        " named is assumed, which is said; 0 says exact.",
     ),
 ]
 CovarianceOption = Annotated[
-    Path | None, typer.Option(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.")
+    Path | None,
+    typer.Option(
+        rich_help_panel=UNCERTAINTY,
+        help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.",
+    ),
 ]
 
 _ANGLES: Final = ("tilt", "pan", "roll")

@@ -11,6 +11,11 @@ import typer
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
+    CAMERA_AND_POSE,
+    DEPTH_MAP,
+    GROUND,
+    RECORDED,
+    UNCERTAINTY,
     CameraOption,
     CovarianceOption,
     HeadingOption,
@@ -46,14 +51,28 @@ def measure(
     lat: LatOption = None,
     lon: LonOption = None,
     altitude: Annotated[
-        float | None, typer.Option(help="With --terrain, instead of --height: above mean sea level, m.")
+        float | None,
+        typer.Option(
+            rich_help_panel=CAMERA_AND_POSE, help="With --terrain, instead of --height: above mean sea level, m."
+        ),
     ] = None,
-    elevation: Annotated[float, typer.Option(help="Height of what is measured above the ground, m.")] = 0.0,
-    slope: Annotated[float | None, typer.Option(help="Ground that rises at this angle, through the foot, deg.")] = None,
-    uphill: Annotated[float | None, typer.Option(help="Where it rises, clockwise from true north, deg.")] = None,
-    terrain: Annotated[Path | None, typer.Option(help="Ground of an elevation model (GeoTIFF); needs --lat.")] = None,
-    max_range: Annotated[float | None, typer.Option(help="Maximum range in metres.")] = None,
-    model: Annotated[ProjectionModel | None, typer.Option(help="Projection model; else pinhole.")] = None,
+    elevation: Annotated[
+        float, typer.Option(rich_help_panel=GROUND, help="Height of what is measured above the ground, m.")
+    ] = 0.0,
+    slope: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=GROUND, help="Ground that rises at this angle, through the foot, deg."),
+    ] = None,
+    uphill: Annotated[
+        float | None, typer.Option(rich_help_panel=GROUND, help="Where it rises, clockwise from true north, deg.")
+    ] = None,
+    terrain: Annotated[
+        Path | None, typer.Option(rich_help_panel=GROUND, help="Ground of an elevation model (GeoTIFF); needs --lat.")
+    ] = None,
+    max_range: Annotated[float | None, typer.Option(rich_help_panel=GROUND, help="Maximum range in metres.")] = None,
+    model: Annotated[
+        ProjectionModel | None, typer.Option(rich_help_panel=UNCERTAINTY, help="Projection model; else pinhole.")
+    ] = None,
     std: StdOption = None,
     covariance: CovarianceOption = None,
     probe: Annotated[
@@ -61,29 +80,51 @@ def measure(
         typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
     ] = None,
     compare: Annotated[
-        bool, typer.Option("--compare", help="Both projection models side by side, and what lies between.")
+        bool,
+        typer.Option(
+            "--compare", rich_help_panel=UNCERTAINTY, help="Both projection models side by side, and what lies between."
+        ),
     ] = False,
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them."
+            rich_help_panel=CAMERA_AND_POSE,
+            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them.",
         ),
     ] = None,
-    recording: Annotated[Path | None, typer.Option(help="Take camera and pose from this recording.")] = None,
+    recording: Annotated[
+        Path | None, typer.Option(rich_help_panel=RECORDED, help="Take camera and pose from this recording.")
+    ] = None,
     at: Annotated[
-        str | None, typer.Option(help="With --recording: seconds from its start, UTC ns, or ISO 8601.")
+        str | None,
+        typer.Option(rich_help_panel=RECORDED, help="With --recording: seconds from its start, UTC ns, or ISO 8601."),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="With --recording: station configuration in place of its own.")
+        Path | None,
+        typer.Option(
+            "--config",
+            "-c",
+            rich_help_panel=RECORDED,
+            help="With --recording: station configuration in place of its own.",
+        ),
     ] = None,
     topic: TopicOption = None,
     depth_map: Annotated[
         Path | None,
-        typer.Option(help="Write range, ground point and sampling of every pixel (to 100 heights away) here."),
+        typer.Option(
+            rich_help_panel=DEPTH_MAP,
+            help="Write range, ground point and sampling of every pixel (to 100 heights away) here.",
+        ),
     ] = None,
-    image: Annotated[Path | None, typer.Option(help="With --depth-map: the image, to be seen from above.")] = None,
-    step: Annotated[float | None, typer.Option(help="With --image: step of the view from above, m.")] = None,
-    explain: Annotated[bool, typer.Option("--explain", help="Say where each uncertainty comes from.")] = False,
+    image: Annotated[
+        Path | None, typer.Option(rich_help_panel=DEPTH_MAP, help="With --depth-map: the image, to be seen from above.")
+    ] = None,
+    step: Annotated[
+        float | None, typer.Option(rich_help_panel=DEPTH_MAP, help="With --image: step of the view from above, m.")
+    ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", rich_help_panel=UNCERTAINTY, help="Say where each uncertainty comes from.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
 ) -> None:
     r"""Measure pixels of one image with a known pose.

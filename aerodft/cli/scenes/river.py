@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodft.cli.output import print_json, say, steps
+from aerodft.cli.output import print_json, progress, say
 from aerodft.cli.scenes.image_options import (
     CameraOption,
     CovarianceOption,
@@ -118,15 +118,15 @@ def river(
         setup, sample = scene_of_options(pose, camera, calibration, std, surface)
         views = None
         if what.suffix.lower() in VIDEO_SUFFIXES:
-            with steps("reading the video twice: seconds") as progress:
-                views = filmed_images(what, setup, sample, most, progress)
+            with progress("reading the video twice") as advance:
+                views = filmed_images(what, setup, sample, most, advance)
         elif images is not None:
             raise UsageError("--images beside one image", expected="it with a recording or a video")
     if views is None:
         survey = survey_still(what, setup, sample, question)
     else:
-        with steps("looking at the river twice in each image") as progress:
-            survey = survey_images(views, question, progress)
+        with progress("looking at the river twice in each image") as advance:
+            survey = survey_images(views, question, advance)
     if output is not None:
         survey.save(output)
     if json:

@@ -4,7 +4,7 @@ import shlex
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,11 +15,13 @@ from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_images
 from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.app.measure import PROBES, ImageProbe, recorded_setup, requests_of
 from aerodft.app.recordings import StationRecording
+from aerodft.app.river import river_question, survey_image
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Request, Setup, Share, advice, explain, measure
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import Image, ImageArray, Measurement, PoseBatch, PoseSample, ProbeKind
+from aerodft.vision.river import RiverHints, RiverView
 from replay.recordings import PixelStore
 
 Document = dict[str, Any]
@@ -29,6 +31,8 @@ _KEPT_SCENES: Final = 64
 _VERTICAL_POINTS: Final = 33
 _MOST_POINTS: Final = 256
 _MOST_NAME: Final = 64
+_MOST_STROKES: Final = 64
+_SPACING_M: Final = 1.0
 
 
 def measured_document(measurement: Measurement, budget: Sequence[Share] | None) -> Document:
@@ -72,8 +76,8 @@ class View(ABC):
         """All images in the order of time."""
 
     @abstractmethod
-    def jpeg(self, number: int) -> bytes:
-        """An image for the eye.
+    def pixels(self, number: int) -> ImageArray:
+        """An image, ``(height, width, 3)`` BGR.
 
         Raises:
             InputError: It cannot be decoded.
@@ -86,6 +90,35 @@ class View(ABC):
     @abstractmethod
     def command(self, number: int) -> tuple[str, ...]:
         """Words of the command line that measures in an image, without its probes."""
+
+    def jpeg(self, number: int) -> bytes:
+        """An image for the eye; raises as ``pixels`` does."""
+        image = Image(stamp_ns=0, arrival_ns=0, index=number, pixels=lambda: self.pixels(number))
+        return encode_jpeg(image, _JPEG_QUALITY)
+
+    def river(self, number: int, hints: RiverHints, hinted: int) -> Document:
+        """The river in an image, as ``aerodft river --json`` has it.
+
+        Args:
+            number: Of the image.
+            hints: What a person says is water or land.
+            hinted: Number of the image that the hints are of; they are carried on the water's plane.
+
+        Returns:
+            Banks, transects and width; where there is none its ``status`` says why.
+
+        Raises:
+            NoAnswerError: An image has no pose.
+        """
+        here, there = self._river_view(number), self._river_view(hinted)
+        told = hints if number == hinted else hints.carried(there.plane, here.plane)
+        return survey_image(here, river_question(told, _SPACING_M, None)).document
+
+    def _river_view(self, number: int) -> RiverView:
+        setup, sample = self.scene(number)
+        if sample.pose is None:
+            raise NoAnswerError("the image has no pose", got="; ".join(sample.reasons))
+        return RiverView(number, setup, sample, partial(self.pixels, number))
 
     def measure(self, number: int, probes: Sequence[ImageProbe], *, with_budget: bool = False) -> list[Document]:
         """Measure in an image.
@@ -162,6 +195,27 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
     return PROBES[ProbeKind(kind)]([(u, v) for u, v in pixels], name=name, std_px=std_px)
 
 
+def hints_of(document: object) -> RiverHints:
+    """What a person says is water or land, as a page asks for it.
+
+    Args:
+        document: ``water`` and ``land``: lists of strokes, which are lists of ``[u, v]``.
+
+    Raises:
+        UsageError: It is something else.
+    """
+    strokes = [document.get(side) for side in ("water", "land")] if isinstance(document, Mapping) else []
+    if not strokes or not all(isinstance(each, list) and len(each) <= _MOST_STROKES for each in strokes):
+        raise UsageError(
+            "the hints", got=repr(document)[:80], expected=f"water and land, up to {_MOST_STROKES} strokes"
+        )
+    for stroke in (stroke for side in strokes for stroke in side or ()):
+        if not isinstance(stroke, list) or not 0 < len(stroke) <= _MOST_POINTS or not all(map(_is_pixel, stroke)):
+            raise UsageError("a stroke", got=repr(stroke)[:80], expected=f"1 to {_MOST_POINTS} pairs of numbers")
+    water, land = strokes
+    return RiverHints.of(water or [], land or [])
+
+
 def _is_pixel(value: object) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(type(each) in {int, float} for each in value)  # noqa: PLR2004 - u and v
 
@@ -193,14 +247,13 @@ class StillView(View):
         return (ViewedImage(stamp_ns=0, seconds=0.0),)
 
     @cached_property
-    def _jpeg(self) -> bytes:
-        pixels = read_camera_image(self.path, self.setup.camera, "the camera file must be of the image's mode")
-        return _encoded(pixels)
+    def _pixels(self) -> ImageArray:
+        return read_camera_image(self.path, self.setup.camera, "the camera file must be of the image's mode")
 
-    def jpeg(self, number: int) -> bytes:
+    def pixels(self, number: int) -> ImageArray:
         """See ``View``."""
         self._check(number)
-        return self._jpeg
+        return self._pixels
 
     def scene(self, number: int) -> tuple[Setup, PoseSample]:
         """See ``View``."""
@@ -255,10 +308,10 @@ class RecordingView(View):
             for image, _ in self._images
         )
 
-    def jpeg(self, number: int) -> bytes:
+    def pixels(self, number: int) -> ImageArray:
         """See ``View``."""
         self._image(number)
-        return _encoded(self._images[number][1]())
+        return self._images[number][1]()
 
     def scene(self, number: int) -> tuple[Setup, PoseSample]:
         """See ``View``."""
@@ -277,8 +330,3 @@ class RecordingView(View):
             expected = f"0 to {len(self._images) - 1}"
             raise NoAnswerError("no such image", where=self._recording.path, got=number, expected=expected)
         return self._images[number][0]
-
-
-def _encoded(pixels: ImageArray) -> bytes:
-    image = Image(stamp_ns=0, arrival_ns=0, index=0, pixels=lambda: pixels)
-    return encode_jpeg(image, _JPEG_QUALITY)

@@ -4,6 +4,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +15,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
-from aerodft.app.viewing import View, probe_of
+from aerodft.app.viewing import View, hints_of, probe_of
 from aerodft.errors import AerodftError, LinkError
 from aerodft.web.access import HEADERS, Access
 
@@ -22,6 +23,7 @@ _STATIC: Final = Path(__file__).parent / "static"
 _COOKIE: Final = "aerodft_token"
 _MOST_REQUEST_BYTES: Final = 65_536
 _MOST_PROBES: Final = 64
+_PATIENCE_S: Final = 2.0
 
 
 class _Page:
@@ -34,11 +36,13 @@ class _Page:
         self.worker = ThreadPoolExecutor(1, "page")
 
     def answer(self, request: bytes) -> dict[str, Any]:
-        """Answer one request of the page: ``id``, ``image``, ``probes``, and perhaps ``budget`` and ``vertical``."""
+        """Answer one request of the page: ``id`` and ``image``; ``probes`` (``budget``, ``vertical``), or ``river``."""
         number: object = None
         try:
             asked = _asked(request)
             number = asked.get("id")
+            if "river" in asked:
+                return {"id": number, "river": self._river(asked)}
             probes = [probe_of(each, self.std_px) for each in asked["probes"]]
             found = self.view.measure(asked["image"], probes, with_budget=bool(asked.get("budget")))
             answer = {"id": number, "measurements": found}
@@ -47,6 +51,14 @@ class _Page:
         except AerodftError as error:
             return {"id": number, "error": str(error)}
         return answer
+
+    def _river(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """The river in an image, with the strokes of that or another image as hints."""
+        told = asked["river"] if isinstance(asked["river"], dict) else {}
+        hinted = told.get("image", asked["image"])
+        if type(hinted) is not int:
+            raise LinkError("the image of the strokes", got=repr(hinted)[:40], expected="its number")
+        return self.view.river(asked["image"], hints_of(told), hinted)
 
 
 def _asked(request: bytes) -> dict[str, Any]:
@@ -61,7 +73,7 @@ def _asked(request: bytes) -> dict[str, Any]:
         raise LinkError("the request is no JSON", got=error) from None
     if not isinstance(asked, dict) or type(asked.get("image")) is not int:
         raise LinkError("the request names no image", expected='{"image": 0, "probes": [...]}')
-    probes = asked.get("probes")
+    probes = asked.setdefault("probes", []) if "river" in asked else asked.get("probes")
     if not isinstance(probes, list) or len(probes) > _MOST_PROBES:
         raise LinkError("the request's probes", expected=f"a list of at most {_MOST_PROBES}")
     return asked
@@ -199,5 +211,6 @@ async def serve_view(view: View, access: Access, std_px: float, opened: Callable
         await asyncio.sleep(math.inf)
     finally:
         server.stop()
-        await server.close_all_connections()
+        with suppress(TimeoutError):  # a browser that does not answer is not waited for
+            await asyncio.wait_for(server.close_all_connections(), _PATIENCE_S)
         page.worker.shutdown(cancel_futures=True)

@@ -99,6 +99,10 @@ def test_an_image_that_is_not_there_is_refused(page, path):
         '{"image": 0, "probes": [{"kind": "__class__", "pixels": [[1, 1]]}]}',
         '{"image": 0, "probes": [{"kind": "range", "pixels": [[1, 1]], "name": "a b"}]}',
         '{"image": 0, "probes": [{"kind": "range", "pixels": [[1, 1]], "std_px": 0}]}',
+        '{"image": 0, "river": 7}', '{"image": 0, "river": {"water": 7, "land": []}}',
+        '{"image": 0, "river": {"water": [[[NaN, 1]]], "land": []}}',
+        '{"image": 0, "river": {"water": [[]], "land": []}}',
+        '{"image": 0, "river": {"water": [], "land": [], "image": "1"}}',
         '{"image": 99999, "probes": [{"kind": "range", "pixels": [[1, 1]]}]}',
     ],
 )  # fmt: skip

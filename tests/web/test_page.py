@@ -198,6 +198,29 @@ def test_a_lost_link_is_said_and_comes_back(browser, still):
     context.close()
 
 
+def test_a_river_s_banks_are_mended_by_two_strokes(browser):
+    camera = "configs/cameras/demo-1080p.toml"
+    options = ["--camera", camera, "--height", 7.93, "--tilt", 62.3, "--roll", -0.6, "--std", "height=0.1,tilt=0.2"]
+    with opened_page("configs/calibration/bridge.jpg", *options) as address:
+        for page in shown(browser, address):
+            page.click("#river")
+            expect(page.locator("#reach-width")).to_contain_text("transects", timeout=PATIENCE_MS)
+            before = page.inner_text("#reach-width")
+            command = ["river", "configs/calibration/bridge.jpg", *options, "--spacing", 1, "--json"]
+            median = run_aerodft(*command).json["width_m"]["median"]
+            assert abs(float(before.split(" ")[0]) - median) < 0.05
+            box = page.locator("#image").bounding_box()
+            for side, across in (("water", 0.5), ("land", 0.05)):
+                page.click(f"[data-kind={side}]")
+                page.mouse.move(box["x"] + across * box["width"], box["y"] + 0.55 * box["height"])
+                page.mouse.down()
+                page.mouse.move(box["x"] + across * box["width"], box["y"] + 0.7 * box["height"], steps=4)
+                page.mouse.up()
+            expect(page.locator("#reach-width")).not_to_have_text(before, timeout=PATIENCE_MS)
+            page.click("#forget")
+            expect(page.locator("#reach-width")).to_have_text(before, timeout=PATIENCE_MS)
+
+
 def test_it_is_reached_by_keys_alone(page):
     page.focus("#image")
     page.keyboard.press("p")

@@ -7,6 +7,7 @@ from aerodft.app.river.survey import (
     RiverSurvey,
     Transects,
     river_question,
+    survey_image,
     survey_images,
     survey_river,
     survey_still,

@@ -238,8 +238,13 @@ def survey_still(image: Path, setup: Setup, sample: PoseSample, question: RiverQ
         InputError: The image cannot be read, or is not the camera's.
     """
     pixels = read_camera_image(image, setup.camera, "`camera` has to describe this very image")
-    view = RiverView(0, setup, sample, lambda: pixels)
-    found = find_river(pixels, setup, view.pose, question)
+    return survey_image(RiverView(0, setup, sample, lambda: pixels), question)
+
+
+def survey_image(view: RiverView, question: RiverQuestion) -> RiverSurvey:
+    """Measure a river in one image of the camera's size."""
+    pixels = view.pixels()
+    found = find_river(pixels, view.setup, view.pose, question)
     document = refusal_document(found) if isinstance(found, NoRiver) else river_document(found, view)
     return RiverSurvey(document, found, None, view)
 

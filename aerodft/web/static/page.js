@@ -2,7 +2,8 @@
 
 import { Link } from "./link.js";
 import { Picture } from "./picture.js";
-import { copyText, quality, valueText } from "./words.js";
+import { RiverLayer } from "./river.js";
+import { copyText, quality, reachText, valueText } from "./words.js";
 
 const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00"]; // Okabe and Ito
 const COUNTS = { width: 2, distance: 2, height: 2, position: 1, length: 256, area: 256 };
@@ -11,6 +12,7 @@ const HELP = {
   width: "Click two banks.", distance: "Click two points on the ground.", position: "Click a point on the ground.",
   length: "Click along the path; double-click or Enter ends it.", area: "Click around the area; double-click or Enter ends it.",
   height: "Click the base, on the ground, then the top.",
+  water: "Draw over what is water.", land: "Draw over what is land.",
 };
 const KEYS = { w: "width", d: "distance", l: "length", a: "area", h: "height", p: "position" };
 const HIT_PX = 14;
@@ -22,6 +24,7 @@ const link = new Link((connected) => {
   find("link").classList.toggle("lost", !connected);
   if (connected && view) measureAll();
 });
+const river = new RiverLayer(link, drawAll);
 let view = null, number = 0, kind = "width", selected = null, playing = null, made = 0;
 let marks = []; // { name, kind, points, found, colour }
 let draft = []; // points of the mark that is being made
@@ -59,7 +62,7 @@ function measureDraft() {
   const points = pointer && draft.length < COUNTS[kind] ? [...draft, pointer] : draft;
   const few = points.length < (LEAST[kind] || COUNTS[kind]);
   const question = few ? { kind: "position", pixels: points.slice(-1) } : { kind, pixels: points };
-  if (!points.length) return;
+  if (!points.length || isStroke()) return;
   const asked = { image: number, probes: [question], vertical: kind === "height" && draft.length === 1 };
   link.ask("pointer", asked, (answer) => {
     if (answer.error) return tell(answer.error);
@@ -70,7 +73,10 @@ function measureDraft() {
   });
 }
 
+const isStroke = () => kind === "water" || kind === "land";
+
 function finish() {
+  if (isStroke()) return;
   if (draft.length < (LEAST[kind] || COUNTS[kind])) return;
   const mark = { name: `${kind}-${++made}`, kind, points: draft, found: null, colour: COLOURS[(made - 1) % COLOURS.length] };
   marks.push(mark);
@@ -103,9 +109,21 @@ function drawAll() {
   const open = pointer && draft.length ? [...draft, pointer] : draft;
   shapes.push({ points: open, colour: "#fff", closed: kind === "area" && open.length > 2 });
   if (vertical.length) shapes.push({ points: vertical, colour: "#f0e442", dashed: true });
-  picture.shapes = shapes;
+  picture.shapes = [...river.shapes(number), ...shapes];
   picture.draw();
   listMarks();
+  find("reach").hidden = !river.isShown;
+  find("reach-width").textContent = river.found ? reachText(river.found, units()) : "looking for banks";
+  river.drawProfile(find("profile"), getComputedStyle(document.body).color);
+}
+
+function showRiver() {
+  river.isShown = !river.isShown;
+  find("river").setAttribute("aria-pressed", String(river.isShown));
+  for (const button of document.querySelectorAll("[data-kind=water], [data-kind=land]")) button.hidden = !river.isShown;
+  if (!river.isShown && isStroke()) choose("width");
+  river.look(number);
+  drawAll();
 }
 
 function listMarks() {
@@ -176,6 +194,11 @@ const canvas = find("image"), fingers = new Map();
 canvas.onpointerdown = (event) => {
   canvas.setPointerCapture(event.pointerId);
   fingers.set(event.pointerId, [event.offsetX, event.offsetY]);
+  if (isStroke() && fingers.size === 1 && event.button === 0) {
+    river.begin(kind, number, picture.pixelAt(event.offsetX, event.offsetY));
+    drag = { stroke: kind };
+    return drawAll();
+  }
   const found = fingers.size === 1 && event.button === 0 ? hit(event.offsetX, event.offsetY) : null;
   drag = { x: event.offsetX, y: event.offsetY, start: [event.offsetX, event.offsetY], point: found, far: fingers.size > 1 };
 };
@@ -191,6 +214,7 @@ canvas.onpointermove = (event) => {
   pointer = picture.pixelAt(x, y);
   picture.drawLoupe(pointer);
   if (!drag) return measureDraft();
+  if (drag.stroke) { river.go(drag.stroke, pointer); return drawAll(); }
   if (Math.hypot(x - drag.start[0], y - drag.start[1]) > 4 && !drag.far) {
     drag.far = true;
     if (drag.point) remember();
@@ -206,6 +230,7 @@ canvas.onpointerup = (event) => {
   fingers.delete(event.pointerId);
   const done = drag;
   drag = null;
+  if (done?.stroke) return river.look(number);
   if (!done || done.far || event.button !== 0) return;
   if (done.point) { selected = done.point.mark.name; return drawAll(); }
   place(picture.pixelAt(event.offsetX, event.offsetY));
@@ -232,7 +257,7 @@ function choose(wanted) {
   kind = wanted;
   draft = [];
   vertical = [];
-  for (const button of find("tools").children) button.setAttribute("aria-pressed", String(button.dataset.kind === kind));
+  for (const button of find("tools").children) if (button.dataset.kind) button.setAttribute("aria-pressed", String(button.dataset.kind === kind));
   find("help").textContent = `${HELP[kind]} Esc starts anew, Ctrl+Z takes back, 0 shows the whole image.`;
   drawAll();
 }
@@ -251,6 +276,7 @@ document.onkeydown = (event) => {
   if ((event.ctrlKey || event.metaKey) && event.key === "z") undo();
   else if (event.ctrlKey || event.metaKey || event.altKey) return;
   else if (KEYS[event.key]) choose(KEYS[event.key]);
+  else if (event.key === "r") showRiver();
   else if (event.key === "Escape") choose(kind);
   else if (event.key.startsWith("Arrow") && event.target === canvas) movePointer(event);
   else if (event.key === "Enter" && event.target === canvas) { if (LEAST[kind] && event.ctrlKey) finish(); else if (pointer) place(pointer); }
@@ -265,6 +291,8 @@ document.onkeydown = (event) => {
 };
 
 find("tools").onclick = (event) => event.target.dataset.kind && choose(event.target.dataset.kind);
+find("river").onclick = showRiver;
+find("forget").onclick = () => { river.forget(); river.look(number); drawAll(); };
 find("units").onchange = drawAll;
 find("copies").onclick = async (event) => {
   const found = marks.find((each) => each.name === selected)?.found;
@@ -293,6 +321,7 @@ async function seek(wanted) {
   if (turn !== loading) return;
   picture.show(bitmap);
   measureAll();
+  river.look(number);
 }
 
 function play() {

@@ -11,7 +11,7 @@ export class Picture {
     this.scale = 1;
     this.left = 0;
     this.top = 0;
-    this.shapes = []; // { points: [[u, v]], colour, closed, label, dashed }
+    this.shapes = []; // { points: [[u, v]], colour, closed, label, dashed, plain: without its points }
     new ResizeObserver(() => this.resized()).observe(canvas);
   }
 
@@ -75,7 +75,7 @@ export class Picture {
     for (const shape of this.shapes) this.drawShape(shape);
   }
 
-  drawShape({ points, colour, closed, label, dashed }) {
+  drawShape({ points, colour, closed, label, dashed, plain }) {
     const { pen } = this, at = points.map((point) => this.screenAt(point));
     if (!at.length) return;
     for (const [paint, width] of [["#000", 5], [colour, 2.5]]) {
@@ -87,7 +87,7 @@ export class Picture {
       if (closed) pen.closePath();
       pen.stroke();
       pen.setLineDash([]);
-      for (const [x, y] of dashed ? [] : at) {
+      for (const [x, y] of dashed || plain ? [] : at) {
         pen.beginPath();
         pen.arc(x, y, POINT_PX, 0, 2 * Math.PI);
         pen.moveTo(x - 2, y); pen.lineTo(x + 2, y); pen.moveTo(x, y - 2); pen.lineTo(x, y + 2);

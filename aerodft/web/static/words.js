@@ -25,6 +25,13 @@ export function quality(measurement) {
   return share < 0.02 ? "good" : share < 0.1 ? "fair" : "poor";
 }
 
+export function reachText(river, units) {
+  if (!river.width_m) return refusalText(river);
+  const { median, ci95, transects } = river.width_m;
+  const value = valueText({ status: "ok", value: median, ci95, unit: "m" }, units);
+  return `${value}, the median of ${transects} transects. ${river.reasons.join("; ")}`;
+}
+
 function number(value, interval) {
   const digits = interval > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(interval)), 0), 6) : 3;
   return value.toFixed(digits);

@@ -31,14 +31,16 @@ class Access:
         host: Address that is listened on.
         port: 0 for one that is free.
         token: What a request must bring; None where only this machine can ask.
+        is_read_only: Whether people may look and measure, and change nothing.
     """
 
     host: str
     port: int
     token: str | None
+    is_read_only: bool = False
 
     @classmethod
-    def at(cls, host: str, port: int) -> Self:
+    def at(cls, host: str, port: int, *, is_read_only: bool = False) -> Self:
         """Access at an address: with a new random token, unless it is of the loopback interface.
 
         Raises:
@@ -48,7 +50,8 @@ class Access:
             is_loopback = ip_address(host).is_loopback
         except ValueError:
             raise UsageError("`host`", got=host, expected="an IP address, such as 127.0.0.1 or 0.0.0.0") from None
-        return cls(host=host, port=port, token=None if is_loopback else secrets.token_urlsafe(24))
+        token = None if is_loopback else secrets.token_urlsafe(24)
+        return cls(host=host, port=port, token=token, is_read_only=is_read_only)
 
     def allows_host(self, header: str) -> bool:
         """Whether a request's ``Host`` can be this page; a name that another site made point here cannot."""

@@ -15,14 +15,15 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
-from aerodft.app.viewing import View, hints_of, probe_of
-from aerodft.errors import AerodftError, LinkError
+from aerodft.app.viewing import View, hints_of, landmark_of, probe_of
+from aerodft.errors import AerodftError, LinkError, UsageError
 from aerodft.web.access import HEADERS, Access
 
 _STATIC: Final = Path(__file__).parent / "static"
 _COOKIE: Final = "aerodft_token"
 _MOST_REQUEST_BYTES: Final = 65_536
 _MOST_PROBES: Final = 64
+_MOST_LANDMARKS: Final = 256
 _PATIENCE_S: Final = 2.0
 
 
@@ -36,11 +37,13 @@ class _Page:
         self.worker = ThreadPoolExecutor(1, "page")
 
     def answer(self, request: bytes) -> dict[str, Any]:
-        """Answer one request of the page: ``id`` and ``image``; ``probes`` (``budget``, ``vertical``), or ``river``."""
+        """Answer one request of the page: ``id`` and ``image``; ``probes``, ``river`` or ``landmarks``."""
         number: object = None
         try:
             asked = _asked(request)
             number = asked.get("id")
+            if "landmarks" in asked:
+                return {"id": number, "calibration": self._calibration(asked)}
             if "river" in asked:
                 return {"id": number, "river": self._river(asked)}
             probes = [probe_of(each, self.std_px) for each in asked["probes"]]
@@ -52,12 +55,23 @@ class _Page:
             return {"id": number, "error": str(error)}
         return answer
 
+    def _calibration(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """The camera's pose from landmarks, and from now on measured with where that is asked for."""
+        use, given, unknowns = bool(asked.get("use")), asked["landmarks"], asked.get("unknowns")
+        if use and self.access.is_read_only:
+            raise UsageError("this page only shows", expected="a page without --read-only to use a calibration")
+        if not isinstance(given, list) or len(given) > _MOST_LANDMARKS:
+            raise UsageError("the landmarks", expected=f"a list of at most {_MOST_LANDMARKS}")
+        if not isinstance(unknowns, list) or not all(isinstance(each, str) for each in unknowns):
+            raise UsageError("the unknowns", got=repr(unknowns)[:80], expected="a list of their names")
+        return self.view.calibrate([landmark_of(each) for each in given], unknowns, use=use)
+
     def _river(self, asked: dict[str, Any]) -> dict[str, Any]:
         """The river in an image, with the strokes of that or another image as hints."""
         told = asked["river"] if isinstance(asked["river"], dict) else {}
         hinted = told.get("image", asked["image"])
         if type(hinted) is not int:
-            raise LinkError("the image of the strokes", got=repr(hinted)[:40], expected="its number")
+            raise UsageError("the image of the strokes", got=repr(hinted)[:40], expected="its number")
         return self.view.river(asked["image"], hints_of(told), hinted)
 
 
@@ -70,12 +84,12 @@ def _asked(request: bytes) -> dict[str, Any]:
     try:
         asked = orjson.loads(request)
     except orjson.JSONDecodeError as error:
-        raise LinkError("the request is no JSON", got=error) from None
+        raise UsageError("the request is no JSON", got=error) from None
     if not isinstance(asked, dict) or type(asked.get("image")) is not int:
-        raise LinkError("the request names no image", expected='{"image": 0, "probes": [...]}')
-    probes = asked.setdefault("probes", []) if "river" in asked else asked.get("probes")
+        raise UsageError("the request names no image", expected='{"image": 0, "probes": [...]}')
+    probes = asked.setdefault("probes", []) if {"river", "landmarks"} & asked.keys() else asked.get("probes")
     if not isinstance(probes, list) or len(probes) > _MOST_PROBES:
-        raise LinkError("the request's probes", expected=f"a list of at most {_MOST_PROBES}")
+        raise UsageError("the request's probes", expected=f"a list of at most {_MOST_PROBES}")
     return asked
 
 
@@ -135,7 +149,7 @@ class _Description(_Guarded):
     def get(self) -> None:
         """JSON: ``title``, the camera's size, and ``stamp_ns`` and ``seconds`` of every image."""
         view = self.page.view
-        camera = view.scene(0)[0].camera
+        camera = view.camera
         images = [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images]
         self.set_header("Content-Type", "application/json")
         self.write(

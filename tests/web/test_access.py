@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 from http.client import HTTPConnection
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -103,6 +104,9 @@ def test_an_image_that_is_not_there_is_refused(page, path):
         '{"image": 0, "river": {"water": [[[NaN, 1]]], "land": []}}',
         '{"image": 0, "river": {"water": [[]], "land": []}}',
         '{"image": 0, "river": {"water": [], "land": [], "image": "1"}}',
+        '{"image": 0, "landmarks": 7, "unknowns": []}', '{"image": 0, "landmarks": [], "unknowns": [7]}',
+        '{"image": 0, "landmarks": [{"name": "a", "pixel": [NaN, 1], "place_m": [1, 2, 3]}], "unknowns": ["tilt"]}',
+        '{"image": 0, "landmarks": [{"name": "a", "pixel": [1, 1], "place_m": [1, 2, 3]}], "unknowns": ["tilt"]}',
         '{"image": 99999, "probes": [{"kind": "range", "pixels": [[1, 1]]}]}',
     ],
 )  # fmt: skip
@@ -117,12 +121,21 @@ def test_a_message_that_is_too_long_ends_the_connection_and_nothing_else(page):
     assert fetched(page)[0] == 200
 
 
+def test_a_page_that_only_shows_uses_no_calibration(tmp_path):
+    picture = tmp_path / "bridge.jpg"
+    picture.write_bytes(Path("configs/calibration/bridge.jpg").read_bytes())
+    ask = {"image": 0, "landmarks": [], "unknowns": ["tilt"], "use": True}
+    with opened_page(picture, "--camera", "configs/cameras/demo-1080p.toml", "--read-only") as address:
+        assert "--read-only" in asked(address, json.dumps(ask))["error"]
+    assert not list(tmp_path.glob("*.toml"))
+
+
 def test_beyond_this_machine_a_token_is_asked_for():
     with opened_page(RECORDING, "--host", EVERYWHERE) as address:
         base, token = address.replace(EVERYWHERE, "127.0.0.1").split("?token=")
         assert len(token) >= 30
-        for wrong in ("view.json", "view.json?token=", f"view.json?token={token[:-1]}x", "images/0.jpg", "page.js"):
-            assert fetched(base + wrong)[0] == 403
+        for wrong in ("view.json", "view.json?token=", f"view.json?token={token[:-1]}~", "images/0.jpg", "page.js"):
+            assert fetched(base + wrong)[0] == 403, wrong
         with pytest.raises(HTTPClientError, match="403"):
             asked(base, "{}")
         status, headers, _ = fetched(f"{base}view.json?token={token}")

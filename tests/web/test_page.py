@@ -221,6 +221,30 @@ def test_a_river_s_banks_are_mended_by_two_strokes(browser):
             expect(page.locator("#reach-width")).to_have_text(before, timeout=PATIENCE_MS)
 
 
+def test_a_camera_is_calibrated_from_four_landmarks_and_the_width_follows(browser, still):
+    path, options = still
+    with opened_page(path, *options[:2]) as address:
+        for page in shown(browser, address):
+            page.click("[data-kind=landmark]")
+            places = [(-6.0, 15.0), (-6.0, 45.0), (6.0, 45.0), (6.0, 15.0)]
+            page.click("summary")
+            page.fill("#list", "\n".join(f"corner-{row},{x},{y},0" for row, (x, y) in enumerate(places)))
+            page.click("#take")
+            for x_m, y_m in places:
+                click(page, seen(x_m, y_m))
+            expect(page.locator("#solved")).to_contain_text("tilt_deg 50", timeout=PATIENCE_MS)
+            page.click("#use")
+            expect(page.locator("#solved")).to_contain_text("Saved as", timeout=PATIENCE_MS)
+            page.click("[data-kind=width]")
+            for x_m in (-6.0, 6.0):
+                click(page, seen(x_m, 30.0))
+            value, low, high = numbers(value_of(page))
+            assert low < 12.0 < high
+            assert abs(value - 12.0) < 0.15
+            _, *words = shlex.split(copied(page, "command"))
+            assert run_aerodft(*words, "--json").json[0]["value"] == pytest.approx(value, abs=0.01)
+
+
 def test_it_is_reached_by_keys_alone(page):
     page.focus("#image")
     page.keyboard.press("p")

@@ -2,6 +2,7 @@
 
 import asyncio
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -42,6 +43,7 @@ def view(
         str, typer.Option(help="Address to listen on; beyond this machine a token is asked for.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 0,
+    read_only: Annotated[bool, typer.Option("--read-only", help="Look and measure; use no calibration.")] = False,
     browser: Annotated[bool, typer.Option("--open", help="Open it in the browser of this machine.")] = False,
 ) -> None:
     r"""Show an image or a recording as a page: zoom, click, and read distances with their intervals.
@@ -49,6 +51,7 @@ def view(
     \b
     Example:
       aerodft view demo/recording --open
+      aerodft view bridge.jpg --camera camera.toml
       aerodft view bridge.jpg --camera camera.toml --height 10.5 --tilt 67 --std height=0.1,tilt=0.2
     """
     try:
@@ -56,7 +59,7 @@ def view(
     except ImportError as error:
         raise InputError("the page needs Tornado", got=error, hint="install aerodft[web]") from error
 
-    access = Access.at(host, port)
+    access = Access.at(host, port, is_read_only=read_only)
     pose: dict[str, Any] = {"height": height, "tilt": tilt, "roll": roll or None, "heading": heading or None}
     pose |= {"lat": lat, "lon": lon, "covariance": None}
     given = pose | {"camera": camera, "calibration": calibration, "std": std}
@@ -89,18 +92,21 @@ def _recording(source: Path, given: dict[str, Any]) -> "View":
 
 
 def _still(source: Path, given: dict[str, Any]) -> "View":
-    from dataclasses import replace
-
+    from aerodft.adapters.config.camera import load_camera
     from aerodft.app.measure import MeasuredSurface
     from aerodft.app.viewing import StillView
 
-    options = {name: value for name, value in given.items() if name not in {"camera", "calibration", "std"}}
+    pose = {name: value for name, value in given.items() if name not in {"camera", "calibration", "std"}}
     stds = parse_stds(given["std"])
     surface = MeasuredSurface(0.0, stds.elevation_m, None)
-    setup, sample = scene_of_options(options, given["camera"], given["calibration"], given["std"], surface)
-    if stds.px is None:
-        sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
     words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
-    shown = StillView(path=source, setup=setup, sample=sample, words=tuple(words))
-    shown.jpeg(0)  # what is wrong with it is said before a page opens
+    if given["camera"] is not None and all(given[name] is None for name in ("height", "tilt", "calibration")):
+        refuse_beside(pose, "a pose that is still to be found")
+        shown = StillView(source, load_camera(given["camera"]), None, words, surface)
+    else:
+        setup, sample = scene_of_options(pose, given["camera"], given["calibration"], given["std"], surface)
+        if stds.px is None:
+            sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
+        shown = StillView(source, setup.camera, (setup, sample), words, surface)
+    shown.pixels(0)  # what is wrong with it is said before a page opens
     return shown

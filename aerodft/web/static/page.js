@@ -1,20 +1,22 @@
 // The page: what people do with pointer and keys, and what they see of it.
 
 import { Link } from "./link.js";
+import { Landmarks } from "./landmarks.js";
 import { Picture } from "./picture.js";
 import { RiverLayer } from "./river.js";
 import { copyText, quality, reachText, valueText } from "./words.js";
 
 const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00"]; // Okabe and Ito
-const COUNTS = { width: 2, distance: 2, height: 2, position: 1, length: 256, area: 256 };
+const COUNTS = { width: 2, distance: 2, height: 2, position: 1, landmark: 1, length: 256, area: 256 };
 const LEAST = { length: 2, area: 3 };
 const HELP = {
   width: "Click two banks.", distance: "Click two points on the ground.", position: "Click a point on the ground.",
   length: "Click along the path; double-click or Enter ends it.", area: "Click around the area; double-click or Enter ends it.",
   height: "Click the base, on the ground, then the top.",
+  landmark: "Click what you have surveyed, and type where it is.",
   water: "Draw over what is water.", land: "Draw over what is land.",
 };
-const KEYS = { w: "width", d: "distance", l: "length", a: "area", h: "height", p: "position" };
+const KEYS = { w: "width", d: "distance", l: "length", a: "area", h: "height", p: "position", m: "landmark" };
 const HIT_PX = 14;
 const find = (id) => document.getElementById(id);
 
@@ -25,6 +27,7 @@ const link = new Link((connected) => {
   if (connected && view) measureAll();
 });
 const river = new RiverLayer(link, drawAll);
+const landmarks = new Landmarks(link, drawAll, () => { measureAll(); river.look(number); });
 let view = null, number = 0, kind = "width", selected = null, playing = null, made = 0;
 let marks = []; // { name, kind, points, found, colour }
 let draft = []; // points of the mark that is being made
@@ -62,7 +65,7 @@ function measureDraft() {
   const points = pointer && draft.length < COUNTS[kind] ? [...draft, pointer] : draft;
   const few = points.length < (LEAST[kind] || COUNTS[kind]);
   const question = few ? { kind: "position", pixels: points.slice(-1) } : { kind, pixels: points };
-  if (!points.length || isStroke()) return;
+  if (!points.length || isStroke() || kind === "landmark") return;
   const asked = { image: number, probes: [question], vertical: kind === "height" && draft.length === 1 };
   link.ask("pointer", asked, (answer) => {
     if (answer.error) return tell(answer.error);
@@ -109,7 +112,8 @@ function drawAll() {
   const open = pointer && draft.length ? [...draft, pointer] : draft;
   shapes.push({ points: open, colour: "#fff", closed: kind === "area" && open.length > 2 });
   if (vertical.length) shapes.push({ points: vertical, colour: "#f0e442", dashed: true });
-  picture.shapes = [...river.shapes(number), ...shapes];
+  picture.shapes = [...river.shapes(number), ...(kind === "landmark" ? landmarks.shapes() : []), ...shapes];
+  find("landmarks").hidden = kind !== "landmark";
   picture.draw();
   listMarks();
   find("reach").hidden = !river.isShown;
@@ -179,7 +183,7 @@ function showDetails(found) {
 // ---- pointer and keys
 
 function hit(x, y) {
-  for (const mark of [...marks].reverse()) {
+  for (const mark of [...(kind === "landmark" ? landmarks.items : []), ...[...marks].reverse()]) {
     const index = mark.points.findIndex((point) => {
       const [px, py] = picture.screenAt(point);
       return Math.hypot(px - x, py - y) < HIT_PX;
@@ -221,6 +225,7 @@ canvas.onpointermove = (event) => {
   }
   if (drag.far && drag.point) {
     drag.point.mark.points[drag.point.index] = pointer;
+    if (kind === "landmark") landmarks.solve(false);
     measureAll();
   } else if (drag.far) picture.move(x - drag.x, y - drag.y);
   [drag.x, drag.y] = [x, y];
@@ -245,6 +250,7 @@ canvas.onwheel = (event) => {
 };
 
 function place(pixel) {
+  if (kind === "landmark") return landmarks.add(pixel);
   const last = draft.at(-1);
   if (last && last[0] === pixel[0] && last[1] === pixel[1]) return; // the second click of a double-click
   remember();

@@ -1,0 +1,117 @@
+"""One image of a fixed camera, with a pose that is stated, or found from landmarks."""
+
+import csv
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from aerodft.adapters.images import read_camera_image
+from aerodft.app.calibrate import CalibrationResult, calibrate
+from aerodft.app.measure import MeasuredSurface, image_setup
+from aerodft.app.viewing.questions import Landmark
+from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.dft import Setup
+from aerodft.errors import AerodftError, NoAnswerError
+from aerodft.model import Camera, ImageArray, PoseSample
+
+Scene = tuple[Setup, PoseSample]
+
+_COLUMNS: Final = ("name", "u", "v", "X", "Y", "Z")
+
+
+class StillView(View):
+    """One image file.
+
+    Args:
+        path: The file, of the camera's size.
+        camera: The camera.
+        scene: Camera, ground and pose; None where the pose is not known yet.
+        words: Words of the command line that say camera and pose.
+        surface: What is measured.
+    """
+
+    def __init__(
+        self, path: Path, camera: Camera, scene: Scene | None, words: Sequence[str], surface: MeasuredSurface
+    ) -> None:
+        self._path = path
+        self._camera = camera
+        self._scene = scene
+        self._words = tuple(words)
+        self._surface = surface
+
+    @property
+    def title(self) -> str:
+        """The file's name."""
+        return self._path.name
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as it was given; what a calibration finds of its lens is in the scene."""
+        return self._camera
+
+    @property
+    def images(self) -> Sequence[ViewedImage]:
+        """The one image."""
+        return (ViewedImage(stamp_ns=0, seconds=0.0),)
+
+    @cached_property
+    def _pixels(self) -> ImageArray:
+        return read_camera_image(self._path, self._camera, "the camera file must be of the image's mode")
+
+    def pixels(self, number: int) -> ImageArray:
+        """See ``View``."""
+        self._check(number)
+        return self._pixels
+
+    def scene(self, number: int) -> Scene:
+        """See ``View``.
+
+        Raises:
+            NoAnswerError: There is no such image, or no pose yet.
+        """
+        self._check(number)
+        if self._scene is None:
+            hint = "place landmarks to find it, or state --height and --tilt"
+            raise NoAnswerError("the camera's pose is not known yet", where=self._path, hint=hint)
+        return self._scene
+
+    def command(self, number: int) -> tuple[str, ...]:
+        """See ``View``."""
+        self._check(number)
+        return ("aerodft", "measure", *self._words)
+
+    def calibrate(self, landmarks: Sequence[Landmark], unknowns: Sequence[str], *, use: bool) -> Document:
+        """See ``View``."""
+        found = self._found(landmarks, unknowns)
+        document = found.document(is_saved=use)
+        if use:
+            file = self._path.with_name(f"{self._path.stem}-calibration.toml")
+            found.save(file)
+            self._scene = image_setup(self._camera, None, calibration=file, surface=self._surface)
+            self._words = (*self._camera_words(), "--calibration", str(file))
+            document["file"] = str(file)
+        return document
+
+    def _camera_words(self) -> tuple[str, ...]:
+        """The words that name the camera's file."""
+        at = self._words.index("--camera") if "--camera" in self._words else len(self._words)
+        return self._words[at : at + 2]
+
+    def _found(self, landmarks: Sequence[Landmark], unknowns: Sequence[str]) -> CalibrationResult:
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "landmarks.csv"
+            with file.open("w", newline="", encoding="utf-8") as stream:
+                rows = csv.writer(stream)
+                rows.writerow(_COLUMNS)
+                rows.writerows((each.name, *each.pixel, *each.place_m) for each in landmarks)
+            try:
+                return calibrate(file, self._camera, unknowns, crs="local", plane_elevation_m=0.0)
+            except AerodftError as error:
+                hint, got, expected = error.hint, error.got, error.expected
+                raise type(error)(error.what, where="landmarks", got=got, expected=expected, hint=hint) from None
+
+    def _check(self, number: int) -> None:
+        if number != 0:
+            raise NoAnswerError("no such image", where=self._path, got=number, expected="0, the only one")

@@ -1,0 +1,186 @@
+"""Images with their poses, whatever they are of, and what is measured in them."""
+
+import shlex
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from aerodft.adapters.images import encode_jpeg
+from aerodft.adapters.wire.measurement import measurement_payload
+from aerodft.app.measure import ImageProbe, requests_of
+from aerodft.app.river import river_question, survey_image
+from aerodft.app.viewing.questions import Landmark
+from aerodft.dft import Request, Setup, Share, advice, explain, measure
+from aerodft.errors import NoAnswerError, UsageError
+from aerodft.geometry import matrix, pixels_from_rays
+from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
+from aerodft.vision.river import RiverHints, RiverView
+
+Document: TypeAlias = dict[str, Any]
+
+_JPEG_QUALITY: Final = 95
+_VERTICAL_POINTS: Final = 33
+_SPACING_M: Final = 1.0
+
+
+def measured_document(measurement: Measurement, budget: Sequence[Share] | None) -> Document:
+    """A measurement as ``aerodft.measurement/1``, as ``aerodft measure --json`` prints it.
+
+    Args:
+        measurement: The measurement.
+        budget: Where its variance comes from, which it then says together with what to improve; None to say neither.
+    """
+    document = measurement_payload(measurement)
+    if budget is not None:
+        document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
+        document["advice"] = advice(tuple(budget))
+    return document
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewedImage:
+    """One image of a view.
+
+    Attributes:
+        stamp_ns: UTC where it is known.
+        seconds: Since the first image.
+    """
+
+    stamp_ns: int
+    seconds: float
+
+
+class View(ABC):
+    """Images, each with a camera pose, by their number from 0."""
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What people call it."""
+
+    @property
+    @abstractmethod
+    def images(self) -> Sequence[ViewedImage]:
+        """All images in the order of time."""
+
+    @abstractmethod
+    def pixels(self, number: int) -> ImageArray:
+        """An image, ``(height, width, 3)`` BGR.
+
+        Raises:
+            InputError: It cannot be decoded.
+        """
+
+    @abstractmethod
+    def scene(self, number: int) -> tuple[Setup, PoseSample]:
+        """Camera, ground and pose of an image."""
+
+    @property
+    @abstractmethod
+    def camera(self) -> Camera:
+        """The camera that took the images."""
+
+    @abstractmethod
+    def command(self, number: int) -> tuple[str, ...]:
+        """Words of the command line that measures in an image, without its probes."""
+
+    def jpeg(self, number: int) -> bytes:
+        """An image for the eye; raises as ``pixels`` does."""
+        image = Image(stamp_ns=0, arrival_ns=0, index=number, pixels=lambda: self.pixels(number))
+        return encode_jpeg(image, _JPEG_QUALITY)
+
+    def river(self, number: int, hints: RiverHints, hinted: int) -> Document:
+        """The river in an image, as ``aerodft river --json`` has it.
+
+        Args:
+            number: Of the image.
+            hints: What a person says is water or land.
+            hinted: Number of the image that the hints are of; they are carried on the water's plane.
+
+        Returns:
+            Banks, transects and width; where there is none its ``status`` says why.
+
+        Raises:
+            NoAnswerError: An image has no pose.
+        """
+        here, there = self._river_view(number), self._river_view(hinted)
+        told = hints if number == hinted else hints.carried(there.plane, here.plane)
+        return survey_image(here, river_question(told, _SPACING_M, None)).document
+
+    def calibrate(self, landmarks: Sequence[Landmark], unknowns: Sequence[str], *, use: bool) -> Document:
+        """Find the camera's pose from landmarks in an image of a fixed camera.
+
+        Args:
+            landmarks: What was pointed at, with its surveyed place.
+            unknowns: What to find, by the names of ``calibrate``.
+            use: Whether images are measured with it from now on, and it is written to a file (``file``).
+
+        Returns:
+            The document of ``aerodft calibrate --json``.
+
+        Raises:
+            AerodftError: The landmarks do not determine it, or this is no image of a fixed camera.
+        """
+        del landmarks, unknowns, use
+        hint = "`aerodft view IMAGE --camera CAMERA` does; stations then take the file that it writes"
+        raise UsageError("a recording has no landmarks to place", expected="an image of a fixed camera", hint=hint)
+
+    def _river_view(self, number: int) -> RiverView:
+        setup, sample = self.scene(number)
+        if sample.pose is None:
+            raise NoAnswerError("the image has no pose", got="; ".join(sample.reasons))
+        return RiverView(number, setup, sample, partial(self.pixels, number))
+
+    def measure(self, number: int, probes: Sequence[ImageProbe], *, with_budget: bool = False) -> list[Document]:
+        """Measure in an image.
+
+        Args:
+            number: Of the image.
+            probes: What to measure.
+            with_budget: Whether each says where its uncertainty comes from.
+
+        Returns:
+            A document a probe, as ``aerodft measure --json`` prints it; ``command`` is the command line that gives it.
+
+        Raises:
+            AerodftError: There is no such image, or a probe makes no sense.
+        """
+        setup, sample = self.scene(number)
+        requests = requests_of(probes)
+        documents = []
+        for found, request in zip(measure(setup, PoseBatch.of([sample]), requests)[0], requests, strict=True):
+            budget = explain(setup, sample, request) if with_budget else None
+            command = shlex.join([*self.command(number), "--probe", _words(request)])
+            documents.append(measured_document(found, budget) | {"command": command})
+        return documents
+
+    def vertical_px(self, number: int, base: ImageProbe) -> list[tuple[float, float]]:
+        """Pixels ``(u, v)`` along the vertical line that stands on the ground at a pixel, up to the camera's height.
+
+        Args:
+            number: Of the image.
+            base: A position on the ground.
+
+        Returns:
+            From the base up; empty where the base is not on the ground.
+        """
+        setup, sample = self.scene(number)
+        found = measure(setup, PoseBatch.of([sample]), requests_of([base]))[0][0]
+        if found.enu_m is None or sample.pose is None:
+            return []
+        foot = np.asarray(found.enu_m[0], dtype=np.float64)
+        rises_m = np.linspace(0.0, 0.95, _VERTICAL_POINTS) * max(sample.pose.position_enu_m[2] - foot[2], 0.0)
+        points = foot + rises_m[:, None] * [0.0, 0.0, 1.0]
+        directions = (points - sample.pose.position_enu_m) @ matrix(sample.pose.wxyz)
+        pixels = pixels_from_rays(setup.camera, directions)
+        return [(u, v) for u, v in pixels.tolist() if np.isfinite(u) and np.isfinite(v)]
+
+
+def _words(request: Request) -> str:
+    """A request as the option ``--probe`` takes it."""
+    pixels = " ".join(f"{u!r},{v!r}" for u, v in request.pixels)
+    return f"{request.probe.kind} {pixels} name={request.probe.name}"

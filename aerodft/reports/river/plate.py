@@ -1,5 +1,6 @@
 """A river's plates: images with banks and transects, the river from above, and the width's profile."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,27 +12,30 @@ import numpy as np
 from aerodft.dft.maps import Sampling, TopView, top_view
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.reports.river.document import SIDES, RiverImages, water_confidence
-from aerodft.vision.river import Reach, River, RiverStatus, RiverView
+from aerodft.reports.style import BLACK, GREY, RED, SKY, YELLOW, as_map, styled
+from aerodft.vision.river import Centreline, Reach, River, RiverStatus, RiverView
 from replay.export import time_utc
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 
 _HEIGHT_IN: Final = 10.0
 _MOST_VIEW_PX: Final = 500_000
 
-LEFT, RIGHT, ACROSS, UNUSED = "#ff3030", "#ffd000", "#00e5ff", "#b0b0b0"
+LEFT, RIGHT, ACROSS, UNUSED = RED, YELLOW, SKY, GREY
+_OUTLINED: Final = (Stroke(linewidth=2.4, foreground=BLACK), Normal())  # told from any ground, and from white
 MOST_LINES: Final = 120
 """Transects that are drawn at the most: a plate has no room for more."""
-_MOST_TICKS: Final = 4
-_APART: Final = 0.055  # of the image's height, between two values
+_VALUE_SHARE: Final = (0.14, 0.055)  # of the image's width and height, that a value takes
 _WIDTH_IN, _DPI = 12.0, 110
 _FINE_M: Final = 0.05  # half an interval, below which centimetres are shown
 
 _REACH_HEIGHT_IN: Final = 14.0
+_FIRST_UTC_NS: Final = 10**17  # a stamp below it counts from something else
 _TO_SECONDS: Final = 19  # characters of a time in ISO 8601
 
 
@@ -41,7 +45,9 @@ def _save_plate(figure: Figure, path: Path) -> None:
     plt.close(figure)
 
 
-def _draw_image(axes: Axes, image: ImageArray, banks_px: FloatArray, used: BoolArray, values: Sequence[str]) -> None:
+def _draw_image(
+    axes: Axes, image: ImageArray, banks_px: FloatArray, used: BoolArray, values: Sequence[str], line: Centreline
+) -> None:
     """An image with its banks and transects.
 
     Args:
@@ -50,13 +56,18 @@ def _draw_image(axes: Axes, image: ImageArray, banks_px: FloatArray, used: BoolA
         banks_px: ``(n, 2, 2)``: left, then right end of each transect; NaN where the image ends first.
         used: ``(n,)``: which transects are measured from; others are grey.
         values: Of each transect, to stand beside it where there is room.
+        line: The centreline, which says whether left and right are those of the flow.
     """
+    told_by = "by the flow" if line.is_downstream else "guessed: no --flow"
     axes.imshow(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), interpolation="antialiased")
+    axes.grid(visible=False)
     for row in range(0, len(banks_px), max(1, len(banks_px) // MOST_LINES)):
         axes.plot(*banks_px[row].T, color=ACROSS if used[row] else UNUSED, linewidth=0.6, alpha=0.8)
     for side, color in enumerate((LEFT, RIGHT)):
-        axes.plot(*banks_px[:, side].T, color=color, linewidth=1.4, label=f"{SIDES[side]} bank")
-    for row in _with_room(banks_px, used, _APART * image.shape[0]):
+        label = f"{SIDES[side]} bank, {told_by}"
+        axes.plot(*banks_px[:, side].T, color=color, linewidth=1.4, label=label, path_effects=_OUTLINED)
+    height, width = image.shape[:2]
+    for row in _with_room(banks_px, used, (_VALUE_SHARE[0] * width, _VALUE_SHARE[1] * height)):
         end = max(banks_px[row].tolist())  # the one that is farther to the right
         box = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
         axes.annotate(
@@ -68,12 +79,13 @@ def _draw_image(axes: Axes, image: ImageArray, banks_px: FloatArray, used: BoolA
     axes.legend(loc="upper right", fontsize="small")
 
 
-def _with_room(banks_px: FloatArray, used: BoolArray, apart_px: float) -> list[int]:
-    """Which transects' values do not stand on each other's."""
+def _with_room(banks_px: FloatArray, used: BoolArray, size_px: tuple[float, float]) -> list[int]:
+    """Used transects beside which there is room for a value of some width and height, from the first."""
     rows: list[int] = []
-    ends = [max(each) for each in np.nan_to_num(banks_px, nan=-np.inf).tolist()]
-    for row in np.flatnonzero(used).tolist():
-        if all(np.hypot(ends[row][0] - ends[one][0], ends[row][1] - ends[one][1]) >= apart_px for one in rows):
+    for row in np.flatnonzero(used & np.isfinite(banks_px).all(axis=(1, 2))).tolist():
+        end = max(banks_px[row].tolist())  # where its value stands
+        others = (max(banks_px[other].tolist()) for other in rows)
+        if all(abs(end[0] - u) > size_px[0] or abs(end[1] - v) > size_px[1] for u, v in others):
             rows.append(row)
     return rows
 
@@ -84,7 +96,7 @@ def _value_of(transect: dict[str, Any]) -> str:
         return ""
     low, high = transect["ci95"]
     digits = 1 if high - low >= 2 * _FINE_M else 2
-    return f"{transect['width_m']:.{digits}f} ± {(high - low) / 2:.{digits}f} m"
+    return f"{transect['width_m']:.{digits}f} ± {(high - low) / 2:.{digits}f} m (95 %)"
 
 
 def _draw_profile(axes: Axes, document: dict[str, Any]) -> None:
@@ -107,22 +119,27 @@ def _draw_profile(axes: Axes, document: dict[str, Any]) -> None:
     axes.grid(alpha=0.3)
 
 
-def _as_map(axes: Axes) -> None:
-    """Axes in metres east and north, as long as each other; numbers stand in full, however far the origin is."""
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(_MOST_TICKS))
-    axes.ticklabel_format(style="plain", useOffset=False)
-    axes.set_xlabel("east (m)")
-    axes.set_ylabel("north (m)")
+def _title(view: RiverView, *, is_utc: bool) -> str:
+    """Where and when a river was seen, as far as that is known."""
+    lat_rad, lon_rad, _ = view.sample.lat_lon_alt
+    parts = ["River widths"]
+    if lat_rad is not None and lon_rad is not None:
+        parts.append(f"camera at {math.degrees(lat_rad):.5f}°, {math.degrees(lon_rad):.5f}° (WGS84)")
+    if is_utc:
+        parts.append(f"{time_utc(view.sample.stamp_ns)[:_TO_SECONDS].replace('T', ' ')} UTC")
+    return ", ".join(parts)
 
 
+@styled()
 def draw_plate(path: Path, document: dict[str, Any], found: River, image: ImageArray, view: RiverView) -> None:
     """Draw a plate as PNG."""
     figure = plt.figure(figsize=(_WIDTH_IN, _HEIGHT_IN), layout="constrained")
+    figure.suptitle(_title(view, is_utc=view.sample.stamp_ns >= _FIRST_UTC_NS))
     grid = figure.add_gridspec(2, 2, height_ratios=[1.25, 1.0])
     used = np.array([status is RiverStatus.OK for status in found.status], dtype=bool)
     picture = figure.add_subplot(grid[0, :])
-    _draw_image(picture, image, found.edges.pixels_px, used, [_value_of(each) for each in document["transects"]])
+    values = [_value_of(each) for each in document["transects"]]
+    _draw_image(picture, image, found.edges.pixels_px, used, values, found.line)
     picture.set_title("banks and transects in the image; grey transects are not used")
     _from_above(figure.add_subplot(grid[1, 0]), found, used, image, view)
     _draw_profile(figure.add_subplot(grid[1, 1]), document)
@@ -142,13 +159,9 @@ def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, vi
         if used[row]:
             axes.plot(*banks[row].T, color=ACROSS, linewidth=0.5, alpha=0.8)
     for side, color in enumerate((LEFT, RIGHT)):
-        axes.plot(*banks[:, side].T, color=color, linewidth=1.2)
-    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, linestyle="--")
-    low, high = _box(banks, places)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal")
-    _as_map(axes)
+        axes.plot(*banks[:, side].T, color=color, linewidth=1.2, path_effects=_OUTLINED)
+    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, linestyle="--", path_effects=_OUTLINED)
+    as_map(axes, [banks.reshape(-1, 2), places])
     axes.set_title("from above, on the water's plane")
 
 
@@ -158,16 +171,11 @@ def _extent(view: TopView) -> tuple[float, float, float, float]:
     return view.west_m, east, south, view.north_m
 
 
-def _box(banks: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    points = np.concatenate([banks.reshape(-1, 2), places])
-    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    spare = 0.05 * float(np.max(high - low))
-    return low - spare, high + spare
-
-
+@styled()
 def draw_reach_plate(path: Path, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
     """Draw the plate of many images as PNG."""
     figure = plt.figure(figsize=(_WIDTH_IN, _REACH_HEIGHT_IN), layout="constrained")
+    figure.suptitle(_title(images.views[0], is_utc=images.is_utc))
     grid = figure.add_gridspec(3, 2, height_ratios=[1.4, 1.1, 0.9])
     _best_image(figure.add_subplot(grid[0, :]), document, found, images)
     _reach_from_above(figure.add_subplot(grid[1, :]), found)
@@ -183,7 +191,7 @@ def _best_image(axes: Axes, document: dict[str, Any], found: Reach, images: Rive
     used = np.zeros(len(found.stations_m), dtype=bool)
     used[look.rows[look.used]] = True
     values = [_value_of(each) for each in document["transects"]]
-    _draw_image(axes, images.views[row].pixels(), look.edges.pixels_px, used, values)
+    _draw_image(axes, images.views[row].pixels(), look.edges.pixels_px, used, values, found.line)
     axes.set_title(
         f"image {images.views[row].index} tells {np.count_nonzero(used)} of {len(used)} transects; the widths beside"
         f" them are of all {document['images']['used']} images"
@@ -195,10 +203,9 @@ def _reach_from_above(axes: Axes, found: Reach) -> None:
     for ends in points:
         axes.plot(*ends[:, :2].T, color=ACROSS, linewidth=0.6, alpha=0.6)
     for side, color in enumerate((LEFT, RIGHT)):
-        axes.plot(*points[:, side, :2].T, color=color, linewidth=1.3, label=f"{SIDES[side]} bank")
+        axes.plot(*points[:, side, :2].T, color=color, linewidth=1.3, path_effects=_OUTLINED)
     axes.plot(*found.line.places_en_m.T, color="black", linewidth=0.8, linestyle="--", label="centreline")
-    axes.set_aspect("equal", adjustable="datalim")
-    _as_map(axes)
+    as_map(axes, [points[..., :2].reshape(-1, 2), found.line.places_en_m])
     axes.set_title("banks and transects of all images, from above")
     axes.legend(loc="best", fontsize="small")
 

@@ -1,6 +1,7 @@
 """Rivers in images: water, banks, centreline and transects."""
 
 from aerodft.vision.river.banks import ONE_SIDED, Islands, hidden_per_metre
+from aerodft.vision.river.centreline import Centreline
 from aerodft.vision.river.find import River, RiverQuestion, find_river
 from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.observer import RiverObserver

@@ -44,10 +44,12 @@ class Centreline:
     Attributes:
         places_en_m: ``(n, 2)``, evenly spaced.
         width_m: Rough width of the channel.
+        is_downstream: Whether it is known to run as the river flows; else its direction is a guess.
     """
 
     places_en_m: FloatArray
     width_m: float
+    is_downstream: bool = False
 
     def stations_m(self) -> FloatArray:
         """``(n,)`` along the line, 0 at its start."""

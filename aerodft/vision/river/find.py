@@ -165,10 +165,11 @@ def channel_of(plane: WaterPlane, seen: River) -> BoolArray:
 
 
 def oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Centreline:
-    """Downstream where that is known; else up in the image, or to the right where the river runs across it."""
+    """Downstream where that is known, which it then says; else up in the image, or right where the river crosses it."""
     ends = line.places_en_m[[0, -1]]
     if flow_rad is not None:
-        return line if float((ends[1] - ends[0]) @ [math.sin(flow_rad), math.cos(flow_rad)]) >= 0 else line.reversed()
+        along = float((ends[1] - ends[0]) @ [math.sin(flow_rad), math.cos(flow_rad)])
+        return replace(line if along >= 0 else line.reversed(), is_downstream=True)
     middle = line.places_en_m[len(line.places_en_m) // 4 :: max(1, len(line.places_en_m) // 2)][:2]
     first, last = plane.pixels_px(middle)
     right, up = last[0] - first[0], first[1] - last[1]

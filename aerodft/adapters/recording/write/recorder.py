@@ -196,7 +196,7 @@ class McapRecorder:
             stack.callback(self._image_writer.close)
         totals = self.totals
         _log.log(
-            logging.WARNING if totals.shed_messages or totals.lost else logging.INFO,
+            logging.WARNING if totals.shed_messages or totals.lost else logging.DEBUG,
             "recording in %s: %d messages, %d images; shed %d messages, %d images; lost %d messages, %d images",
             totals.folder,
             totals.messages,

@@ -59,7 +59,7 @@ class _Page:
         """The camera's pose from landmarks, and from now on measured with where that is asked for."""
         use, given, unknowns = bool(asked.get("use")), asked["landmarks"], asked.get("unknowns")
         if use and self.access.is_read_only:
-            raise UsageError("this page only shows", expected="a page without --read-only to use a calibration")
+            raise UsageError("this page only shows", expected="one that was not opened read-only, to use a calibration")
         if not isinstance(given, list) or len(given) > _MOST_LANDMARKS:
             raise UsageError("the landmarks", expected=f"a list of at most {_MOST_LANDMARKS}")
         if not isinstance(unknowns, list) or not all(isinstance(each, str) for each in unknowns):
@@ -217,7 +217,7 @@ async def serve_view(view: View, access: Access, std_px: float, opened: Callable
     except OSError as error:
         where = f"{access.host}:{access.port}"
         raise LinkError(
-            "the page's port cannot be opened", where=where, got=error.strerror, hint="--port 0 takes a free one"
+            "the page's port cannot be opened", where=where, got=error.strerror, hint="`port` 0 takes a free one"
         ) from error
     server.add_sockets(sockets)
     try:

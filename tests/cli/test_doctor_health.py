@@ -67,7 +67,7 @@ def test_requests_name_message_rate_and_parameter(logs) -> None:
     )
     assert not {"GIMBAL_DEVICE_ATTITUDE_STATUS", "DISTANCE_SENSOR"} & asked.keys()  # MNT_TYPE, RNGFND_TYPE = 0
     assert any("rangefinder are switched off by RNGFND_TYPE = 0" in each for each in found["problems"])
-    assert any("MAV_CMD_SET_MESSAGE_INTERVAL with 30 and 100000 us" in each for each in found["problems"])
+    assert any("before the next flight, for ArduPilot set SR0_EXTRA1 = 10" in each for each in found["problems"])
     assert found["health"]["link"]["lost"] > 0
 
 

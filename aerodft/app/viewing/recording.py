@@ -69,10 +69,10 @@ class RecordingView(View):
         """See ``View``."""
         return self._scene(self._image(number).stamp_ns)
 
-    def command(self, number: int) -> tuple[str, ...]:
+    def options(self, number: int) -> dict[str, str]:
         """See ``View``."""
         stamp_ns = self._image(number).stamp_ns
-        return ("aerodft", "measure", "--recording", str(self._recording.path), "--at", str(stamp_ns))
+        return {"recording": str(self._recording.path), "at": str(stamp_ns)}
 
     def _scene_at(self, stamp_ns: int) -> tuple[Setup, PoseSample]:
         return recorded_setup(self._recording.path, at_ns=stamp_ns)

@@ -1,7 +1,7 @@
 """One image of a fixed camera, with a pose that is stated, or found from landmarks."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,17 +28,17 @@ class StillView(View):
         path: The file, of the camera's size.
         camera: The camera.
         scene: Camera, ground and pose; None where the pose is not known yet.
-        words: Words of the command line that say camera and pose.
+        options: Those of the command line that say camera and pose, by their names.
         surface: What is measured.
     """
 
     def __init__(
-        self, path: Path, camera: Camera, scene: Scene | None, words: Sequence[str], surface: MeasuredSurface
+        self, path: Path, camera: Camera, scene: Scene | None, options: Mapping[str, str], surface: MeasuredSurface
     ) -> None:
         self._path = path
         self._camera = camera
         self._scene = scene
-        self._words = tuple(words)
+        self._options = dict(options)
         self._surface = surface
 
     @property
@@ -73,14 +73,14 @@ class StillView(View):
         """
         self._check(number)
         if self._scene is None:
-            hint = "place landmarks to find it, or state --height and --tilt"
+            hint = "place landmarks to find it, or state `height` and `tilt`"
             raise NoAnswerError("the camera's pose is not known yet", where=self._path, hint=hint)
         return self._scene
 
-    def command(self, number: int) -> tuple[str, ...]:
+    def options(self, number: int) -> dict[str, str]:
         """See ``View``."""
         self._check(number)
-        return ("aerodft", "measure", *self._words)
+        return self._options
 
     def calibrate(self, landmarks: Sequence[Landmark], unknowns: Sequence[str], *, use: bool) -> Document:
         """See ``View``."""
@@ -90,14 +90,10 @@ class StillView(View):
             file = self._path.with_name(f"{self._path.stem}-calibration.toml")
             found.save(file)
             self._scene = image_setup(self._camera, None, calibration=file, surface=self._surface)
-            self._words = (*self._camera_words(), "--calibration", str(file))
+            kept = {name: value for name, value in self._options.items() if name == "camera"}
+            self._options = kept | {"calibration": str(file)}
             document["file"] = str(file)
         return document
-
-    def _camera_words(self) -> tuple[str, ...]:
-        """The words that name the camera's file."""
-        at = self._words.index("--camera") if "--camera" in self._words else len(self._words)
-        return self._words[at : at + 2]
 
     def _found(self, landmarks: Sequence[Landmark], unknowns: Sequence[str]) -> CalibrationResult:
         with TemporaryDirectory() as folder:

@@ -2,7 +2,7 @@
 
 import shlex
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, TypeAlias
@@ -85,8 +85,8 @@ class View(ABC):
         """The camera that took the images."""
 
     @abstractmethod
-    def command(self, number: int) -> tuple[str, ...]:
-        """Words of the command line that measures in an image, without its probes."""
+    def options(self, number: int) -> Mapping[str, str]:
+        """Options of the command line that measures in an image, by their names, without its probes."""
 
     def jpeg(self, number: int) -> bytes:
         """An image for the eye; raises as ``pixels`` does."""
@@ -126,8 +126,7 @@ class View(ABC):
             AerodftError: The landmarks do not determine it, or this is no image of a fixed camera.
         """
         del landmarks, unknowns, use
-        hint = "`aerodft view IMAGE --camera CAMERA` does; stations then take the file that it writes"
-        raise UsageError("a recording has no landmarks to place", expected="an image of a fixed camera", hint=hint)
+        raise UsageError("a recording has no landmarks to place", expected="an image of a fixed camera")
 
     def _river_view(self, number: int) -> RiverView:
         setup, sample = self.scene(number)
@@ -154,7 +153,7 @@ class View(ABC):
         documents = []
         for found, request in zip(measure(setup, PoseBatch.of([sample]), requests)[0], requests, strict=True):
             budget = explain(setup, sample, request) if with_budget else None
-            command = shlex.join([*self.command(number), "--probe", _words(request)])
+            command = _command(self.options(number), request)
             documents.append(measured_document(found, budget) | {"command": command})
         return documents
 
@@ -180,7 +179,9 @@ class View(ABC):
         return [(u, v) for u, v in pixels.tolist() if np.isfinite(u) and np.isfinite(v)]
 
 
-def _words(request: Request) -> str:
-    """A request as the option ``--probe`` takes it."""
+def _command(options: Mapping[str, str], request: Request) -> str:
+    """The command line that gives a measurement."""
     pixels = " ".join(f"{u!r},{v!r}" for u, v in request.pixels)
-    return f"{request.probe.kind} {pixels} name={request.probe.name}"
+    probe = f"{request.probe.kind} {pixels} name={request.probe.name}"
+    words = (word for name, value in {**options, "probe": probe}.items() for word in (f"--{name}", value))
+    return shlex.join(["aerodft", "measure", *words])

@@ -99,14 +99,14 @@ def _still(source: Path, given: dict[str, Any]) -> "View":
     pose = {name: value for name, value in given.items() if name not in {"camera", "calibration", "std"}}
     stds = parse_stds(given["std"])
     surface = MeasuredSurface(0.0, stds.elevation_m, None)
-    words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+    options = {name: str(value) for name, value in given.items() if value is not None}
     if given["camera"] is not None and all(given[name] is None for name in ("height", "tilt", "calibration")):
         refuse_beside(pose, "a pose that is still to be found")
-        shown = StillView(source, load_camera(given["camera"]), None, words, surface)
+        shown = StillView(source, load_camera(given["camera"]), None, options, surface)
     else:
         setup, sample = scene_of_options(pose, given["camera"], given["calibration"], given["std"], surface)
         if stds.px is None:
             sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
-        shown = StillView(source, setup.camera, (setup, sample), words, surface)
+        shown = StillView(source, setup.camera, (setup, sample), options, surface)
     shown.pixels(0)  # what is wrong with it is said before a page opens
     return shown

@@ -58,7 +58,7 @@ def _draw_image(
         values: Of each transect, to stand beside it where there is room.
         line: The centreline, which says whether left and right are those of the flow.
     """
-    told_by = "by the flow" if line.is_downstream else "guessed: no --flow"
+    told_by = "by the flow" if line.is_downstream else "guessed: no flow stated"
     axes.imshow(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), interpolation="antialiased")
     axes.grid(visible=False)
     for row in range(0, len(banks_px), max(1, len(banks_px) // MOST_LINES)):

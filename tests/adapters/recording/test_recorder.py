@@ -470,7 +470,7 @@ def test_a_disk_that_refuses_for_a_while_costs_nothing(tmp_path: Path) -> None:
 
 
 def test_a_recorder_that_waits_loses_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.DEBUG)
+    caplog.set_level(logging.DEBUG, logger="aerodft")
     totals = record(tmp_path / "r", steps=400, queue_bytes=500, queued_images=1, jpeg_quality=10).totals
     assert totals.shed_messages == totals.shed_images == totals.lost == 0
     assert totals.images == 100

@@ -9,7 +9,7 @@ from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SC
 from aerodft.adapters.wire.events import decode_observations
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA
 from aerodft.adapters.wire.payload import Json, load_payload, number_or_nan, pixel_pairs
-from aerodft.adapters.wire.pose import POSE_SCHEMA, encode_poses
+from aerodft.adapters.wire.pose import encode_poses, radians_or_none, std_of
 from aerodft.adapters.wire.status import STATUS_SCHEMA, StationStatus
 from aerodft.geometry import camera_attitude
 from aerodft.model import (
@@ -17,9 +17,7 @@ from aerodft.model import (
     CalibrationEstimate,
     CameraMotionEstimate,
     Ellipse95,
-    GeoOrigin,
     GeoPoint,
-    GimbalSource,
     Health,
     HeightSource,
     Innovation,
@@ -28,13 +26,10 @@ from aerodft.model import (
     Pose,
     PoseBatch,
     PoseSample,
-    PoseStd,
     ProbeKind,
     ProjectionModel,
     Status,
     Steadiness,
-    Zoom,
-    ZoomSource,
     read_only,
 )
 
@@ -103,62 +98,6 @@ def encode_pose(sample: PoseSample) -> bytes:
     return encode_poses(PoseBatch.of([sample])).text(0)
 
 
-def decode_pose(data: bytes) -> PoseSample:
-    """``aerodft.pose/1`` to a pose sample; position, attitude and covariance exact, angles of ``std`` to an ulp."""
-    return load_payload(data, POSE_SCHEMA, _sample)
-
-
-def _sample(payload: Json) -> PoseSample:
-    origin = payload["origin"]
-    return PoseSample(
-        stamp_ns=int(payload["stamp_ns"]),
-        status=Status(payload["status"]),
-        reasons=tuple(payload["reasons"]),
-        pose=_pose(payload),
-        std=_std_of(payload["std"]),
-        origin=None if origin is None else _origin(origin),
-        lat_rad=_radians(payload["lat_deg"]),
-        lon_rad=_radians(payload["lon_deg"]),
-        alt_msl_m=payload["alt_msl_m"],
-        height_source=_height_source_of(payload["height_source"]),
-        height_datum=payload["height_datum"],
-        height_age_s=payload.get("height_age_s"),
-        attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
-        telemetry_age_s=payload["telemetry_age_s"],
-        calibration=payload["calibration"],
-        zoom=_zoom(payload),
-    )
-
-
-def _pose(payload: Json) -> Pose | None:
-    if payload["wxyz"] is None:
-        return None
-    return Pose(
-        position_enu_m=read_only(_numbers(payload["position_enu_m"])),
-        wxyz=read_only(_numbers(payload["wxyz"])),
-        cov=read_only([_numbers(row) for row in payload["cov"]]),
-        velocity_enu_mps=read_only(_numbers(payload["velocity_enu_mps"])),
-        rate_cam_radps=read_only(_numbers(payload["rate_cam_radps"])),
-        time_std_s=number_or_nan(payload["time_std_s"]),
-    )
-
-
-def _zoom(payload: Json) -> Zoom | None:
-    zoom = payload.get("zoom")  # recordings made before there was one have none
-    if zoom is None:
-        return None
-    return Zoom(
-        magnification=number_or_nan(zoom["magnification"]),
-        std=number_or_nan(zoom["std"]),
-        source=ZoomSource(zoom["source"]),
-    )
-
-
-def _origin(payload: Json) -> GeoOrigin:
-    lat_rad, lon_rad = math.radians(payload["lat_deg"]), math.radians(payload["lon_deg"])
-    return GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=payload["alt_msl_m"])
-
-
 def _sample_of_summary(payload: Json, stamp_ns: int, own_status: Status) -> PoseSample:
     """The pose of a measurement: attitude and height, without covariance, straight above the origin."""
     angles_deg = (payload["tilt_deg"], payload["roll_deg"], payload["heading_deg"])
@@ -172,26 +111,13 @@ def _sample_of_summary(payload: Json, stamp_ns: int, own_status: Status) -> Pose
         stamp_ns=stamp_ns,
         status=Status.OK if pose else own_status,
         pose=pose,
-        std=_std_of(payload["std"]),
-        lat_rad=_radians(payload["lat_deg"]),
-        lon_rad=_radians(payload["lon_deg"]),
+        std=std_of(payload["std"]),
+        lat_rad=radians_or_none(payload["lat_deg"]),
+        lon_rad=radians_or_none(payload["lon_deg"]),
         height_source=_height_source_of(payload["height_source"]),
         height_datum=payload["height_datum"],
         height_age_s=payload.get("height_age_s"),
         telemetry_age_s=payload["telemetry_age_s"],
-    )
-
-
-def _std_of(payload: Json) -> PoseStd:
-    """Standard deviations in metres, seconds and radians; those that a summary leaves out are 0."""
-    return PoseStd(
-        height_agl_m=number_or_nan(payload["height_agl_m"]),
-        horizontal_m=number_or_nan(payload.get("horizontal_m", 0.0)),
-        tilt_rad=math.radians(number_or_nan(payload["tilt_deg"])),
-        pan_rad=math.radians(number_or_nan(payload["pan_deg"])),
-        roll_rad=math.radians(number_or_nan(payload["roll_deg"])),
-        heading_rad=math.radians(number_or_nan(payload["heading_deg"])),
-        time_s=number_or_nan(payload.get("time_s", 0.0)),
     )
 
 
@@ -306,10 +232,6 @@ def decode_observation(data: bytes) -> Observation:
     """``aerodft.observation/1`` to an observation."""
     (observation,) = decode_observations([data])
     return observation
-
-
-def _radians(angle_deg: float | None) -> float | None:
-    return None if angle_deg is None else math.radians(angle_deg)
 
 
 def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:

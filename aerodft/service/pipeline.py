@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from aerodft.dft import NO_IMAGE, Request, Setup, measure
+from aerodft.dft import NO_IMAGE, Request, measure
 from aerodft.model import (
     BoolArray,
     Health,
@@ -74,13 +74,7 @@ class Pipeline:
     ) -> None:
         self.counts = Counts()
         self._settings = settings
-        self._setup = Setup(
-            camera=settings.camera,
-            model=settings.model,
-            ground=settings.ground,
-            max_range_m=settings.max_range_m,
-            config_id=settings.config_id,
-        )
+        self._setup = settings.setup
         telemetry = settings.telemetry or TelemetrySettings()
         self._wait_ns = telemetry.wait_ns
         self._poses = PoseSource(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.conventions import SECOND_NS
+from aerodft.dft import Setup
 from aerodft.geometry import Ground
 from aerodft.model import (
     Camera,
@@ -327,6 +328,17 @@ class PipelineSettings:
     match_tolerance_ns: int = 20_000_000
     tick_ns: int = 50_000_000
     config_id: str | None = None
+
+    @property
+    def setup(self) -> Setup:
+        """Camera and ground as they are before any zoom."""
+        return Setup(
+            camera=self.camera,
+            model=self.model,
+            ground=self.ground,
+            max_range_m=self.max_range_m,
+            config_id=self.config_id,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

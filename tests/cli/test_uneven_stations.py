@@ -11,11 +11,10 @@ from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pyproj import Geod
 
-from aerodft.adapters.wire.pose import POSE_SCHEMA
+from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.app.assembly import pipeline
 from aerodft.model import Status
 from replay.recordings import Recording
-from tests.payloads import decode_pose
 
 UTC0_NS = 1_795_221_168_000_000_000
 LAT, LON, ALT = -35.36, 149.16, 600.0

@@ -29,7 +29,7 @@ from aerodft.adapters.wire.measurement import (
     split_measurements,
 )
 from aerodft.adapters.wire.payload import DEGREES_RTOL
-from aerodft.adapters.wire.pose import POSE_SCHEMA, camera_angles_deg
+from aerodft.adapters.wire.pose import POSE_SCHEMA, camera_angles_deg, decode_pose
 from aerodft.adapters.wire.schemas import SCHEMAS, schema_text
 from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA, StationStatus, encode_status
 from aerodft.dft import PROBE_KINDS
@@ -54,7 +54,7 @@ from aerodft.model import (
 )
 from aerodft.service import HEIGHT_SOURCES
 from tests.batches import measurement_batch
-from tests.payloads import decode_measurement, decode_observation, decode_pose, decode_status, encode_pose
+from tests.payloads import decode_measurement, decode_observation, decode_status, encode_pose
 
 SCHEMA_FILES = Path(__file__).parents[2] / "docs" / "schema"
 ATTITUDE_ATOL_RAD = 1e-9

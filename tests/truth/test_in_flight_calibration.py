@@ -10,8 +10,8 @@ import orjson
 import pytest
 
 from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA
-from aerodft.adapters.wire.pose import POSE_SCHEMA
-from aerodft.app.measure import recorded_setup
+from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
+from aerodft.app.measure import Overrides, recorded_setup
 from aerodft.cli.main import main
 from aerodft.conventions import SECOND_NS
 from aerodft.model import ProbeKind, Status
@@ -19,7 +19,7 @@ from aerodft.sim import Autopilot, default_camera
 from aerodft.sim.scenario import survey_scenario, write_files
 from aerodft.sim.telemetry import Biases
 from replay.recordings import Recording
-from tests.payloads import decode_estimate, decode_pose, encode_pose
+from tests.payloads import decode_estimate, encode_pose
 
 from .live_flights import CONSUMER, KINDS, Errors, Seen, drawn, flown, trajectory
 
@@ -199,6 +199,7 @@ def test_an_imported_flight_with_landmarks_is_computed_anew_to_the_byte(monkeypa
     assert named[0] is None
     assert named[-1].startswith("live:")
     middle = payloads(recording, POSE_SCHEMA)[60]
-    _, asked = recorded_setup(recording.folder, at_ns=decode_pose(middle).stamp_ns)
+    anew = Overrides(config=recording.folder / "config.toml")  # else the recorded pose is read
+    _, asked = recorded_setup(recording.folder, at_ns=decode_pose(middle).stamp_ns, overrides=anew)
     assert asked.calibration.startswith("live:")
     assert encode_pose(asked) == middle

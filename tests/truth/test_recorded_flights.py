@@ -10,13 +10,12 @@ import pytest
 from numpy.testing import assert_allclose
 from pymavlink import mavutil
 
-from aerodft.adapters.wire.pose import POSE_SCHEMA
+from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.geometry import camera_angles
 from aerodft.model import Status
 from replay.recordings import Recording
 from tests.commands import run_aerodft
 from tests.nights import at_night
-from tests.payloads import decode_pose
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SECOND = 1_000_000_000

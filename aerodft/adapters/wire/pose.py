@@ -6,14 +6,32 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
-from aerodft.adapters.wire.payload import Json, degrees_or_none, dump_payload
+from aerodft.adapters.wire.payload import Json, degrees_or_none, dump_payload, load_payload, number_or_nan
 from aerodft.conventions import NADIR_TILT_RAD
-from aerodft.model import HORIZONTAL, TIME, FloatArray, GeoOrigin, GeoPoint, HeightSwitch, PoseBatch, PoseSample
+from aerodft.model import (
+    HORIZONTAL,
+    TIME,
+    FloatArray,
+    GeoOrigin,
+    GeoPoint,
+    GimbalSource,
+    HeightSource,
+    HeightSwitch,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    PoseStd,
+    Status,
+    Zoom,
+    ZoomSource,
+    read_only,
+)
 from aerodft.version import SOFTWARE
 
 POSE_SCHEMA = "aerodft.pose/1"
 
 _ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
+_ANGLES: Final = ("tilt", "pan", "roll", "heading")
 
 
 def encode_poses(poses: PoseBatch) -> PackedBytes:
@@ -21,6 +39,7 @@ def encode_poses(poses: PoseBatch) -> PackedBytes:
     pose = poses.pose
     parts = [flat(getattr(pose, name)) for name in _ARRAYS]
     parts.append(np.broadcast_to(pose.time_std_s, len(poses))[:, None])
+    parts.append(flat(np.broadcast_to(pose.lens_cov, (len(poses), *pose.lens_cov.shape[-2:]))))
     arrays = np.where(poses.has_pose[:, None], np.concatenate(parts, axis=1), np.nan)
     others = (poses.std[:, [HORIZONTAL, TIME]], poses.lat_lon_alt[:, 2:], poses.zoom)
     return encode_payloads(
@@ -47,9 +66,81 @@ def _payload(sample: PoseSample) -> Json:
         "calibration": sample.calibration,
         "zoom": zoom and {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source},
         **{name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s")},
+        "lens_cov": pose.lens_cov if pose and pose.lens_cov.size else None,
         "origin": None if origin is None else geo_payload(origin),
         "software": SOFTWARE,
     }
+
+
+def decode_pose(data: bytes) -> PoseSample:
+    """``aerodft.pose/1`` to a pose sample: position, attitude and covariance exact, angles of ``std`` to an ulp.
+
+    Raises:
+        InputError: The payload is not of that schema.
+    """
+    return load_payload(data, POSE_SCHEMA, _sample)
+
+
+def _sample(payload: Json) -> PoseSample:
+    origin, zoom, pose = payload["origin"], payload.get("zoom"), _pose(payload)  # recordings of old have no zoom
+    return PoseSample(
+        stamp_ns=int(payload["stamp_ns"]),
+        status=Status(payload["status"]),
+        reasons=tuple(payload["reasons"]),
+        pose=pose,
+        std=std_of(payload["std"]),
+        origin=None if origin is None else _origin(origin),
+        lat_rad=radians_or_none(payload["lat_deg"]),
+        lon_rad=radians_or_none(payload["lon_deg"]),
+        alt_msl_m=payload["alt_msl_m"],
+        height_source=None if payload["height_source"] is None else HeightSource(payload["height_source"]),
+        height_datum=payload["height_datum"],
+        datum_enu_m=0.0 if pose is None else float(pose.position_enu_m[2]) - payload["height_agl_m"],
+        height_age_s=payload.get("height_age_s"),
+        attitude_source=None if payload["attitude_source"] is None else GimbalSource(payload["attitude_source"]),
+        telemetry_age_s=payload["telemetry_age_s"],
+        calibration=payload["calibration"],
+        zoom=zoom and Zoom(**{**zoom, "source": ZoomSource(zoom["source"])}),
+    )
+
+
+def _pose(payload: Json) -> Pose | None:
+    if payload["wxyz"] is None:
+        return None
+    lens_cov = payload.get("lens_cov")
+    lens = {} if lens_cov is None else {"lens_cov": _numbers(lens_cov)}
+    arrays = {name: _numbers(payload[name]) for name in _ARRAYS}
+    return Pose(**arrays, **lens, time_std_s=number_or_nan(payload["time_std_s"]))
+
+
+def _numbers(values: object) -> FloatArray:
+    """An array, with NaN where JSON has null.
+
+    Raises:
+        ValueError: It is none.
+    """
+    return read_only(np.array(values, dtype=np.float64))
+
+
+def _origin(payload: Json) -> GeoOrigin:
+    lat_rad, lon_rad = math.radians(payload["lat_deg"]), math.radians(payload["lon_deg"])
+    return GeoOrigin(lat_rad=lat_rad, lon_rad=lon_rad, alt_msl_m=payload["alt_msl_m"])
+
+
+def std_of(payload: Json) -> PoseStd:
+    """Standard deviations in metres, seconds and radians; those that a summary leaves out are 0."""
+    angles = {f"{name}_rad": math.radians(number_or_nan(payload[f"{name}_deg"])) for name in _ANGLES}
+    return PoseStd(
+        height_agl_m=number_or_nan(payload["height_agl_m"]),
+        horizontal_m=number_or_nan(payload.get("horizontal_m", 0.0)),
+        time_s=number_or_nan(payload.get("time_s", 0.0)),
+        **angles,
+    )
+
+
+def radians_or_none(angle_deg: float | None) -> float | None:
+    """Degrees to radians; None stays None."""
+    return None if angle_deg is None else math.radians(angle_deg)
 
 
 def summary_payload(sample: PoseSample) -> Json:

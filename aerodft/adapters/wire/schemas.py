@@ -164,6 +164,10 @@ POSE: Final = document(
         "velocity_enu_mps": or_null(list_of(NUMBER, length=3)),
         "rate_cam_radps": or_null(list_of(NUMBER, length=3)),
         "time_std_s": NUMBER,
+        "lens_cov": doc(
+            or_null(list_of(list_of(NUMBER), length=6)),
+            "Of the errors of `cov` with those of the intrinsics, where one calibration found both",
+        ),
         "origin": or_null(object_of(_GEO)),
     },
 )

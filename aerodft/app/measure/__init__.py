@@ -15,7 +15,7 @@ from aerodft.app.measure.probes import (
     Width,
     requests_of,
 )
-from aerodft.app.measure.recorded_pose import Overrides, recorded_setup
+from aerodft.app.measure.recorded_pose import Overrides, RecordedScenes, recorded_setup
 from aerodft.app.measure.scene import (
     CameraPose,
     ElevationModel,

@@ -1,9 +1,9 @@
 """Camera and pose that a recording had at a time, or would have had with another calibration."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station, refreshed, with_calibration
@@ -11,10 +11,12 @@ from aerodft.app.assembly import build_pipeline, recorded_station
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model import STEADY, Event, Observation, PoseSample, RawBlock
+from aerodft.model import STEADY, Event, Image, Observation, PoseSample, RawBlock
 from aerodft.service import MergedFeed, PipelineSettings, Source, TelemetrySettings
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
-from replay.recordings import Recording, RecordingSource
+from replay.recordings import Recording, RecordingSource, pose_at, pose_of
+
+T = TypeVar("T")
 
 _LATEST_NS = 30 * SECOND_NS
 """Telemetry that came later than this after its stamp is not waited for; less than the pipeline remembers."""
@@ -56,6 +58,69 @@ class Overrides:
 _ITS_OWN: Final = Overrides()
 
 
+class RecordedScenes:
+    """Camera, ground and pose of a recording at any time.
+
+    Args:
+        path: Its folder or file.
+        recording: What is there, aerodft's own or another tool's.
+        overrides: What takes the place of its own.
+
+    Attributes:
+        setup: Camera and ground, as they are without zoom.
+
+    Raises:
+        InputError: It lacks something.
+    """
+
+    def __init__(self, path: Path, recording: Recording | ForeignRecording, overrides: Overrides = _ITS_OWN) -> None:
+        self._path = path
+        self._recording = recording
+        self._station = _station_of(recording, overrides)
+        self._is_its_own = overrides.config is None and overrides.calibration is None and overrides.camera is None
+        self.setup = self._station.pipeline.setup
+
+    def at(self, stamp_ns: int) -> tuple[Setup, PoseSample]:
+        """The scene at a time: with the pose that was recorded with that stamp, else by the telemetry around it.
+
+        Args:
+            stamp_ns: UTC.
+
+        Raises:
+            InputError: The recording is damaged.
+            NoAnswerError: The time is outside the recording.
+        """
+        recording = self._recording
+        if not recording.start_ns - SECOND_NS <= stamp_ns <= recording.end_ns + SECOND_NS:
+            got, length = (f"{(each - recording.start_ns) / SECOND_NS:.1f}" for each in (stamp_ns, recording.end_ns))
+            raise NoAnswerError(
+                "the time is outside the recording",
+                where=self._path,
+                got=got,
+                expected=f"0 to {length} s from its start",
+            )
+        recorded = self._recorded(pose_at, stamp_ns)
+        return self._zoomed(recorded or _pose_at(self._source, self._station, stamp_ns))
+
+    def of(self, image: Image) -> tuple[Setup, PoseSample]:
+        """The scene of a recorded image; arguments and errors as those of ``at``."""
+        recorded = self._recorded(pose_of, image)
+        return self.at(image.stamp_ns) if recorded is None else self._zoomed(recorded)
+
+    @property
+    def _source(self) -> Source:
+        found = self._recording
+        return RecordingSource(found) if isinstance(found, Recording) else ForeignTelemetry(found)
+
+    def _recorded(self, find: Callable[[Recording, T], PoseSample | None], what: T) -> PoseSample | None:
+        """A recorded pose; None where there is none, or another configuration or calibration counts."""
+        return find(self._recording, what) if self._is_its_own and isinstance(self._recording, Recording) else None
+
+    def _zoomed(self, sample: PoseSample) -> tuple[Setup, PoseSample]:
+        setup, sample = zoomed(self.setup, sample)
+        return setup, replace(sample, zoom=None)
+
+
 def recorded_setup(
     path: Path, *, at_s: float | None = None, at_ns: int | None = None, overrides: Overrides = _ITS_OWN
 ) -> tuple[Setup, PoseSample]:
@@ -72,26 +137,10 @@ def recorded_setup(
         NoAnswerError: The time is outside the recording.
     """
     recording = open_recording(path, overrides.topics)
-    station = _station_of(recording, overrides)
     stamp_ns = at_ns or recording.start_ns
     if at_s is not None:
         stamp_ns = recording.start_ns + round(at_s * SECOND_NS)
-    if not recording.start_ns - SECOND_NS <= stamp_ns <= recording.end_ns + SECOND_NS:
-        got, length = (f"{(each - recording.start_ns) / SECOND_NS:.1f}" for each in (stamp_ns, recording.end_ns))
-        raise NoAnswerError(
-            "the time is outside the recording", where=path, got=got, expected=f"0 to {length} s from its start"
-        )
-    settings = station.pipeline
-    setup = Setup(
-        camera=settings.camera,
-        model=settings.model,
-        ground=settings.ground,
-        max_range_m=settings.max_range_m,
-        config_id=settings.config_id,
-    )
-    source: Source = RecordingSource(recording) if isinstance(recording, Recording) else ForeignTelemetry(recording)
-    setup, sample = zoomed(setup, _pose_at(source, station, stamp_ns))
-    return setup, replace(sample, zoom=None)
+    return RecordedScenes(path, recording, overrides).at(stamp_ns)
 
 
 def _station_of(recording: Recording | ForeignRecording, overrides: Overrides) -> StationConfig:

@@ -5,7 +5,7 @@ from functools import cached_property, lru_cache
 from typing import Final
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_images
-from aerodft.app.measure import recorded_setup
+from aerodft.app.measure import RecordedScenes
 from aerodft.app.recordings import StationRecording
 from aerodft.app.viewing.view import View, ViewedImage
 from aerodft.conventions import SECOND_NS
@@ -39,7 +39,8 @@ class RecordingView(View):
         if not self._images:
             hint = "record.image_hz says how many are recorded"
             raise NoAnswerError("the recording holds no image", where=recording.path, hint=hint)
-        self._scene = lru_cache(maxsize=_KEPT_SCENES)(self._scene_at)
+        self._scenes = RecordedScenes(recording.path, reader)
+        self._scene = lru_cache(maxsize=_KEPT_SCENES)(lambda number: self._scenes.of(self._images[number][0]))
 
     @property
     def title(self) -> str:
@@ -49,14 +50,14 @@ class RecordingView(View):
     @property
     def camera(self) -> Camera:
         """The station's."""
-        return self.scene(0)[0].camera
+        return self._scenes.setup.camera
 
     @cached_property
     def images(self) -> Sequence[ViewedImage]:
         """Those whose pixels were recorded."""
-        first_ns = self._images[0][0].stamp_ns
+        start_ns = self._recording.start_ns
         return tuple(
-            ViewedImage(stamp_ns=image.stamp_ns, seconds=(image.stamp_ns - first_ns) / SECOND_NS)
+            ViewedImage(stamp_ns=image.stamp_ns, seconds=(image.stamp_ns - start_ns) / SECOND_NS)
             for image, _ in self._images
         )
 
@@ -67,15 +68,12 @@ class RecordingView(View):
 
     def scene(self, number: int) -> tuple[Setup, PoseSample]:
         """See ``View``."""
-        return self._scene(self._image(number).stamp_ns)
+        self._image(number)
+        return self._scene(number)
 
     def options(self, number: int) -> dict[str, str]:
         """See ``View``."""
-        stamp_ns = self._image(number).stamp_ns
-        return {"recording": str(self._recording.path), "at": str(stamp_ns)}
-
-    def _scene_at(self, stamp_ns: int) -> tuple[Setup, PoseSample]:
-        return recorded_setup(self._recording.path, at_ns=stamp_ns)
+        return {"recording": str(self._recording.path), "at": str(self.scene(number)[1].stamp_ns)}
 
     def _image(self, number: int) -> Image:
         if not 0 <= number < len(self._images):

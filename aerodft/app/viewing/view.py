@@ -47,7 +47,7 @@ class ViewedImage:
 
     Attributes:
         stamp_ns: UTC where it is known.
-        seconds: Since the first image.
+        seconds: From the start, as ``measure`` and ``frames`` count them.
     """
 
     stamp_ns: int

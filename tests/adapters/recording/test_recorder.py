@@ -17,6 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.wire.events import decode_image
 from aerodft.adapters.wire.measurement import split_measurements
+from aerodft.adapters.wire.pose import decode_pose
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.geometry import camera_attitude
@@ -37,7 +38,7 @@ from aerodft.service import Batches, MergedFeed, block_of
 from replay.recordings import Recording, RecordingSource
 from tests.batches import one_tick, take
 from tests.nights import at_night
-from tests.payloads import decode_observation, decode_pose, decode_status
+from tests.payloads import decode_observation, decode_status
 
 START_NS = 1_795_221_278_000_000_000
 TICK_NS = 50_000_000

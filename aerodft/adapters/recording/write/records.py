@@ -126,7 +126,7 @@ _PER_IMAGE: Final = 3  # messages at most: pose, position, measurements
 
 
 def image_sequence(index: int) -> int:
-    """The message sequence of an image's stamps and of its JPEG, by which the two find each other."""
+    """The message sequence of an image's stamps, its JPEG and its pose, by which they find each other."""
     return index & _SEQUENCE_MASK
 
 
@@ -201,7 +201,8 @@ class RecordEncoder:
             poses = PoseBatch.joined([block.poses for block in outputs.images])
             tick = np.concatenate([block.tick for block in outputs.images])
             order = _PER_IMAGE * np.concatenate([block.order for block in outputs.images])
-            rows.add_outputs(self._pose, tick, order, encode_poses(poses))
+            sequence = np.concatenate([block.images for block in outputs.images]) & _SEQUENCE_MASK
+            rows.add_outputs(self._pose, tick, order, encode_poses(poses), sequence)
             fixed = self._fixes_due(poses, rows.now_ns[tick], order)
             fixes = PackedBytes.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
             rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
@@ -257,9 +258,11 @@ class _TickRows:
         """Add messages ``(m,)`` of one channel, logged at their arrival; ``order`` is among those of the same time."""
         self._add(channel, texts, (2 * tick, arrival_ns, order), sequence)
 
-    def add_outputs(self, channel: Channel, tick: IntArray, order: IntArray, texts: PackedBytes) -> None:
+    def add_outputs(
+        self, channel: Channel, tick: IntArray, order: IntArray, texts: PackedBytes, sequence: IntArray | int = 0
+    ) -> None:
         """Add messages ``(m,)`` of one channel, logged at their ticks; ``order`` is among all outputs."""
-        self._add(channel, texts, (2 * tick + 1, self.now_ns[tick], order), 0)
+        self._add(channel, texts, (2 * tick + 1, self.now_ns[tick], order), sequence)
 
     def sorted(self) -> MessageRows:
         """All messages: by tick, inputs before outputs, then by log time, then in their order."""

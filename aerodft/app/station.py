@@ -94,6 +94,7 @@ class Station:
         self._observers = ImageObservers()
         self._live_observers = LiveObservers((), self._inbox.put_observations)
         self._outputs: tuple[Output, ...] = ()
+        self._added: list[Output] = []
         self._link: MavlinkLink | None = None
         self._stream: StreamReader | None = None
         self._recorder: McapRecorder | None = None
@@ -115,6 +116,24 @@ class Station:
                 station.
         """
         self._sinks.append(MeasurementSink(callback))
+
+    @property
+    def file(self) -> Path | None:
+        """Its configuration's file; None where it was given a configuration."""
+        return Path(self._where) if self._where else None
+
+    @property
+    def config(self) -> StationConfig:
+        """What it is configured to do."""
+        return self._config
+
+    def add_output(self, output: Output) -> None:
+        """Have an output take what is read and measured, beside those of the configuration.
+
+        Args:
+            output: Must not block; it is closed when the station is left.
+        """
+        self._added.append(output)
 
     def stop(self) -> None:
         """End once all that has arrived is measured; from any thread or signal handler."""
@@ -168,7 +187,9 @@ class Station:
             started_ns = self._clock.now_ns()
             stack.enter_context(recovering_beside(self._config.record.folder))  # what a power cut left unfinished
             outputs = open_outputs(self._config.outputs, outputs_run(self._config, self._pipeline, self._inbox))
-            self._outputs = stack.enter_context(outputs)
+            for each in self._added:
+                stack.callback(each.close)
+            self._outputs = (*stack.enter_context(outputs), *self._added)
             observers = LiveObservers(self._observers.schedules, self._inbox.put_observations)
             self._live_observers = stack.enter_context(observers)
             self._open_images(stack)

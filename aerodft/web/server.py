@@ -2,12 +2,13 @@
 
 import asyncio
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import orjson
 from tornado.httpserver import HTTPServer
@@ -15,45 +16,99 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
-from aerodft.app.viewing import View, hints_of, landmark_of, probe_of
+from aerodft.app.viewing import LiveView, RecordingView, View, hints_of, landmark_of, probe_of
 from aerodft.errors import AerodftError, LinkError, UsageError
 from aerodft.web.access import HEADERS, Access
+
+T = TypeVar("T")
 
 _STATIC: Final = Path(__file__).parent / "static"
 _COOKIE: Final = "aerodft_token"
 _MOST_REQUEST_BYTES: Final = 65_536
 _MOST_PROBES: Final = 64
 _MOST_LANDMARKS: Final = 256
+_WITHOUT_PROBES: Final = frozenset({"river", "landmarks", "save", "overlay"})
 _PATIENCE_S: Final = 2.0
+_NEWS_S: Final = 1.0
+"""A page waits so long for a new image, at the most, before it is told that there is none."""
 
 
 class _Page:
-    """What all requests share: the view, who may see it, and the one thread that measures."""
+    """What all requests share: the view, who may see it, a thread that measures, and one for what takes longer."""
 
     def __init__(self, view: View, access: Access, std_px: float) -> None:
         self.view = view
         self.access = access
         self.std_px = std_px
-        self.worker = ThreadPoolExecutor(1, "page")
+        self._works = {"landmarks": self._calibrated, "save": self._saved, "overlay": self._overlay}
+        self._quick = ThreadPoolExecutor(1, "page-measures")
+        self._slow = ThreadPoolExecutor(1, "page-pictures")
 
-    def answer(self, request: bytes) -> dict[str, Any]:
-        """Answer one request of the page: ``id`` and ``image``; ``probes``, ``river`` or ``landmarks``."""
+    async def quickly(self, work: Callable[[], T]) -> T:
+        """The result of work of milliseconds."""
+        return await asyncio.get_running_loop().run_in_executor(self._quick, work)
+
+    async def slowly(self, work: Callable[[], T]) -> T:
+        """The result of work on an image's pixels."""
+        return await asyncio.get_running_loop().run_in_executor(self._slow, work)
+
+    async def send(self, handler: RequestHandler, work: Callable[[], dict[str, Any]]) -> None:
+        """Answer a request with a document.
+
+        Raises:
+            HTTPError: 404: there is none.
+        """
+        try:
+            found = await self.slowly(work)
+        except AerodftError as error:
+            raise _missing(error) from error
+        handler.set_header("Content-Type", "application/json")
+        handler.write(orjson.dumps(found))
+
+    def close(self) -> None:
+        """Finish what is under way; what waits is given up."""
+        self._quick.shutdown(cancel_futures=True)
+        self._slow.shutdown(cancel_futures=True)
+
+    async def answer(self, request: bytes) -> dict[str, Any]:
+        """Answer one request of the page: ``id``, ``image`` and what is wanted of it.
+
+        That is ``probes`` to measure, the ``overlay``, ``river`` with strokes, ``landmarks`` to calibrate with, or a
+        probe to ``save``.
+        """
         number: object = None
         try:
             asked = _asked(request)
             number = asked.get("id")
-            if "landmarks" in asked:
-                return {"id": number, "calibration": self._calibration(asked)}
             if "river" in asked:
-                return {"id": number, "river": self._river(asked)}
-            probes = [probe_of(each, self.std_px) for each in asked["probes"]]
-            found = self.view.measure(asked["image"], probes, with_budget=bool(asked.get("budget")))
-            answer = {"id": number, "measurements": found}
-            if asked.get("vertical") and probes:
-                answer["vertical"] = self.view.vertical_px(asked["image"], probes[0])
+                return {"id": number} | await self.slowly(lambda: {"river": self._river(asked)})
+            work = next((each for key, each in self._works.items() if key in asked), self._measured)
+            return {"id": number} | await self.quickly(lambda: work(asked))
         except AerodftError as error:
             return {"id": number, "error": str(error)}
+
+    def _measured(self, asked: dict[str, Any]) -> dict[str, Any]:
+        probes = [probe_of(each, self.std_px) for each in asked["probes"]]
+        answer: dict[str, Any] = {
+            "measurements": self.view.measure(asked["image"], probes, with_budget=bool(asked.get("budget")))
+        }
+        if asked.get("vertical") and probes:
+            answer["vertical"] = self.view.vertical_px(asked["image"], probes[0])
+        if asked.get("sampling") and probes:
+            answer["sampling_m"] = self.view.sampling_m(asked["image"], probes[-1])
         return answer
+
+    def _overlay(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return {"overlay": self.view.overlay(asked["image"])}
+
+    def _saved(self, asked: dict[str, Any]) -> dict[str, Any]:
+        if self.access.is_read_only:
+            raise UsageError("this page only shows", expected="one that was not opened read-only, to save a probe")
+        probe, is_tracked = probe_of(asked["save"], self.std_px), bool(asked.get("tracked"))
+        return {"file": str(self.view.save_probe(asked["image"], probe, is_tracked=is_tracked))}
+
+    def _calibrated(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return {"calibration": self._calibration(asked)}
 
     def _calibration(self, asked: dict[str, Any]) -> dict[str, Any]:
         """The camera's pose from landmarks, and from now on measured with where that is asked for."""
@@ -75,6 +130,10 @@ class _Page:
         return self.view.river(asked["image"], hints_of(told), hinted)
 
 
+def _missing(error: AerodftError) -> HTTPError:
+    return HTTPError(404, reason=str(error).encode("ascii", "replace").decode())
+
+
 def _asked(request: bytes) -> dict[str, Any]:
     """A request's content.
 
@@ -87,7 +146,7 @@ def _asked(request: bytes) -> dict[str, Any]:
         raise UsageError("the request is no JSON", got=error) from None
     if not isinstance(asked, dict) or type(asked.get("image")) is not int:
         raise UsageError("the request names no image", expected='{"image": 0, "probes": [...]}')
-    probes = asked.setdefault("probes", []) if {"river", "landmarks"} & asked.keys() else asked.get("probes")
+    probes = asked.setdefault("probes", []) if _WITHOUT_PROBES & asked.keys() else asked.get("probes")
     if not isinstance(probes, list) or len(probes) > _MOST_PROBES:
         raise UsageError("the request's probes", expected=f"a list of at most {_MOST_PROBES}")
     return asked
@@ -147,14 +206,21 @@ class _Description(_Guarded):
     """What the view holds."""
 
     def get(self) -> None:
-        """JSON: ``title``, the camera's size, and ``stamp_ns`` and ``seconds`` of every image."""
+        """JSON: ``title``, ``is_live``, the camera's size, and ``stamp_ns`` and ``seconds`` of every image."""
         view = self.page.view
         camera = view.camera
         images = [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images]
         self.set_header("Content-Type", "application/json")
         self.write(
             orjson.dumps(
-                {"title": view.title, "width_px": camera.width_px, "height_px": camera.height_px, "images": images}
+                {
+                    "title": view.title,
+                    "is_live": isinstance(view, LiveView),
+                    "can_save": view.station_file is not None and not self.page.access.is_read_only,
+                    "width_px": camera.width_px,
+                    "height_px": camera.height_px,
+                    "images": images,
+                }
             )
         )
 
@@ -168,13 +234,62 @@ class _Picture(_Guarded):
         Raises:
             HTTPError: 404: there is none, or it is damaged.
         """
-        loop = asyncio.get_running_loop()
         try:
-            data = await loop.run_in_executor(self.page.worker, self.page.view.jpeg, int(number))
+            data = await self.page.slowly(lambda: self.page.view.jpeg(int(number)))
         except AerodftError as error:
-            raise HTTPError(404, reason=str(error).encode("ascii", "replace").decode()) from error
+            raise _missing(error) from error
         self.set_header("Content-Type", "image/jpeg")
         self.write(data)
+
+
+class _Seen(_Guarded):
+    """What is known of an image without asking for anything."""
+
+    async def get(self, number: str) -> None:
+        """JSON as ``View.seen``.
+
+        Raises:
+            HTTPError: 404: there is none.
+        """
+        await self.page.send(self, lambda: self.page.view.seen(int(number)))
+
+
+class _Series(_Guarded):
+    """What was measured over time."""
+
+    async def get(self) -> None:
+        """JSON as ``RecordingView.series``.
+
+        Raises:
+            HTTPError: 404: what is shown is no recording, or it is damaged.
+        """
+        view = self.page.view
+        if not isinstance(view, RecordingView):
+            raise HTTPError(404, reason="this is no recording")
+        await self.page.send(self, view.series)
+
+
+class _News(_Guarded):
+    """What a station that measures has that a page has not shown yet."""
+
+    async def get(self) -> None:
+        """JSON as ``LiveView.news``: as soon as there is an image after that of ``after``, or after a second.
+
+        Raises:
+            HTTPError: 404: what is shown is not live.
+        """
+        view = self.page.view
+        if not isinstance(view, LiveView):
+            raise HTTPError(404, reason="this is no live station")
+        after, came, loop = self.get_query_argument("after", ""), asyncio.Event(), asyncio.get_running_loop()
+        with view.heard_by(lambda: loop.call_soon_threadsafe(came.set)):
+            news = view.news()  # asked first: a station prepares images only while somebody asks
+            if str(view.newest) == after:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(came.wait(), _NEWS_S)
+                news = view.news()
+        self.set_header("Content-Type", "application/json")
+        self.write(orjson.dumps(news))
 
 
 class _Measuring(_Guarded, WebSocketHandler):
@@ -187,8 +302,7 @@ class _Measuring(_Guarded, WebSocketHandler):
     async def on_message(self, message: str | bytes) -> None:
         """Answer; the next message is read when this one is answered."""
         data = message.encode() if isinstance(message, str) else message
-        answer = await asyncio.get_running_loop().run_in_executor(self.page.worker, self.page.answer, data)
-        await self.write_message(orjson.dumps(answer).decode())
+        await self.write_message(orjson.dumps(await self.page.answer(data)).decode())
 
 
 async def serve_view(view: View, access: Access, std_px: float, opened: Callable[[str], None]) -> None:
@@ -207,6 +321,9 @@ async def serve_view(view: View, access: Access, std_px: float, opened: Callable
     routes: list[Any] = [
         (r"/view\.json", _Description, {"page": page}),
         (r"/images/(\d{1,9})\.jpg", _Picture, {"page": page}),
+        (r"/images/(\d{1,9})\.json", _Seen, {"page": page}),
+        (r"/series\.json", _Series, {"page": page}),
+        (r"/news\.json", _News, {"page": page}),
         (r"/measure", _Measuring, {"page": page}),
         (r"/(.*)", _File, {"page": page}),
     ]
@@ -227,4 +344,33 @@ async def serve_view(view: View, access: Access, std_px: float, opened: Callable
         server.stop()
         with suppress(TimeoutError):  # a browser that does not answer is not waited for
             await asyncio.wait_for(server.close_all_connections(), _PATIENCE_S)
-        page.worker.shutdown(cancel_futures=True)
+        page.close()
+
+
+@contextmanager
+def page_beside(view: View, access: Access, std_px: float) -> Iterator[str]:
+    """Serve the page in a thread of its own while the ``with`` block lasts; gives the address.
+
+    Raises:
+        LinkError: The port cannot be opened.
+    """
+    opened, loop = Future[str](), asyncio.new_event_loop()
+    serving = loop.create_task(serve_view(view, access, std_px, opened.set_result))
+
+    def run() -> None:
+        try:
+            with suppress(asyncio.CancelledError):
+                loop.run_until_complete(serving)
+        except LinkError as error:
+            opened.set_exception(error)
+        finally:
+            loop.close()
+
+    thread = threading.Thread(target=run, name="page", daemon=True)
+    thread.start()
+    try:
+        yield opened.result()
+    finally:
+        with suppress(RuntimeError):  # it has ended by itself
+            loop.call_soon_threadsafe(serving.cancel)
+        thread.join()

@@ -1,7 +1,7 @@
 """A recording as input again: its configuration, messages and pixels."""
 
+from replay.recordings.of_image import measurements_of, pose_at, pose_of
 from replay.recordings.pixels import PixelStore, jpeg_of
-from replay.recordings.poses import pose_at, pose_of
 from replay.recordings.recording import (
     ENCODED_IMAGE_SCHEMAS,
     JPEG_SCHEMA,

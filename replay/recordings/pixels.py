@@ -3,14 +3,16 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Final
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
-from aerodft.adapters.images import FramePixels, PacketDecoder, decode_jpeg
+from aerodft.adapters.images import FramePixels, PacketDecoder, decode_jpeg, is_key_packet
 from aerodft.adapters.recording.read import ChunkLocation, ChunkReader, ReadMessage, SegmentScan, log_times
 from aerodft.adapters.recording.write import image_sequence
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model import Image, ImageArray
 from replay.recordings.recording import ENCODED_IMAGE_SCHEMAS, JPEG_SCHEMA, VIDEO_SCHEMA, Recording
@@ -61,8 +63,14 @@ class RecordedPixels:
         raise InputError("the recorded image is gone", where=where)
 
 
+_NEAR_NS: Final = 4 * SECOND_NS
+"""To an image so close ahead decoding goes on from where it is."""
+_KEY_WITHIN_NS: Final = (_NEAR_NS, 60 * SECOND_NS)
+"""A key image is looked for so long before an image; where there is none, decoding begins at the start."""
+
+
 class _VideoReader:
-    """A recording's video packets, decoded in order; going back begins at the start again."""
+    """A recording's video packets, decoded in order from the last key image before the one that is wanted."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -76,8 +84,9 @@ class _VideoReader:
         Raises:
             InputError: It is damaged, or refers to images that are missing.
         """
-        if log_ns < self._last[0] or self._decoder is None:
-            self._packets, self._decoder = self._recording.image_messages(), None
+        if self._decoder is None or not 0 <= log_ns - self._last[0] <= _NEAR_NS:
+            self._packets, self._decoder = self._recording.image_messages(from_ns=self._key_before(log_ns)), None
+            self._last = (0, None)
         while self._last[0] != log_ns or self._decoder is None:
             message = next(self._packets, None)
             if message is None or message.log_ns > log_ns:
@@ -90,6 +99,17 @@ class _VideoReader:
             raise InputError("the recorded video cannot be decoded there", where=where)
         return pixels()
 
+    def _key_before(self, log_ns: int) -> int | None:
+        """Log time of the last key image up to a time; None where none is near, or the codec does not tell."""
+        for within_ns in _KEY_WITHIN_NS:
+            found = None
+            for message in self._recording.image_messages(from_ns=log_ns - within_ns, to_ns=log_ns + 1):
+                if message.channel.schema == VIDEO_SCHEMA and _is_key(message.data):
+                    found = message.log_ns
+            if found is not None:
+                return found
+        return None
+
     def _decoded(self, message: ReadMessage, most_px: int | None) -> FramePixels | None:
         try:
             packet = CompressedVideo.FromString(message.data)
@@ -98,6 +118,14 @@ class _VideoReader:
         except (DecodeError, ValueError) as error:
             raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error
         return None if frame is None else FramePixels(frame)
+
+
+def _is_key(data: bytes) -> bool:
+    try:
+        packet = CompressedVideo.FromString(data)
+    except DecodeError:  # said where it is decoded
+        return False
+    return is_key_packet(packet.format, packet.data)
 
 
 class PixelStore:

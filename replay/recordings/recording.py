@@ -215,13 +215,13 @@ class Recording:
         """The images and video packets of the image segments, log times in ``[from_ns, to_ns)``."""
         return messages_of(self.images, from_ns=from_ns, to_ns=to_ns, wanted=_is_image)
 
-    def measurements(self) -> Iterator[bytes]:
-        """The payloads of all measurements, in the order in which they were made.
+    def measurements(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[bytes]:
+        """The payloads of all measurements, in the order in which they were made; of log times in ``[from_ns, to_ns)``.
 
         Raises:
             InputError: Some of them cannot be told apart.
         """
-        for message in self.messages(wanted=lambda channel: channel.schema in _MEASURED):
+        for message in self.messages(from_ns=from_ns, to_ns=to_ns, wanted=lambda each: each.schema in _MEASURED):
             if message.channel.schema == MEASUREMENT_SCHEMA:
                 yield message.data
             else:

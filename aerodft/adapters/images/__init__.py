@@ -9,6 +9,7 @@ from aerodft.adapters.images.pixels import (
     StillPixels,
     decode_jpeg,
     encode_jpeg,
+    is_key_packet,
     read_camera_image,
 )
 from aerodft.adapters.images.rate import LiveRate, RateSource, ThinnedPixels, is_due

@@ -146,6 +146,31 @@ class PacketDecoder:
         return own[-1] if own else None
 
 
+_KEY_UNITS: Final = {"h264": (0x1F, 0, {5, 7}), "h265": (0x7E, 1, {*range(16, 22), 32, 33})}
+"""Of a NAL unit's first byte the bits of its type, and the types that only packets of key images have."""
+_START: Final = b"\x00\x00\x01"
+_MOST_UNITS: Final = 4
+
+
+def is_key_packet(name: str, data: bytes) -> bool:
+    """Whether decoding can begin with a packet (Annex B of H.264 and H.265); False of codecs that do not tell so.
+
+    Args:
+        name: As ``PacketDecoder``.
+        data: The packet.
+    """
+    bits, shift, keys = _KEY_UNITS.get(name.lower(), (0, 0, set()))
+    at = data.find(_START)
+    for _ in range(_MOST_UNITS):
+        first = at + len(_START)
+        if at < 0 or first >= len(data):
+            return False
+        if (data[first] & bits) >> shift in keys:
+            return True
+        at = data.find(_START, first)
+    return False
+
+
 def encode_jpeg(image: Image, quality: int) -> bytes:
     """An image's pixels as JPEG.
 

@@ -1,18 +1,22 @@
 """The images of a recording, with the poses that its telemetry gives them."""
 
+import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from threading import Lock
 from typing import Final
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_images
 from aerodft.app.measure import RecordedScenes
 from aerodft.app.recordings import StationRecording
-from aerodft.app.viewing.view import View, ViewedImage
+from aerodft.app.viewing.view import Document, View, ViewedImage
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup
-from aerodft.errors import NoAnswerError
+from aerodft.errors import NoAnswerError, located
 from aerodft.model import Camera, Image, ImageArray, PoseSample
-from replay.recordings import PixelStore
+from aerodft.reports.recording_series import Series, read_series
+from replay.export import parsed
+from replay.recordings import PixelStore, measurements_of
 
 _KEPT_SCENES: Final = 64
 
@@ -39,6 +43,7 @@ class RecordingView(View):
         if not self._images:
             hint = "record.image_hz says how many are recorded"
             raise NoAnswerError("the recording holds no image", where=recording.path, hint=hint)
+        self._decoding = Lock()  # a video is decoded in order, for whoever asks
         self._scenes = RecordedScenes(recording.path, reader)
         self._scene = lru_cache(maxsize=_KEPT_SCENES)(lambda number: self._scenes.of(self._images[number][0]))
 
@@ -64,12 +69,59 @@ class RecordingView(View):
     def pixels(self, number: int) -> ImageArray:
         """See ``View``."""
         self._image(number)
-        return self._images[number][1]()
+        with self._decoding:
+            return self._images[number][1]()
 
     def scene(self, number: int) -> tuple[Setup, PoseSample]:
         """See ``View``."""
         self._image(number)
         return self._scene(number)
+
+    def measured(self, number: int) -> list[Document]:
+        """See ``View``."""
+        with located(self._recording.path):
+            return [dict(parsed(each)) for each in measurements_of(self._recording.reader, self._image(number))]
+
+    def series(self) -> Document:
+        """What was measured and known over time, for plots.
+
+        Returns:
+            ``probes``: ``name``, ``kind``, ``unit``, ``seconds``, ``value``, ``low``, ``high``, ``status`` of each;
+            ``poses``: ``seconds``, ``height_m``, ``tilt_deg`` with their stds, ``height_source``, ``status``, the
+            track's ``east_m`` and ``north_m``; ``events``: ``seconds``, ``kind`` and ``text`` of each. None for what
+            is not known.
+
+        Raises:
+            InputError: The recording is damaged.
+        """
+        found, start_ns = read_series(self._recording.reader), self._recording.start_ns
+        poses = found.poses
+        columns = ("height_m", "height_std_m", "tilt_deg", "tilt_std_deg", "east_m", "north_m")
+        return {
+            "probes": [
+                {
+                    "name": each.name,
+                    "kind": each.kind,
+                    "unit": each.unit,
+                    "seconds": _seconds(each, start_ns),
+                    "value": _numbers(each, "value"),
+                    "low": _numbers(each, "ci95_low"),
+                    "high": _numbers(each, "ci95_high"),
+                    "status": each.statuses,
+                }
+                for each in found.probes.values()
+            ],
+            "poses": {
+                "seconds": _seconds(poses, start_ns),
+                **{name: _numbers(poses, name) for name in columns},
+                "height_source": poses.texts["height_source"],
+                "status": poses.statuses,
+            },
+            "events": [
+                {"seconds": (each.stamp_ns - start_ns) / SECOND_NS, "kind": each.kind, "text": each.text}
+                for each in found.events
+            ],
+        }
 
     def options(self, number: int) -> dict[str, str]:
         """See ``View``."""
@@ -80,3 +132,11 @@ class RecordingView(View):
             expected = f"0 to {len(self._images) - 1}"
             raise NoAnswerError("no such image", where=self._recording.path, got=number, expected=expected)
         return self._images[number][0]
+
+
+def _seconds(series: Series, start_ns: int) -> list[float]:
+    return [(stamp_ns - start_ns) / SECOND_NS for stamp_ns in series.stamps_ns]
+
+
+def _numbers(series: Series, name: str) -> list[float | None]:
+    return [None if math.isnan(each) else each for each in series.columns[name]]

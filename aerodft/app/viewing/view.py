@@ -5,20 +5,25 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from aerodft.adapters.images import encode_jpeg
-from aerodft.adapters.wire.measurement import measurement_payload
-from aerodft.app.measure import ImageProbe, requests_of
+from aerodft.adapters.wire.measurement import encode_measurement, measurement_payload
+from aerodft.adapters.wire.pose import summary_payload
+from aerodft.app.measure import Distance, ImageProbe, requests_of
 from aerodft.app.river import river_question, survey_image
+from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.app.viewing.questions import Landmark
+from aerodft.app.viewing.station_file import add_probe
 from aerodft.dft import Request, Setup, Share, advice, explain, measure
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
 from aerodft.vision.river import RiverHints, RiverView
+from replay.export import MapCrs, geojson_text, map_features
 
 Document: TypeAlias = dict[str, Any]
 
@@ -55,7 +60,13 @@ class ViewedImage:
 
 
 class View(ABC):
-    """Images, each with a camera pose, by their number from 0."""
+    """Images, each with a camera pose, by their number from 0.
+
+    Attributes:
+        station_file: The station's configuration, which probes are saved into; None where there is none.
+    """
+
+    station_file: Path | None = None
 
     @property
     @abstractmethod
@@ -134,6 +145,68 @@ class View(ABC):
             raise NoAnswerError("the image has no pose", got="; ".join(sample.reasons))
         return RiverView(number, setup, sample, partial(self.pixels, number))
 
+    def measured(self, number: int) -> list[Document]:
+        """What a station's probes measured in an image, as it published it; nothing in one that is of no station."""
+        del number
+        return []
+
+    def seen(self, number: int) -> Document:
+        """What is known of an image without asking for anything.
+
+        Returns:
+            ``pose``: as in a measurement, with ``status`` and ``reasons``. ``measurements``: those of the station's
+            probes.
+
+        Raises:
+            NoAnswerError: There is no such image.
+        """
+        _, sample = self.scene(number)
+        pose = summary_payload(sample) | {"status": sample.status, "reasons": sample.reasons}
+        return {"pose": pose, "measurements": self.measured(number)}
+
+    def overlay(self, number: int) -> Document:
+        """Horizon, ground grid and footprint of an image, see ``scene_overlay``.
+
+        Raises:
+            NoAnswerError: There is no such image.
+        """
+        return scene_overlay(*self.scene(number))
+
+    def sampling_m(self, number: int, probe: ImageProbe) -> tuple[float, float] | None:
+        """Ground sampling distance at a probe's last pixel: metres from one pixel to the next, across and down.
+
+        Returns:
+            None where there is no ground.
+
+        Raises:
+            NoAnswerError: There is no such image.
+        """
+        setup, sample = self.scene(number)
+        u, v = np.asarray(probe.pixels, dtype=np.float64)[-1].tolist()
+        sides = ([(u - 0.5, v), (u + 0.5, v)], [(u, v - 0.5), (u, v + 0.5)])
+        across, down = measure(setup, PoseBatch.of([sample]), requests_of([Distance(side) for side in sides]))[0]
+        return None if across.value is None or down.value is None else (across.value, down.value)
+
+    def save_probe(self, number: int, probe: ImageProbe, *, is_tracked: bool) -> Path:
+        """Have a station measure something from its next start on.
+
+        Args:
+            number: Of the image.
+            probe: What; it needs a name.
+            is_tracked: Whether its pixels are of that image, and followed over the ground; else they are fixed.
+
+        Returns:
+            The station's file, to which the probe was added.
+
+        Raises:
+            AerodftError: No station's file is known, or it cannot take the probe.
+        """
+        if self.station_file is None:
+            hint = "name the station's file when the page is opened"
+            raise UsageError("there is no station to save the probe for", hint=hint)
+        add_probe(self.station_file, probe, at_ns=self.scene(number)[1].stamp_ns if is_tracked else None)
+        return self.station_file
+
     def measure(self, number: int, probes: Sequence[ImageProbe], *, with_budget: bool = False) -> list[Document]:
         """Measure in an image.
 
@@ -143,7 +216,8 @@ class View(ABC):
             with_budget: Whether each says where its uncertainty comes from.
 
         Returns:
-            A document a probe, as ``aerodft measure --json`` prints it; ``command`` is the command line that gives it.
+            A document a probe, as ``aerodft measure --json`` prints it; ``command`` is the command line that gives it;
+            with a budget also ``geojson``, a text, None where no place is known.
 
         Raises:
             AerodftError: There is no such image, or a probe makes no sense.
@@ -155,6 +229,8 @@ class View(ABC):
             budget = explain(setup, sample, request) if with_budget else None
             command = _command(self.options(number), request)
             documents.append(measured_document(found, budget) | {"command": command})
+            if with_budget:
+                documents[-1]["geojson"] = _geojson(found)
         return documents
 
     def vertical_px(self, number: int, base: ImageProbe) -> list[tuple[float, float]]:
@@ -185,3 +261,10 @@ def _command(options: Mapping[str, str], request: Request) -> str:
     probe = f"{request.probe.kind} {pixels} name={request.probe.name}"
     words = (word for name, value in {**options, "probe": probe}.items() for word in (f"--{name}", value))
     return shlex.join(["aerodft", "measure", *words])
+
+
+def _geojson(measurement: Measurement) -> str | None:
+    """The measurement as a map of one feature; None where its place is not known."""
+    if measurement.geo is None:
+        return None
+    return "".join(geojson_text(map_features([encode_measurement(measurement)]), MapCrs.wgs84()))

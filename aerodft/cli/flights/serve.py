@@ -3,7 +3,7 @@
 import gc
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -12,6 +12,7 @@ import typer
 
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
+from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, page_of
 from aerodft.cli.summary import report
 
 
@@ -22,17 +23,31 @@ def serve(
     ] = None,
     seconds: Annotated[float | None, typer.Option(min=0.0, max=MOST_SECONDS, help="Stop after this time.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON at the end.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Show the images as a page, to measure in them.")] = False,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 0,
+    read_only: ReadOnlyOption = False,
 ) -> None:
     r"""Measure live until SIGINT or SIGTERM: every configured probe, for every image.
 
     \b
     Example:
       aerodft serve configs/services/river-flight.toml
+      aerodft serve configs/services/river-flight.toml --web
     """
     from aerodft.app.station import Station
 
-    with Station(config, output=output) as station, _stop_on_signal(station.stop):
+    station = Station(config, output=output)
+    with ExitStack() as stack:
+        if web:
+            from aerodft.app.viewing import LiveView
+
+            address = stack.enter_context(page_of(LiveView.of(station), host, port, read_only=read_only))
+        stack.enter_context(station)
+        stack.enter_context(_stop_on_signal(station.stop))
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s
+        if web:
+            say(f"{station.config.pipeline.station}: open {address} in a browser")
         say(f"recording to {station.recording}; stop with Ctrl-C")
         station.wait(seconds)
     for sentence in station.output_warnings:

@@ -1,6 +1,6 @@
 """``aerodft view``: an image or a recording in the browser, to look, click and measure."""
 
-import asyncio
+import threading
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from aerodft.cli.output import say
+from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, page_of
 from aerodft.cli.scenes.image_options import (
     CameraOption,
     HeadingOption,
@@ -22,7 +23,6 @@ from aerodft.cli.scenes.image_options import (
     refuse_beside,
     scene_of_options,
 )
-from aerodft.errors import InputError
 
 if TYPE_CHECKING:
     from aerodft.app.viewing import View
@@ -39,11 +39,10 @@ def view(
     lon: LonOption = None,
     std: StdOption = None,
     calibration: Annotated[Path | None, typer.Option(help="Take pose and lens of a calibration file.")] = None,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; beyond this machine a token is asked for.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 0,
-    read_only: Annotated[bool, typer.Option("--read-only", help="Look and measure; use no calibration.")] = False,
+    station: Annotated[Path | None, typer.Option(help="Station file that probes are saved into.")] = None,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 0,
+    read_only: ReadOnlyOption = False,
     browser: Annotated[bool, typer.Option("--open", help="Open it in the browser of this machine.")] = False,
 ) -> None:
     r"""Show an image or a recording as a page: zoom, click, and read distances with their intervals.
@@ -54,27 +53,22 @@ def view(
       aerodft view bridge.jpg --camera camera.toml
       aerodft view bridge.jpg --camera camera.toml --height 10.5 --tilt 67 --std height=0.1,tilt=0.2
     """
-    try:
-        from aerodft.web import Access, serve_view
-    except ImportError as error:
-        raise InputError("the page needs Tornado", got=error, hint="install aerodft[web]") from error
-
-    access = Access.at(host, port, is_read_only=read_only)
     pose: dict[str, Any] = {"height": height, "tilt": tilt, "roll": roll or None, "heading": heading or None}
     pose |= {"lat": lat, "lon": lon, "covariance": None}
     given = pose | {"camera": camera, "calibration": calibration, "std": std}
     shown = _recording(source, given) if source.is_dir() or _is_recording(source) else _still(source, given)
 
-    def opened(address: str) -> None:
+    shown.station_file = station
+    with (
+        suppress(KeyboardInterrupt),
+        page_of(shown, host, port, read_only=read_only, std_px=parse_stds(std).px) as address,
+    ):
         say(f"{shown.title}: open {address} in a browser; stop with Ctrl-C")
         if browser:
             import webbrowser
 
             webbrowser.open(address)
-
-    stds = parse_stds(std)
-    with suppress(KeyboardInterrupt):
-        asyncio.run(serve_view(shown, access, 1.0 if stds.px is None else stds.px, opened))
+        threading.Event().wait()
 
 
 def _is_recording(source: Path) -> bool:

@@ -1,10 +1,15 @@
 // The page: what people do with pointer and keys, and what they see of it.
 
+import { Health, clock } from "./health.js";
 import { Link } from "./link.js";
 import { Landmarks } from "./landmarks.js";
+import { Live } from "./live.js";
+import { GroundMap } from "./map.js";
+import { OverlayLayer } from "./overlay.js";
 import { Picture } from "./picture.js";
+import { Plots } from "./plots.js";
 import { RiverLayer } from "./river.js";
-import { copyText, quality, reachText, valueText } from "./words.js";
+import { copyText, poseText, quality, reachText, samplingText, valueText } from "./words.js";
 
 const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00"]; // Okabe and Ito
 const COUNTS = { width: 2, distance: 2, height: 2, position: 1, landmark: 1, length: 256, area: 256 };
@@ -22,11 +27,15 @@ const find = (id) => document.getElementById(id);
 
 const picture = new Picture(find("image"), find("loupe"));
 const link = new Link((connected) => {
-  find("link").textContent = connected ? "connected" : "connection lost, trying again";
-  find("link").classList.toggle("lost", !connected);
+  tellLink(connected);
   if (connected && view) measureAll();
 });
-const river = new RiverLayer(link, drawAll);
+const slow = new Link(() => {}); // what takes longer does not hold up what follows the pointer
+const river = new RiverLayer(slow, drawAll);
+const overlay = new OverlayLayer(link, drawAll);
+const plots = new Plots(find("plots"), (seconds) => seek(nearest(seconds)));
+const map = new GroundMap(find("map"));
+const health = new Health(find("alerts"), find("health"));
 const landmarks = new Landmarks(link, drawAll, () => { measureAll(); river.look(number); });
 let view = null, number = 0, kind = "width", selected = null, playing = null, made = 0;
 let marks = []; // { name, kind, points, found, colour }
@@ -66,12 +75,13 @@ function measureDraft() {
   const few = points.length < (LEAST[kind] || COUNTS[kind]);
   const question = few ? { kind: "position", pixels: points.slice(-1) } : { kind, pixels: points };
   if (!points.length || isStroke() || kind === "landmark") return;
-  const asked = { image: number, probes: [question], vertical: kind === "height" && draft.length === 1 };
+  const asked = { image: number, probes: [question], vertical: kind === "height" && draft.length === 1, sampling: overlay.isShown };
   link.ask("pointer", asked, (answer) => {
     if (answer.error) return tell(answer.error);
     vertical = answer.vertical || [];
-    const [found] = answer.measurements;
-    tell(few && found.status === "ok" && draft.length ? "" : valueText(found, units()), quality(found));
+    const [found] = answer.measurements, sampling = answer.sampling_m ? `\n${samplingText(answer.sampling_m)}` : "";
+    const value = few && found.status === "ok" && draft.length ? "" : valueText(found, units());
+    tell(value || sampling ? value + sampling : "", quality(found));
     drawAll();
   });
 }
@@ -112,13 +122,28 @@ function drawAll() {
   const open = pointer && draft.length ? [...draft, pointer] : draft;
   shapes.push({ points: open, colour: "#fff", closed: kind === "area" && open.length > 2 });
   if (vertical.length) shapes.push({ points: vertical, colour: "#f0e442", dashed: true });
-  picture.shapes = [...river.shapes(number), ...(kind === "landmark" ? landmarks.shapes() : []), ...shapes];
+  picture.shapes = [...overlay.shapes(units()), ...river.shapes(number), ...(kind === "landmark" ? landmarks.shapes() : []), ...shapes];
   find("landmarks").hidden = kind !== "landmark";
   picture.draw();
   listMarks();
   find("reach").hidden = !river.isShown;
   find("reach-width").textContent = river.found ? reachText(river.found, units()) : "looking for banks";
-  river.drawProfile(find("profile"), getComputedStyle(document.body).color);
+  const ink = getComputedStyle(document.body).color;
+  river.drawProfile(find("profile"), ink);
+  if (find("above").open) map.draw(overlay.scene, marks, ink);
+}
+
+function showGrid() {
+  overlay.isShown = !overlay.isShown;
+  find("grid").setAttribute("aria-pressed", String(overlay.isShown));
+  drawAll();
+}
+
+async function showPlots() {
+  plots.isShown = !plots.isShown;
+  find("plot").setAttribute("aria-pressed", String(plots.isShown));
+  find("over-time").hidden = !plots.isShown;
+  plots.draw();
 }
 
 function showRiver() {
@@ -283,6 +308,8 @@ document.onkeydown = (event) => {
   else if (event.ctrlKey || event.metaKey || event.altKey) return;
   else if (KEYS[event.key]) choose(KEYS[event.key]);
   else if (event.key === "r") showRiver();
+  else if (event.key === "g") showGrid();
+  else if (event.key === "t" && !find("time").hidden) showPlots();
   else if (event.key === "Escape") choose(kind);
   else if (event.key.startsWith("Arrow") && event.target === canvas) movePointer(event);
   else if (event.key === "Enter" && event.target === canvas) { if (LEAST[kind] && event.ctrlKey) finish(); else if (pointer) place(pointer); }
@@ -298,6 +325,16 @@ document.onkeydown = (event) => {
 
 find("tools").onclick = (event) => event.target.dataset.kind && choose(event.target.dataset.kind);
 find("river").onclick = showRiver;
+find("grid").onclick = showGrid;
+find("plot").onclick = showPlots;
+find("above").ontoggle = drawAll;
+find("saving").onclick = (event) => {
+  const mark = marks.find((each) => each.name === selected), how = event.target.dataset.save;
+  if (!how || !mark) return;
+  link.ask("save", { image: number, save: probe(mark), tracked: how === "tracked" }, (answer) => {
+    find("saved").textContent = answer.error || `In ${answer.file}: measured from the station's next start on.`;
+  });
+};
 find("forget").onclick = () => { river.forget(); river.look(number); drawAll(); };
 find("units").onchange = drawAll;
 find("copies").onclick = async (event) => {
@@ -314,29 +351,66 @@ find("copies").onclick = async (event) => {
 
 let loading = 0;
 
-async function seek(wanted) {
-  number = Math.min(Math.max(wanted, 0), view.images.length - 1);
-  find("seek").value = String(number);
-  const { stamp_ns: stamp, seconds } = view.images[number], turn = ++loading;
-  const day = stamp === "0" ? "" : `  ${new Date(Number(BigInt(stamp) / 1000000n)).toISOString()}`;
-  find("when").textContent = `image ${number + 1} of ${view.images.length}, ${seconds.toFixed(3)} s${day}`;
-  const answer = await fetch(`images/${number}.jpg`);
-  if (turn !== loading) return;
-  if (!answer.ok) { find("link").textContent = await answer.text(); return; }
-  const bitmap = await createImageBitmap(await answer.blob());
-  if (turn !== loading) return;
-  picture.show(bitmap);
-  measureAll();
-  river.look(number);
+function tellLink(connected) {
+  find("link").textContent = connected ? "connected" : "connection lost, trying again";
+  find("link").classList.toggle("lost", !connected);
 }
+
+const nearest = (seconds) => view.images.reduce((best, each, at) => (Math.abs(each.seconds - seconds) < Math.abs(view.images[best].seconds - seconds) ? at : best), 0);
+
+async function shown(wanted, hasPicture, seen) { // false where a newer image was asked for meanwhile
+  const turn = ++loading;
+  const [picked, known] = await Promise.all([
+    hasPicture ? fetch(`images/${wanted}.jpg`) : null, seen || fetch(`images/${wanted}.json`).then((answer) => (answer.ok ? answer.json() : null)),
+  ]);
+  if (turn !== loading) return false;
+  if (picked && !picked.ok) { find("link").textContent = await picked.text(); return false; }
+  const bitmap = picked && await createImageBitmap(await picked.blob());
+  if (turn !== loading) return false;
+  number = wanted;
+  overlay.seen = known;
+  find("pose").textContent = known ? poseText(known.pose) : "";
+  if (bitmap) picture.show(bitmap);
+  else picture.blank(view.width_px, view.height_px);
+  measureAll();
+  overlay.look(number);
+  river.look(number);
+  return true;
+}
+
+async function seek(wanted) {
+  if (view.is_live) return;
+  const target = Math.min(Math.max(wanted, 0), view.images.length - 1), { stamp_ns: stamp, seconds } = view.images[target];
+  find("seek").value = String(target);
+  const day = stamp === "0" ? "" : `  ${new Date(Number(BigInt(stamp) / 1000000n)).toISOString()}`;
+  find("when").textContent = `image ${target + 1} of ${view.images.length}, ${seconds.toFixed(3)} s${day}`;
+  plots.now = seconds;
+  plots.draw();
+  await shown(target, true, null);
+}
+
+async function takeNews(news) {
+  health.take(news);
+  if (!news.image) { find("when").textContent = "no image yet"; return; }
+  const { number: newest, stamp_ns: stamp, has_picture: hasPicture } = news.image, seconds = Number(BigInt(stamp) / 1000000n) / 1000;
+  liveStart ??= seconds;
+  plots.now = seconds - liveStart;
+  plots.add(plots.now, news.image);
+  find("when").textContent = playing ? `image ${newest}, ${clock(stamp)}` : `stopped at image ${number}; the station goes on (${clock(stamp)})`;
+  if (playing && newest !== number) await shown(newest, hasPicture, news.image);
+}
+
+let liveStart = null;
 
 function play() {
   find("play").textContent = playing ? "▶" : "❚❚";
   find("play").setAttribute("aria-label", playing ? "Play" : "Pause");
+  if (view.is_live) { playing = playing ? null : "live"; return; }
   if (playing) { clearTimeout(playing); playing = null; return; }
   const step = async () => {
-    const here = view.images[number].seconds, began = performance.now();
-    await seek(number + 1 < view.images.length ? number + 1 : 0);
+    const here = view.images[number].seconds, began = performance.now(), isLast = number + 1 >= view.images.length;
+    if (isLast && !find("loop").checked) return play();
+    await seek(isLast ? 0 : number + 1);
     const pace = Number(find("speed").value), due = (Math.max(view.images[number].seconds - here, 0.02) * 1000) / pace;
     if (playing) playing = setTimeout(step, Math.max(due - (performance.now() - began), 0));
   };
@@ -351,7 +425,23 @@ find("seek").oninput = () => seek(Number(find("seek").value));
 view = await (await fetch("view.json")).json();
 document.title = `${view.title} - aerodft`;
 find("title").textContent = view.title;
-find("time").hidden = view.images.length < 2;
+find("saving").hidden = !view.can_save;
+find("time").hidden = view.images.length < 2 && !view.is_live;
+find("well").hidden = !view.is_live;
+for (const id of ["before", "after", "seek", "looping", "pace"]) find(id).hidden = view.is_live;
 find("seek").max = String(view.images.length - 1);
-await seek(0);
+if (view.is_live) {
+  play();
+  new Live(takeNews, tellLink).follow();
+} else {
+  await seek(0);
+  if (view.images.length > 1) {
+    fetch("series.json").then(async (answer) => {
+      if (!answer.ok) return;
+      const series = await answer.json();
+      map.track = series.poses.east_m.map((east, at) => [east, series.poses.north_m[at]]).filter(([east]) => east !== null);
+      plots.take(series);
+    });
+  }
+}
 document.body.dataset.ready = "true";

@@ -11,7 +11,7 @@ export class Picture {
     this.scale = 1;
     this.left = 0;
     this.top = 0;
-    this.shapes = []; // { points: [[u, v]], colour, closed, label, dashed, plain: without its points }
+    this.shapes = []; // { points: [[u, v]], colour, closed, label, dashed, plain: without its points, thin: a line of the grid, with its tag }
     new ResizeObserver(() => this.resized()).observe(canvas);
   }
 
@@ -75,9 +75,10 @@ export class Picture {
     for (const shape of this.shapes) this.drawShape(shape);
   }
 
-  drawShape({ points, colour, closed, label, dashed, plain }) {
+  drawShape({ points, colour, closed, label, dashed, plain, thin, tag }) {
     const { pen } = this, at = points.map((point) => this.screenAt(point));
     if (!at.length) return;
+    if (thin) return this.drawThin(at, colour, tag);
     for (const [paint, width] of [["#000", 5], [colour, 2.5]]) {
       pen.strokeStyle = paint;
       pen.lineWidth = width;
@@ -102,6 +103,28 @@ export class Picture {
     pen.fillRect(x - width / 2 - 6, y - 34, width + 12, 22);
     pen.fillStyle = "#fff";
     pen.fillText(label, x - width / 2, y - 18);
+  }
+
+  drawThin(at, colour, tag) {
+    const { pen } = this, [x, y] = at[Math.floor(at.length / 2)];
+    pen.strokeStyle = colour;
+    pen.lineWidth = 1;
+    pen.globalAlpha = 0.6;
+    pen.beginPath();
+    for (const point of at) pen.lineTo(...point);
+    pen.stroke();
+    pen.globalAlpha = 1;
+    pen.font = "12px system-ui, sans-serif";
+    for (const [paint, shift] of [["#000", 1], [colour, 0]]) {
+      pen.fillStyle = paint;
+      pen.fillText(tag, x + 3 + shift, y - 3 + shift);
+    }
+  }
+
+  blank(width, height) { // a station whose images have no picture is measured in all the same
+    const canvas = new OffscreenCanvas(width, height);
+    canvas.getContext("2d").fillRect(0, 0, width, height);
+    this.show(canvas);
   }
 
   drawLoupe(pixel) {

@@ -25,6 +25,19 @@ export function quality(measurement) {
   return share < 0.02 ? "good" : share < 0.1 ? "fair" : "poor";
 }
 
+export function poseText(pose) {
+  if (pose.status !== "ok") return `${pose.status.toUpperCase()}: ${pose.reasons.join("; ")}`;
+  const std = (name) => pose.std[name].toPrecision(2), source = pose.height_source ? ` (${pose.height_source})` : "";
+  const age = pose.telemetry_age_s === null ? "" : `, telemetry ${pose.telemetry_age_s.toFixed(2)} s old`;
+  return `Height ${pose.height_agl_m.toFixed(2)} ± ${std("height_agl_m")} m${source}, tilt ${pose.tilt_deg.toFixed(2)} ± ${std("tilt_deg")}°,`
+    + ` heading ${pose.heading_deg.toFixed(1)}°${age} (± is one standard deviation)`;
+}
+
+export function samplingText([across, down]) {
+  const metres = (value) => (value < 0.1 ? `${(100 * value).toPrecision(2)} cm` : `${value.toPrecision(2)} m`);
+  return `a pixel is ${metres(across)} wide, ${metres(down)} deep`;
+}
+
 export function reachText(river, units) {
   if (!river.width_m) return refusalText(river);
   const { median, ci95, transects } = river.width_m;
@@ -34,15 +47,16 @@ export function reachText(river, units) {
 
 function number(value, interval) {
   const digits = interval > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(interval)), 0), 6) : 3;
-  return value.toFixed(digits);
+  return (Math.round(value * 10 ** digits) / 10 ** digits || 0).toFixed(digits); // no -0
 }
 
 export function copyText(form, measurement, units) {
   if (form === "json") return JSON.stringify(measurement, null, 2);
   if (form === "command") return measurement.command;
+  if (form === "geojson") return measurement.geojson || "Nobody knows where on the map this is: the pose has no place.";
   if (form === "probe") {
     const pixels = measurement.pixels.map(([u, v]) => `[${u}, ${v}]`).join(", ");
-    return `[[probes]]\nname = "${measurement.name}"\nkind = "${measurement.kind}"\npixels = [${pixels}]\n`;
+    return `[[probe]]\nname = "${measurement.name}"\nkind = "${measurement.kind}"\npixels = [${pixels}]\n`;
   }
   return `${measurement.name}: ${valueText(measurement, units)}`;
 }

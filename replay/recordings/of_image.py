@@ -1,4 +1,4 @@
-"""The poses that a recording holds: what its station knew when it measured."""
+"""What a recording holds of one image: its pose, and what was measured in it."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -14,6 +14,9 @@ from replay.recordings.recording import Recording
 
 _LATEST_NS: Final = 30 * SECOND_NS
 """A pose is recorded at most so long after its image came: longer than any station waits for telemetry."""
+
+_USUAL_NS: Final = 3 * SECOND_NS
+"""What is measured in an image is recorded so soon, but for what waits longest for telemetry."""
 
 
 def pose_of(recording: Recording, image: Image) -> PoseSample | None:
@@ -46,6 +49,18 @@ def pose_at(recording: Recording, stamp_ns: int) -> PoseSample | None:
             if sample.stamp_ns == stamp_ns:
                 return sample
     return None
+
+
+def measurements_of(recording: Recording, image: Image) -> Iterator[bytes]:
+    """The recorded measurements of an image, as ``aerodft.measurement/1``, those of a probe that came later too.
+
+    Raises:
+        InputError: One is damaged.
+    """
+    from_ns, own = image.arrival_ns, b'"image":%d,' % image.index
+    for payload in recording.measurements(from_ns=from_ns, to_ns=from_ns + _USUAL_NS):
+        if own in payload:
+            yield payload
 
 
 def _poses(recording: Recording, from_ns: int | None, to_ns: int | None) -> Iterator[ReadMessage]:

@@ -1,0 +1,242 @@
+"""The images of a station that measures, as they come."""
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import orjson
+
+from aerodft.adapters.images import decode_jpeg, encode_jpeg
+from aerodft.adapters.wire.measurement import measurement_payload
+from aerodft.adapters.wire.status import StationStatus, encode_status
+from aerodft.adapters.worker_queue import WorkerQueue
+from aerodft.app.station import Station
+from aerodft.app.viewing.alerts import Alerts
+from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.conventions import SECOND_NS
+from aerodft.dft import Setup, zoomed
+from aerodft.errors import AerodftError, NoAnswerError
+from aerodft.model import Camera, Image, ImageArray, Measurement, PoseSample
+from aerodft.service import Batches, PipelineSettings, StepOutputs
+
+_MOST_HZ: Final = 15.0
+_IDLE_S: Final = 5.0
+"""Nobody who looks asks less often."""
+_QUEUED: Final = 2
+_KEPT_PICTURES: Final = 48
+"""Those of three seconds: an image waits for its telemetry for two."""
+_KEPT_POSES: Final = 2000
+"""A page that was paused minutes ago goes on measuring in its image."""
+_JPEG_QUALITY: Final = 85
+
+
+@dataclass(slots=True)
+class _LiveImage:
+    """An image that is shown once its picture is encoded and its pose is known."""
+
+    stamp_ns: int
+    has_picture: bool
+    jpeg: bytes | None = None
+    sample: PoseSample | None = None
+
+    @property
+    def is_ready(self) -> bool:
+        return self.sample is not None and (self.jpeg is not None or not self.has_picture)
+
+
+class LiveView(View):
+    """The newest images of a station, each with its pose; their numbers are those of the station.
+
+    An output of the station that never makes it wait: pictures are encoded in a thread of their own, 15 a second at
+    most and only while somebody asks; those that come while two wait are left out.
+
+    Args:
+        settings: The station's.
+        recording: Where it records.
+
+    Attributes:
+        newest: Number of the newest image that can be shown; -1 before the first.
+    """
+
+    def __init__(self, settings: PipelineSettings, recording: Path) -> None:
+        self._settings = settings
+        self._setup = settings.setup
+        self._recording = recording
+        self._lock = threading.Lock()
+        self._images: OrderedDict[int, _LiveImage] = OrderedDict()
+        self._measured: dict[str, Measurement] = {}
+        self._status: StationStatus | None = None
+        self._alerts = Alerts()
+        self._asked_s = -_IDLE_S
+        self._last_ns: int | None = None
+        self._listeners: set[Callable[[], object]] = set()
+        self._queue: WorkerQueue[Image] = WorkerQueue("page-images", self._encode, _nothing, capacity=_QUEUED)
+        self.newest = -1
+
+    @classmethod
+    def of(cls, station: Station) -> "LiveView":
+        """The view of a station that is not entered yet."""
+        view = cls(station.config.pipeline, station.recording)
+        view.station_file = station.file
+        station.add_output(view)
+        return view
+
+    @property
+    def title(self) -> str:
+        """The station's name."""
+        return self._settings.station
+
+    @property
+    def camera(self) -> Camera:
+        """The station's."""
+        return self._setup.camera
+
+    @property
+    def images(self) -> Sequence[ViewedImage]:
+        """None: they come as they are asked for."""
+        return ()
+
+    @contextmanager
+    def heard_by(self, listener: Callable[[], object]) -> Iterator[None]:
+        """While the block lasts, have a function called when there is a new image; it must not block."""
+        self._listeners.add(listener)
+        try:
+            yield
+        finally:
+            self._listeners.discard(listener)
+
+    def news(self) -> Document:
+        """What is newest, and whether anything is wrong.
+
+        Returns:
+            ``image``: ``number``, ``stamp_ns``, ``has_picture`` and what ``seen`` says; None before the first one.
+            ``status``: the station's, as published. ``alerts``: what is wrong, see ``Alerts``.
+        """
+        self._asked_s = time.monotonic()
+        with self._lock:
+            number, status = self.newest, self._status
+            shown = self._images.get(number)
+        image: Document | None = None
+        if shown is not None:
+            image = {"number": number, "stamp_ns": str(shown.stamp_ns), "has_picture": shown.has_picture}
+            image |= self.seen(number)
+        state = None if status is None else orjson.loads(encode_status(status))
+        return {"image": image, "status": state, "alerts": self._alerts.now()}
+
+    def measured(self, number: int) -> list[Document]:
+        """See ``View``: of every probe the newest."""
+        del number
+        with self._lock:
+            newest = list(self._measured.values())
+        return [measurement_payload(each) for each in newest]
+
+    def jpeg(self, number: int) -> bytes:
+        """See ``View``."""
+        jpeg = self._image(number).jpeg
+        if jpeg is None:
+            raise self._gone(number)
+        return jpeg
+
+    def pixels(self, number: int) -> ImageArray:
+        """See ``View``; as they were encoded."""
+        return decode_jpeg(self.jpeg(number), f"image {number}", None)
+
+    def scene(self, number: int) -> tuple[Setup, PoseSample]:
+        """See ``View``."""
+        sample = self._image(number).sample
+        if sample is None:
+            raise self._gone(number)
+        setup, sample = zoomed(self._setup, sample)
+        return setup, replace(sample, zoom=None)
+
+    def options(self, number: int) -> dict[str, str]:
+        """See ``View``: of the recording that is being made."""
+        return {"recording": str(self._recording), "at": str(self.scene(number)[1].stamp_ns)}
+
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:
+        """See ``Sink``."""
+        self._alerts.take(batches, outputs)
+        if time.monotonic() - self._asked_s > _IDLE_S:
+            return
+        for image in batches.images:
+            if self._is_due(image):
+                self._last_ns = image.arrival_ns
+                self._keep(image)
+        with self._lock:
+            for block in outputs.images:
+                for row, number in enumerate(block.images.tolist()):
+                    if number in self._images:
+                        self._images[number].sample = block.poses[row]
+                        self._images[number].stamp_ns = int(block.poses.stamp_ns[row])
+                        self._show(number)
+            for _, _, batch in outputs.measured():
+                if len(batch):
+                    self._measured |= {each.name: each for each in batch[len(batch) - 1]}
+
+    def status(self, value: StationStatus) -> None:
+        """Take the station's state."""
+        self._status = value
+        self._alerts.status(value)
+
+    def warnings(self) -> tuple[str, ...]:
+        """None: what a page did not get is in the recording."""
+        return ()
+
+    def close(self) -> None:
+        """End the thread that encodes."""
+        self._queue.close()
+
+    def _is_due(self, image: Image) -> bool:
+        return self._last_ns is None or image.arrival_ns - self._last_ns >= 0.9 * SECOND_NS / _MOST_HZ
+
+    def _keep(self, image: Image) -> None:
+        """Remember an image, if there is room for it to be encoded."""
+        has_picture = image.pixels is not None
+        with self._lock:
+            self._images[image.index] = _LiveImage(image.stamp_ns, has_picture)
+        if has_picture and not self._queue.put(image):
+            with self._lock:
+                self._images.pop(image.index)
+            return
+        with self._lock:
+            numbers = list(self._images)
+            for number in numbers[:-_KEPT_POSES]:
+                self._images.pop(number)
+            for number in numbers[-_KEPT_PICTURES - 1 : -_KEPT_PICTURES]:
+                self._images[number].jpeg = None
+
+    def _encode(self, image: Image) -> None:
+        try:
+            jpeg = encode_jpeg(image, _JPEG_QUALITY)
+        except AerodftError:  # damaged on its way: the next one is shown
+            return
+        with self._lock:
+            if image.index in self._images:
+                self._images[image.index].jpeg = jpeg
+                self._show(image.index)
+
+    def _show(self, number: int) -> None:
+        if number > self.newest and self._images[number].is_ready:
+            self.newest = number
+            for listener in tuple(self._listeners):
+                listener()
+
+    def _image(self, number: int) -> _LiveImage:
+        with self._lock:
+            found = self._images.get(number)
+        if found is None:
+            raise self._gone(number)
+        return found
+
+    def _gone(self, number: int) -> NoAnswerError:
+        hint = f"`aerodft view {self._recording}` shows it once the station has ended"
+        return NoAnswerError("the image is no longer kept", where=self.title, got=f"image {number}", hint=hint)
+
+
+def _nothing() -> None:
+    """Encoding needs no tending."""

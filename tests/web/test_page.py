@@ -2,32 +2,18 @@
 
 import math
 import shlex
-import shutil
 
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import expect
 
 from tests.commands import run_aerodft
-from tests.web.pages import opened_page
+from tests.web.pages import PATIENCE_MS, copied, needs_browser, numbers, opened_page, shown, value_of
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 HEIGHT_M, TILT_DEG, FOCAL_PX, SIZE = 20.0, 50.0, 800.0, (960, 640)
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
-PATIENCE_MS = 60_000
 
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium: install the package chromium, and the page is tried in it"
-)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, "--disable-component-update"])
-        yield chromium
-        chromium.close()
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -64,18 +50,6 @@ def page(browser, address):
     yield from shown(browser, address)
 
 
-def shown(browser, address, **options):
-    context = browser.new_context(viewport={"width": 1280, "height": 800}, **options)
-    tab, wrong = context.new_page(), []
-    tab.on("pageerror", lambda error: wrong.append(str(error)))
-    tab.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
-    tab.goto(address)
-    tab.wait_for_selector("body[data-ready]", timeout=PATIENCE_MS)
-    yield tab
-    assert not wrong
-    context.close()
-
-
 def click(page, pixel):
     """Click a pixel of the image, as near as the screen's pixels allow."""
     x, y = place(page, pixel)
@@ -88,23 +62,6 @@ def place(page, pixel):
     scale = min(box["width"] / SIZE[0], box["height"] / SIZE[1])
     left, top = (box["width"] - SIZE[0] * scale) / 2, (box["height"] - SIZE[1] * scale) / 2
     return box["x"] + left + (pixel[0] + 0.5) * scale, box["y"] + top + (pixel[1] + 0.5) * scale
-
-
-def value_of(page, row=0):
-    cell = page.locator("#measurements .value").nth(row)
-    expect(cell).not_to_have_text("…", timeout=PATIENCE_MS)
-    return cell.inner_text()
-
-
-def copied(page, form):
-    page.click(f"[data-copy={form}]")
-    return page.input_value("#copied")
-
-
-def numbers(text):
-    value, _, rest = text.partition(" ")
-    low, high = rest.partition("[")[2].partition("]")[0].split(" … ")
-    return float(value), float(low), float(high)
 
 
 def test_two_banks_are_as_far_apart_as_they_are(page):

@@ -76,6 +76,6 @@ def _of_status(status: StationStatus) -> Sentences:
     elif health.loss_share > _MOST_LOSS:
         yield "link", f"{100 * health.loss_share:.0f} % of the telemetry is lost on its way"
     stale = [name for name, age_s in health.ages_s.items() if math.isfinite(age_s) and age_s > _LONGEST_S]
-    if stale and health.heartbeat_age_s is not None:
+    if stale and health.heartbeat_age_s is not None and health.heartbeat_age_s <= _LONGEST_S:
         named = ", ".join(f"{name} for {health.ages_s[name]:.0f} s" for name in sorted(stale))
         yield "stale", f"telemetry has stopped: {named}"

@@ -77,6 +77,11 @@ class StillView(View):
             raise NoAnswerError("the camera's pose is not known yet", where=self._path, hint=hint)
         return self._scene
 
+    def seen(self, number: int) -> Document:
+        """See ``View``; before the pose is known it is None."""
+        self._check(number)
+        return {"pose": None, "measurements": []} if self._scene is None else super().seen(number)
+
     def options(self, number: int) -> dict[str, str]:
         """See ``View``."""
         self._check(number)

@@ -154,8 +154,8 @@ class View(ABC):
         """What is known of an image without asking for anything.
 
         Returns:
-            ``pose``: as in a measurement, with ``status`` and ``reasons``. ``measurements``: those of the station's
-            probes.
+            ``pose``: as in a measurement, with ``status`` and ``reasons``; None where nobody has said it yet.
+            ``measurements``: those of the station's probes.
 
         Raises:
             NoAnswerError: There is no such image.

@@ -36,7 +36,7 @@ const overlay = new OverlayLayer(link, drawAll);
 const plots = new Plots(find("plots"), (seconds) => seek(nearest(seconds)));
 const map = new GroundMap(find("map"));
 const health = new Health(find("alerts"), find("health"));
-const landmarks = new Landmarks(link, drawAll, () => { measureAll(); river.look(number); });
+const landmarks = new Landmarks(link, drawAll, () => shown(number, true, null));
 let view = null, number = 0, kind = "width", selected = null, playing = null, made = 0;
 let marks = []; // { name, kind, points, found, colour }
 let draft = []; // points of the mark that is being made
@@ -316,8 +316,8 @@ document.onkeydown = (event) => {
   else if (event.key === "Enter" && event.target === document.body) finish();
   else if (event.key === "+" || event.key === "-") picture.zoom(event.key === "+" ? 1.25 : 0.8, canvas.clientWidth / 2, canvas.clientHeight / 2);
   else if (event.key === "0") picture.fit();
-  else if (event.key === ",") seek(number - 1);
-  else if (event.key === ".") seek(number + 1);
+  else if (event.key === ",") seek(target - 1);
+  else if (event.key === ".") seek(target + 1);
   else if (event.key === " " && event.target.tagName !== "BUTTON") play();
   else return;
   event.preventDefault();
@@ -378,9 +378,12 @@ async function shown(wanted, hasPicture, seen) { // false where a newer image wa
   return true;
 }
 
+let target = 0; // the image that is on its way, or shown
+
 async function seek(wanted) {
   if (view.is_live) return;
-  const target = Math.min(Math.max(wanted, 0), view.images.length - 1), { stamp_ns: stamp, seconds } = view.images[target];
+  target = Math.min(Math.max(wanted, 0), view.images.length - 1);
+  const { stamp_ns: stamp, seconds } = view.images[target];
   find("seek").value = String(target);
   const day = stamp === "0" ? "" : `  ${new Date(Number(BigInt(stamp) / 1000000n)).toISOString()}`;
   find("when").textContent = `image ${target + 1} of ${view.images.length}, ${seconds.toFixed(3)} s${day}`;
@@ -417,8 +420,8 @@ function play() {
   playing = setTimeout(step, 0);
 }
 
-find("before").onclick = () => seek(number - 1);
-find("after").onclick = () => seek(number + 1);
+find("before").onclick = () => seek(target - 1);
+find("after").onclick = () => seek(target + 1);
 find("play").onclick = play;
 find("seek").oninput = () => seek(Number(find("seek").value));
 

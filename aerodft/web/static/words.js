@@ -26,6 +26,7 @@ export function quality(measurement) {
 }
 
 export function poseText(pose) {
+  if (!pose) return "The camera's pose is not known yet: place landmarks.";
   if (pose.status !== "ok") return `${pose.status.toUpperCase()}: ${pose.reasons.join("; ")}`;
   const std = (name) => pose.std[name].toPrecision(2), source = pose.height_source ? ` (${pose.height_source})` : "";
   const age = pose.telemetry_age_s === null ? "" : `, telemetry ${pose.telemetry_age_s.toFixed(2)} s old`;

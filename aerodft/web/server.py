@@ -206,7 +206,7 @@ class _Description(_Guarded):
     """What the view holds."""
 
     def get(self) -> None:
-        """JSON: ``title``, ``is_live``, the camera's size, and ``stamp_ns`` and ``seconds`` of every image."""
+        """JSON: ``title``, what it is and can do, the camera's size, ``stamp_ns`` and ``seconds`` of every image."""
         view = self.page.view
         camera = view.camera
         images = [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images]
@@ -216,6 +216,7 @@ class _Description(_Guarded):
                 {
                     "title": view.title,
                     "is_live": isinstance(view, LiveView),
+                    "is_recording": isinstance(view, RecordingView),
                     "can_save": view.station_file is not None and not self.page.access.is_read_only,
                     "width_px": camera.width_px,
                     "height_px": camera.height_px,

@@ -15,4 +15,4 @@ from aerodft.adapters.images.pixels import (
 from aerodft.adapters.images.rate import LiveRate, RateSource, ThinnedPixels, is_due
 from aerodft.adapters.images.stills import StillsFolderSource, image_size_and_mode
 from aerodft.adapters.images.stream import StreamReader
-from aerodft.adapters.images.video import VideoFileSource, video_info
+from aerodft.adapters.images.video import SeekableVideo, VideoFileSource, video_info

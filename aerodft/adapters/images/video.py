@@ -23,12 +23,14 @@ from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model import Image
+from aerodft.model import Image, ImageArray
 
 _LOG = logging.getLogger(__name__)
 # The first is local time with its offset, and of the recording's start; the second is what most containers have.
 _START_KEYS = ("com.apple.quicktime.creationdate", "creation_time")
 _NO_VIDEO = {"image2", "tty", "bin", "xbin", "adf", "idf"}
+_NEAR_IMAGES = 30  # decoded on the way to one ahead, rather than looking for a key image
+_BEFORE_S = (0.0, 3.0, 15.0)  # a container without an index, such as a transport stream, is searched by guess
 _Found: TypeAlias = tuple[int, int | None, av.VideoFrame | None]  # index, presentation stamp, image
 
 
@@ -151,6 +153,72 @@ class VideoFileSource:
         )
 
 
+class SeekableVideo:
+    """A video's images by their number, in any order; for one thread at a time.
+
+    Args:
+        path: The video; it stays open.
+
+    Attributes:
+        info: What it says about itself.
+        media_ns: Of each image the time since the first, in order.
+
+    Raises:
+        InputError: Missing, empty, no video, or without an image.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.info = video_info(path)
+        self._container, self._stream = _open(path)
+        clock = _MediaClock(self._stream)
+        stamps = [(clock.media_ns(pts), pts) for _, pts, _ in _stamps_only(self._container, self._stream)]
+        known = [(media_ns, pts) for media_ns, pts in stamps if media_ns is not None and pts is not None]
+        if not known:
+            raise InputError("holds no image with a stamp", where=path)
+        self.media_ns = [media_ns for media_ns, _ in known]
+        self._pts = [pts for _, pts in known]
+        self._next = len(self._pts)  # the image that is decoded next, if nobody asks for another
+        self._frames: Iterator[av.VideoFrame] = iter(())
+
+    def pixels(self, number: int) -> ImageArray:
+        """``(height, width, 3)`` uint8 BGR.
+
+        Raises:
+            InputError: It cannot be decoded.
+        """
+        pts = self._pts[number]
+        is_near = self._next <= number < self._next + _NEAR_IMAGES
+        frame = self._frame(pts) if is_near else None
+        for before_s in () if frame is not None else (*_BEFORE_S, None):
+            self._seek(pts, before_s)
+            frame = self._frame(pts)
+            if frame is not None:
+                break
+        self._next = len(self._pts) if frame is None else number + 1
+        if frame is None:
+            raise InputError("the image cannot be decoded", where=self._path, got=f"image {number}")
+        return FramePixels(frame)()
+
+    def _seek(self, pts: int, before_s: float | None) -> None:
+        """Go to a key image some seconds before a stamp, or where that is None to the start."""
+        if before_s is None:
+            self._container.close()
+            self._container, self._stream = _open(self._path)
+        else:
+            before = round(before_s / (self._stream.time_base or Fraction(1, SECOND_NS)))
+            self._container.seek(max(pts - before, self._pts[0]), stream=self._stream)
+        self._frames = self._container.decode(self._stream)
+
+    def _frame(self, pts: int) -> "av.VideoFrame | None":
+        """The frame with a stamp, if it comes before any later one."""
+        try:
+            found = next((each for each in self._frames if each.pts is not None and each.pts >= pts), None)
+        except av.FFmpegError:
+            return None
+        return found if found is not None and found.pts == pts and not found.is_corrupt else None
+
+
 class _MediaClock:
     """Presentation stamps to nanoseconds since the stream's first image."""
 
@@ -219,6 +287,13 @@ def _rotation_deg(container: InputContainer, stream: VideoStream) -> int:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+    """The container and its first video stream, for a while; raises as ``_open`` does."""
+    container, stream = _open(path)
+    with container:
+        yield container, stream
+
+
+def _open(path: Path) -> tuple[InputContainer, VideoStream]:
     """The container and its first video stream.
 
     Raises:
@@ -233,12 +308,12 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         got = looks_like(path)
         hint = "it is cut off before its index" if "MP4" in got else ""
         raise InputError("not a readable video", where=path, got=got, expected="a video file", hint=hint) from None
-    with container:
-        if not container.streams.video or _is_no_video(container):
-            raise InputError("holds no video", where=path, got=looks_like(path), expected="a video file")
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        yield container, stream
+    if not container.streams.video or _is_no_video(container):
+        container.close()
+        raise InputError("holds no video", where=path, got=looks_like(path), expected="a video file")
+    stream = container.streams.video[0]
+    stream.thread_type = "AUTO"
+    return container, stream
 
 
 def _is_no_video(container: InputContainer) -> bool:

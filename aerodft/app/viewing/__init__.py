@@ -1,7 +1,7 @@
 """What a page looks at: one image, or those of a recording; measured in, searched for banks, calibrated."""
 
+from aerodft.app.viewing.fixed import FixedCameraView
 from aerodft.app.viewing.live import LiveView
 from aerodft.app.viewing.questions import Landmark, hints_of, landmark_of, probe_of
 from aerodft.app.viewing.recording import RecordingView
-from aerodft.app.viewing.still import StillView
 from aerodft.app.viewing.view import Document, View, ViewedImage, measured_document

@@ -1,17 +1,18 @@
-"""One image of a fixed camera, with a pose that is stated, or found from landmarks."""
+"""An image or a video of a fixed camera, with a pose that is stated, or found from landmarks."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from aerodft.adapters.images import read_camera_image
+from aerodft.adapters.images import STILLS, SeekableVideo, read_camera_image, refuse_other_size
 from aerodft.app.calibrate import CalibrationResult, calibrate
 from aerodft.app.measure import MeasuredSurface, image_setup
 from aerodft.app.viewing.questions import Landmark
 from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup
 from aerodft.errors import AerodftError, NoAnswerError
 from aerodft.model import Camera, ImageArray, PoseSample
@@ -21,15 +22,18 @@ Scene = tuple[Setup, PoseSample]
 _COLUMNS: Final = ("name", "u", "v", "X", "Y", "Z")
 
 
-class StillView(View):
-    """One image file.
+class FixedCameraView(View):
+    """One image, or those of a video, of a camera that does not move.
 
     Args:
-        path: The file, of the camera's size.
+        path: The image or video, of the camera's size.
         camera: The camera.
         scene: Camera, ground and pose; None where the pose is not known yet.
         options: Those of the command line that say camera and pose, by their names.
         surface: What is measured.
+
+    Raises:
+        InputError: The file cannot be read, or is not of the camera.
     """
 
     def __init__(
@@ -40,6 +44,14 @@ class StillView(View):
         self._scene = scene
         self._options = dict(options)
         self._surface = surface
+        if path.suffix.lower() in STILLS:
+            pixels = read_camera_image(path, camera, "the camera file must be of the image's mode")
+            self._pixels: Callable[[int], ImageArray] = lambda _: pixels
+            self._media_ns = [0]
+        else:
+            video = SeekableVideo(path)
+            refuse_other_size((video.info.width_px, video.info.height_px), camera, path)
+            self._pixels, self._media_ns = video.pixels, video.media_ns
 
     @property
     def title(self) -> str:
@@ -51,19 +63,15 @@ class StillView(View):
         """The camera as it was given; what a calibration finds of its lens is in the scene."""
         return self._camera
 
-    @property
-    def images(self) -> Sequence[ViewedImage]:
-        """The one image."""
-        return (ViewedImage(stamp_ns=0, seconds=0.0),)
-
     @cached_property
-    def _pixels(self) -> ImageArray:
-        return read_camera_image(self._path, self._camera, "the camera file must be of the image's mode")
+    def images(self) -> Sequence[ViewedImage]:
+        """Those of the file; when they were taken nobody knows."""
+        return tuple(ViewedImage(stamp_ns=0, seconds=media_ns / SECOND_NS) for media_ns in self._media_ns)
 
     def pixels(self, number: int) -> ImageArray:
         """See ``View``."""
         self._check(number)
-        return self._pixels
+        return self._pixels(number)
 
     def scene(self, number: int) -> Scene:
         """See ``View``.
@@ -114,5 +122,6 @@ class StillView(View):
                 raise type(error)(error.what, where="landmarks", got=got, expected=expected, hint=hint) from None
 
     def _check(self, number: int) -> None:
-        if number != 0:
-            raise NoAnswerError("no such image", where=self._path, got=number, expected="0, the only one")
+        if not 0 <= number < len(self._media_ns):
+            expected = f"0 to {len(self._media_ns) - 1}"
+            raise NoAnswerError("no such image", where=self._path, got=number, expected=expected)

@@ -3,11 +3,13 @@
 import logging
 import math
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from aerodft.adapters.wire.pose import summary_payload
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
@@ -30,6 +32,7 @@ from aerodft.cli.scenes.image_options import (
     refuse_beside,
     scene_of_options,
 )
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
 from aerodft.model import Camera, PoseSample, ProjectionModel
 
@@ -163,6 +166,7 @@ def measure(
         files = {"config": config, "calibration": calibration, "camera": camera}
         setup, sample = _recorded(recording, at, topic, files, surface)
         setup = setup if model is None else replace(setup, model=model)
+        say(_pose_sentence(sample))
     else:
         setup, sample = scene_of_options(pose, camera, calibration, std, surface, ground=ground, model=model)
         if stds.px is None:
@@ -212,6 +216,28 @@ def _recorded(
         overrides=Overrides(**files, topics=parse_topics(topic)),
     )
     return surface.on(setup), sample
+
+
+def _source(name: str | None) -> str:
+    return "" if name is None else f" ({name})"
+
+
+def _pose_sentence(sample: PoseSample) -> str:
+    """When it was, and where the camera was and looked; of a pose that there is none of the probes say why."""
+    summary = summary_payload(sample)
+    when = datetime.fromtimestamp(sample.stamp_ns / SECOND_NS, UTC).isoformat(timespec="milliseconds")
+    said = f"{when.replace('+00:00', 'Z')}: "
+    if sample.pose is None:
+        return said + "no pose"
+    std = summary["std"]
+    parts = [
+        f"height {summary['height_agl_m']:.2f} m +- {std['height_agl_m']:.2g}{_source(sample.height_source)}",
+        f"tilt {summary['tilt_deg']:.2f} deg +- {std['tilt_deg']:.2g}{_source(sample.attitude_source)}",
+        f"roll {summary['roll_deg']:.2f} deg, heading {summary['heading_deg']:.1f} deg",
+    ]
+    if sample.telemetry_age_s is not None:
+        parts.append(f"telemetry {sample.telemetry_age_s:.2f} s away")
+    return said + ", ".join(parts) + " (+- one std)"
 
 
 def _write_depth(

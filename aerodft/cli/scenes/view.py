@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def view(
-    source: Annotated[Path, typer.Argument(metavar="RECORDING|IMAGE", help="What to look at.")],
+    source: Annotated[Path, typer.Argument(metavar="RECORDING|IMAGE|VIDEO", help="What to look at.")],
     camera: CameraOption = None,
     height: HeightOption = None,
     tilt: TiltOption = None,
@@ -45,7 +45,7 @@ def view(
     read_only: ReadOnlyOption = False,
     browser: Annotated[bool, typer.Option("--open", help="Open it in the browser of this machine.")] = False,
 ) -> None:
-    r"""Show an image or a recording as a page: zoom, click, and read distances with their intervals.
+    r"""Show an image, a video or a recording as a page: zoom, click, and read distances with their intervals.
 
     \b
     Example:
@@ -56,7 +56,7 @@ def view(
     pose: dict[str, Any] = {"height": height, "tilt": tilt, "roll": roll or None, "heading": heading or None}
     pose |= {"lat": lat, "lon": lon, "covariance": None}
     given = pose | {"camera": camera, "calibration": calibration, "std": std}
-    shown = _recording(source, given) if source.is_dir() or _is_recording(source) else _still(source, given)
+    shown = _recording(source, given) if source.is_dir() or _is_recording(source) else _fixed(source, given)
 
     shown.station_file = station
     with (
@@ -85,10 +85,10 @@ def _recording(source: Path, given: dict[str, Any]) -> "View":
     return RecordingView(open_recording(source))
 
 
-def _still(source: Path, given: dict[str, Any]) -> "View":
+def _fixed(source: Path, given: dict[str, Any]) -> "View":
     from aerodft.adapters.config.camera import load_camera
     from aerodft.app.measure import MeasuredSurface
-    from aerodft.app.viewing import StillView
+    from aerodft.app.viewing import FixedCameraView
 
     pose = {name: value for name, value in given.items() if name not in {"camera", "calibration", "std"}}
     stds = parse_stds(given["std"])
@@ -96,11 +96,11 @@ def _still(source: Path, given: dict[str, Any]) -> "View":
     options = {name: str(value) for name, value in given.items() if value is not None}
     if given["camera"] is not None and all(given[name] is None for name in ("height", "tilt", "calibration")):
         refuse_beside(pose, "a pose that is still to be found")
-        shown = StillView(source, load_camera(given["camera"]), None, options, surface)
+        shown = FixedCameraView(source, load_camera(given["camera"]), None, options, surface)
     else:
         setup, sample = scene_of_options(pose, given["camera"], given["calibration"], given["std"], surface)
         if stds.px is None:
             sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
-        shown = StillView(source, setup.camera, (setup, sample), options, surface)
-    shown.pixels(0)  # what is wrong with it is said before a page opens
+        shown = FixedCameraView(source, setup.camera, (setup, sample), options, surface)
+    shown.pixels(0)  # a video that cannot be decoded is refused before a page opens
     return shown

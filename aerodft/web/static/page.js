@@ -309,7 +309,7 @@ document.onkeydown = (event) => {
   else if (KEYS[event.key]) choose(KEYS[event.key]);
   else if (event.key === "r") showRiver();
   else if (event.key === "g") showGrid();
-  else if (event.key === "t" && !find("time").hidden) showPlots();
+  else if (event.key === "t" && !find("plot").hidden) showPlots();
   else if (event.key === "Escape") choose(kind);
   else if (event.key.startsWith("Arrow") && event.target === canvas) movePointer(event);
   else if (event.key === "Enter" && event.target === canvas) { if (LEAST[kind] && event.ctrlKey) finish(); else if (pointer) place(pointer); }
@@ -430,6 +430,7 @@ document.title = `${view.title} - aerodft`;
 find("title").textContent = view.title;
 find("saving").hidden = !view.can_save;
 find("time").hidden = view.images.length < 2 && !view.is_live;
+find("plot").hidden = !view.is_live && !view.is_recording;
 find("well").hidden = !view.is_live;
 for (const id of ["before", "after", "seek", "looping", "pace"]) find(id).hidden = view.is_live;
 find("seek").max = String(view.images.length - 1);
@@ -438,7 +439,7 @@ if (view.is_live) {
   new Live(takeNews, tellLink).follow();
 } else {
   await seek(0);
-  if (view.images.length > 1) {
+  if (view.is_recording) {
     fetch("series.json").then(async (answer) => {
       if (!answer.ok) return;
       const series = await answer.json();

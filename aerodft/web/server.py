@@ -16,7 +16,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
-from aerodft.app.viewing import LiveView, RecordingView, View, hints_of, landmark_of, probe_of
+from aerodft.app.viewing import LiveView, RecordingView, View, evidence_of, hints_of, landmarks_in, probe_of
 from aerodft.errors import AerodftError, LinkError, UsageError
 from aerodft.web.access import HEADERS, Access
 
@@ -26,8 +26,7 @@ _STATIC: Final = Path(__file__).parent / "static"
 _COOKIE: Final = "aerodft_token"
 _MOST_REQUEST_BYTES: Final = 65_536
 _MOST_PROBES: Final = 64
-_MOST_LANDMARKS: Final = 256
-_WITHOUT_PROBES: Final = frozenset({"river", "landmarks", "save", "overlay"})
+_WITHOUT_PROBES: Final = frozenset({"river", "evidence", "import", "save", "overlay"})
 _PATIENCE_S: Final = 2.0
 _NEWS_S: Final = 1.0
 """A page waits so long for a new image, at the most, before it is told that there is none."""
@@ -40,7 +39,12 @@ class _Page:
         self.view = view
         self.access = access
         self.std_px = std_px
-        self._works = {"landmarks": self._calibrated, "save": self._saved, "overlay": self._overlay}
+        self._works = {
+            "evidence": self._calibrated,
+            "import": self._imported,
+            "save": self._saved,
+            "overlay": self._overlay,
+        }
         self._quick = ThreadPoolExecutor(1, "page-measures")
         self._slow = ThreadPoolExecutor(1, "page-pictures")
 
@@ -73,8 +77,8 @@ class _Page:
     async def answer(self, request: bytes) -> dict[str, Any]:
         """Answer one request of the page: ``id``, ``image`` and what is wanted of it.
 
-        That is ``probes`` to measure, the ``overlay``, ``river`` with strokes, ``landmarks`` to calibrate with, or a
-        probe to ``save``.
+        That is ``probes`` to measure, the ``overlay``, ``river`` with strokes, ``evidence`` to calibrate with,
+        landmarks to ``import``, or a probe to ``save``.
         """
         number: object = None
         try:
@@ -108,18 +112,16 @@ class _Page:
         return {"file": str(self.view.save_probe(asked["image"], probe, is_tracked=is_tracked))}
 
     def _calibrated(self, asked: dict[str, Any]) -> dict[str, Any]:
-        return {"calibration": self._calibration(asked)}
-
-    def _calibration(self, asked: dict[str, Any]) -> dict[str, Any]:
-        """The camera's pose from landmarks, and from now on measured with where that is asked for."""
-        use, given, unknowns = bool(asked.get("use")), asked["landmarks"], asked.get("unknowns")
+        """The camera's pose from what is known of the view; from now on measured with, where that is asked for."""
+        use, unknowns = bool(asked.get("use")), asked.get("unknowns")
         if use and self.access.is_read_only:
             raise UsageError("this page only shows", expected="one that was not opened read-only, to use a calibration")
-        if not isinstance(given, list) or len(given) > _MOST_LANDMARKS:
-            raise UsageError("the landmarks", expected=f"a list of at most {_MOST_LANDMARKS}")
         if not isinstance(unknowns, list) or not all(isinstance(each, str) for each in unknowns):
             raise UsageError("the unknowns", got=repr(unknowns)[:80], expected="a list of their names")
-        return self.view.calibrate([landmark_of(each) for each in given], unknowns, use=use)
+        return {"calibration": self.view.calibrate(evidence_of(asked["evidence"]), unknowns, use=use)}
+
+    def _imported(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return landmarks_in(asked["import"])
 
     def _river(self, asked: dict[str, Any]) -> dict[str, Any]:
         """The river in an image, with the strokes of that or another image as hints."""

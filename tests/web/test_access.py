@@ -104,9 +104,12 @@ def test_an_image_that_is_not_there_is_refused(page, path):
         '{"image": 0, "river": {"water": [[[NaN, 1]]], "land": []}}',
         '{"image": 0, "river": {"water": [[]], "land": []}}',
         '{"image": 0, "river": {"water": [], "land": [], "image": "1"}}',
-        '{"image": 0, "landmarks": 7, "unknowns": []}', '{"image": 0, "landmarks": [], "unknowns": [7]}',
-        '{"image": 0, "landmarks": [{"name": "a", "pixel": [NaN, 1], "place_m": [1, 2, 3]}], "unknowns": ["tilt"]}',
-        '{"image": 0, "landmarks": [{"name": "a", "pixel": [1, 1], "place_m": [1, 2, 3]}], "unknowns": ["tilt"]}',
+        '{"image": 0, "evidence": 7, "unknowns": []}', '{"image": 0, "evidence": {}, "unknowns": [7]}',
+        '{"image": 0, "evidence": {"image": {"file": "/etc/passwd"}}, "unknowns": ["tilt"]}',
+        '{"image": 0, "evidence": {"landmark": [{"name": "a", "pixel": [NaN, 1]}]}, "unknowns": ["tilt"]}',
+        '{"image": 0, "evidence": {"landmark": [{"name": "a", "image": "/etc/passwd"}]}, "unknowns": ["tilt"]}',
+        '{"image": 0, "evidence": {"horizon": [{"name": "a", "pixels": [[1, 1]]}]}, "unknowns": ["tilt"]}',
+        '{"image": 0, "import": 7}', '{"image": 0, "import": "x"}', '{"image": 0, "save": {"kind": "width"}}',
         '{"image": 99999, "probes": [{"kind": "range", "pixels": [[1, 1]]}]}',
     ],
 )  # fmt: skip
@@ -124,7 +127,7 @@ def test_a_message_that_is_too_long_ends_the_connection_and_nothing_else(page):
 def test_a_page_that_only_shows_uses_no_calibration(tmp_path):
     picture = tmp_path / "bridge.jpg"
     picture.write_bytes(Path("configs/calibration/bridge.jpg").read_bytes())
-    ask = {"image": 0, "landmarks": [], "unknowns": ["tilt"], "use": True}
+    ask = {"image": 0, "evidence": {}, "unknowns": ["tilt"], "use": True}
     with opened_page(picture, "--camera", "configs/cameras/demo-1080p.toml", "--read-only") as address:
         assert "only shows" in asked(address, json.dumps(ask))["error"]
     assert not list(tmp_path.glob("*.toml"))

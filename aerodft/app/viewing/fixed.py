@@ -1,25 +1,24 @@
 """An image or a video of a fixed camera, with a pose that is stated, or found from landmarks."""
 
-import csv
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+
+import numpy as np
+import tomli_w
 
 from aerodft.adapters.images import STILLS, SeekableVideo, read_camera_image, refuse_other_size
 from aerodft.app.calibrate import CalibrationResult, calibrate
 from aerodft.app.measure import MeasuredSurface, image_setup
-from aerodft.app.viewing.questions import Landmark
 from aerodft.app.viewing.view import Document, View, ViewedImage
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup
 from aerodft.errors import AerodftError, NoAnswerError
 from aerodft.model import Camera, ImageArray, PoseSample
+from aerodft.reports.calibration import Mark, rows_of
 
 Scene = tuple[Setup, PoseSample]
-
-_COLUMNS: Final = ("name", "u", "v", "X", "Y", "Z")
 
 
 class FixedCameraView(View):
@@ -95,10 +94,11 @@ class FixedCameraView(View):
         self._check(number)
         return self._options
 
-    def calibrate(self, landmarks: Sequence[Landmark], unknowns: Sequence[str], *, use: bool) -> Document:
+    def calibrate(self, evidence: Document, unknowns: Sequence[str], *, use: bool) -> Document:
         """See ``View``."""
-        found = self._found(landmarks, unknowns)
+        found = self._found(evidence, unknowns)
         document = found.document(is_saved=use)
+        document["marks"] = [_mark_document(row.mark) for row in rows_of(found.fit)]
         if use:
             file = self._path.with_name(f"{self._path.stem}-calibration.toml")
             found.save(file)
@@ -108,20 +108,24 @@ class FixedCameraView(View):
             document["file"] = str(file)
         return document
 
-    def _found(self, landmarks: Sequence[Landmark], unknowns: Sequence[str]) -> CalibrationResult:
+    def _found(self, evidence: Document, unknowns: Sequence[str]) -> CalibrationResult:
         with TemporaryDirectory() as folder:
-            file = Path(folder) / "landmarks.csv"
-            with file.open("w", newline="", encoding="utf-8") as stream:
-                rows = csv.writer(stream)
-                rows.writerow(_COLUMNS)
-                rows.writerows((each.name, *each.pixel, *each.place_m) for each in landmarks)
+            file = Path(folder) / "evidence.toml"
+            file.write_bytes(tomli_w.dumps(evidence).encode())
             try:
-                return calibrate(file, self._camera, unknowns, crs="local", plane_elevation_m=0.0)
+                return calibrate(file, self._camera, unknowns)
             except AerodftError as error:
                 hint, got, expected = error.hint, error.got, error.expected
-                raise type(error)(error.what, where="landmarks", got=got, expected=expected, hint=hint) from None
+                raise type(error)(error.what, where="what was marked", got=got, expected=expected, hint=hint) from None
 
     def _check(self, number: int) -> None:
         if not 0 <= number < len(self._media_ns):
             expected = f"0 to {len(self._media_ns) - 1}"
             raise NoAnswerError("no such image", where=self._path, got=number, expected=expected)
+
+
+def _mark_document(mark: Mark) -> Document:
+    """An observation by its name, with its pixels and where the calibrated camera sees them, None where it does not."""
+    pixels = {"seen_px": mark.seen_px, "expected_px": mark.expected_px}
+    found = {key: [None if np.isnan(each).any() else each.tolist() for each in rows] for key, rows in pixels.items()}
+    return {"name": mark.name, "kind": mark.kind, **found}

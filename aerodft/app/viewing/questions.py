@@ -1,9 +1,9 @@
-"""What a page asks for, as it comes over the wire: probes, strokes and landmarks, checked before anything is done."""
+"""What a page asks for, as it comes over the wire: probes, strokes and evidence, checked before anything is done."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+from aerodft.adapters.config.evidence import GEO_KEYS, LOCAL, landmark_tables
 from aerodft.app.measure import PROBES, ImageProbe
 from aerodft.errors import UsageError
 from aerodft.model import ProbeKind
@@ -12,21 +12,9 @@ from aerodft.vision.river import RiverHints
 _MOST_POINTS: Final = 256
 _MOST_NAME: Final = 64
 _MOST_STROKES: Final = 64
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Landmark:
-    """A surveyed point and where it is seen.
-
-    Attributes:
-        name: Unique.
-        pixel: ``(u, v)``.
-        place_m: East, north and up, in metres of one local frame.
-    """
-
-    name: str
-    pixel: tuple[float, float]
-    place_m: tuple[float, float, float]
+_MOST_EVIDENCE: Final = 256
+EVIDENCE_KINDS: Final = ("landmark", "length", "height", "vertical", "horizon")
+"""What a page can say of a view."""
 
 
 def probe_of(document: object, std_px: float) -> ImageProbe:
@@ -72,24 +60,56 @@ def hints_of(document: object) -> RiverHints:
     return RiverHints.of(water or [], land or [])
 
 
-def landmark_of(document: object) -> Landmark:
-    """A landmark as a page asks for it.
+def evidence_of(document: object) -> dict[str, Any]:
+    """What is known of a view, as a page asks for a calibration from it.
 
     Args:
-        document: ``name`` without spaces, ``pixel`` ``[u, v]``, ``place_m`` ``[east, north, up]``.
+        document: As a TOML file of evidence has it: tables of ``landmark``, ``length``, ``height``, ``vertical`` and
+            ``horizon``, and perhaps the ``crs`` of the landmarks. What is in a table is checked as that of a file.
 
     Raises:
         UsageError: It is something else.
     """
-    parts = document if isinstance(document, Mapping) else {}
-    name, pixel, place_m = (parts.get(key) for key in ("name", "pixel", "place_m"))
-    if not _is_name(name):
-        raise UsageError("a landmark's name", got=repr(name)[:80], expected=f"up to {_MOST_NAME} letters, no space")
-    if not _are_numbers(pixel, 2) or not _are_numbers(place_m, 3):
-        got = repr([pixel, place_m])[:80]
-        raise UsageError(f"landmark {name}", got=got, expected="a pixel u, v and a place east, north, up in metres")
-    (u, v), (east, north, up) = parts["pixel"], parts["place_m"]
-    return Landmark(name=parts["name"], pixel=(u, v), place_m=(east, north, up))
+    if not isinstance(document, Mapping) or not set(document) <= {*EVIDENCE_KINDS, "crs"}:
+        expected = f"tables of {', '.join(EVIDENCE_KINDS)}, and perhaps crs"
+        raise UsageError("what is known of the view", got=repr(document)[:80], expected=expected)
+    tables = {kind: document[kind] for kind in EVIDENCE_KINDS if document.get(kind)}
+    for kind, rows in tables.items():
+        if not isinstance(rows, list) or len(rows) > _MOST_EVIDENCE or not all(isinstance(row, dict) for row in rows):
+            raise UsageError(f"the {kind}s", got=repr(rows)[:80], expected=f"a list of up to {_MOST_EVIDENCE} tables")
+        for row in rows:
+            if not _is_name(row.get("name")):
+                expected = f"up to {_MOST_NAME} letters, no space"
+                raise UsageError(f"the name of a {kind}", got=repr(row.get("name"))[:80], expected=expected)
+    crs = document.get("crs", LOCAL)
+    if not isinstance(crs, str) or len(crs) > _MOST_NAME:
+        raise UsageError("the crs", got=repr(crs)[:80], expected="local, geo or an EPSG code")
+    return {"crs": crs, **tables}
+
+
+def landmarks_in(text: object) -> dict[str, Any]:
+    """The landmarks of a list that somebody has: a CSV with a header, or ground control points of OpenDroneMap.
+
+    Args:
+        text: The file's text.
+
+    Returns:
+        ``crs``, and ``landmarks``: tables with ``name``, ``pixel`` and ``place``: east, north and up, or latitude,
+        longitude and height, by the crs.
+
+    Raises:
+        UsageError: It is no text.
+        ConfigError: It is no such list.
+    """
+    if not isinstance(text, str):
+        raise UsageError("a list of landmarks", got=repr(text)[:80], expected="the text of a CSV file or gcp_list.txt")
+    crs, tables = landmark_tables(text, "the list")
+    places = [[row[key] for key in GEO_KEYS] if "position_m" not in row else row["position_m"] for row in tables]
+    named = [
+        {"name": str(row.get("name") or f"landmark-{number}").replace(" ", "-"), "pixel": row["pixel"], "place": place}
+        for number, (row, place) in enumerate(zip(tables, places, strict=True), 1)
+    ]
+    return {"crs": crs, "landmarks": named}
 
 
 def _is_name(value: object) -> bool:

@@ -16,7 +16,6 @@ from aerodft.adapters.wire.pose import summary_payload
 from aerodft.app.measure import Distance, ImageProbe, requests_of
 from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.overlay import scene_overlay
-from aerodft.app.viewing.questions import Landmark
 from aerodft.app.viewing.station_file import add_probe
 from aerodft.dft import Request, Setup, Share, advice, explain, measure
 from aerodft.errors import NoAnswerError, UsageError
@@ -122,22 +121,23 @@ class View(ABC):
         told = hints if number == hinted else hints.carried(there.plane, here.plane)
         return survey_image(here, river_question(told, _SPACING_M, None)).document
 
-    def calibrate(self, landmarks: Sequence[Landmark], unknowns: Sequence[str], *, use: bool) -> Document:
-        """Find the camera's pose from landmarks in an image of a fixed camera.
+    def calibrate(self, evidence: Document, unknowns: Sequence[str], *, use: bool) -> Document:
+        """Find the camera's pose from what is known of the view of a fixed camera.
 
         Args:
-            landmarks: What was pointed at, with its surveyed place.
+            evidence: Landmarks, lengths, heights, verticals and the horizon, see ``evidence_of``.
             unknowns: What to find, by the names of ``calibrate``.
             use: Whether images are measured with it from now on, and it is written to a file (``file``).
 
         Returns:
-            The document of ``aerodft calibrate --json``.
+            The document of ``aerodft calibrate --json``; its ``marks`` say where the calibrated camera sees what was
+            marked (``seen_px``, ``expected_px``).
 
         Raises:
-            AerodftError: The landmarks do not determine it, or this is no image of a fixed camera.
+            AerodftError: It is not determined, or this is no image of a fixed camera.
         """
-        del landmarks, unknowns, use
-        raise UsageError("a recording has no landmarks to place", expected="an image of a fixed camera")
+        del evidence, unknowns, use
+        raise UsageError("there is nothing to calibrate", expected="an image or a video of a fixed camera")
 
     def _river_view(self, number: int) -> RiverView:
         setup, sample = self.scene(number)

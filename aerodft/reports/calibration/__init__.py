@@ -8,4 +8,5 @@ from aerodft.reports.calibration.document import (
     displayed_values,
     values_of,
 )
+from aerodft.reports.calibration.marks import Mark, rows_of
 from aerodft.reports.calibration.page import write_calibration_page

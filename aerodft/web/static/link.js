@@ -16,8 +16,8 @@ export class Link {
     this.socket.onmessage = (event) => {
       const answer = JSON.parse(event.data), asked = this.asked;
       this.asked = null;
-      if (asked && answer.id === asked.id) asked.done(answer);
       this.next();
+      if (asked && answer.id === asked.id) asked.done(answer);
     };
     this.socket.onclose = () => {
       this.onState(false);

@@ -18,7 +18,7 @@ const HELP = {
   width: "Click two banks.", distance: "Click two points on the ground.", position: "Click a point on the ground.",
   length: "Click along the path; double-click or Enter ends it.", area: "Click around the area; double-click or Enter ends it.",
   height: "Click the base, on the ground, then the top.",
-  landmark: "Click what you have surveyed, and type where it is.",
+  landmark: "Mark what you know of the view, and type where or how long it is.",
   water: "Draw over what is water.", land: "Draw over what is land.",
 };
 const KEYS = { w: "width", d: "distance", l: "length", a: "area", h: "height", p: "position", m: "landmark" };
@@ -36,7 +36,10 @@ const overlay = new OverlayLayer(link, drawAll);
 const plots = new Plots(find("plots"), (seconds) => seek(nearest(seconds)));
 const map = new GroundMap(find("map"));
 const health = new Health(find("alerts"), find("health"));
-const landmarks = new Landmarks(link, drawAll, () => shown(number, true, null));
+const landmarks = new Landmarks(link, drawAll, () => {
+  for (const mark of marks) mark.before = mark.found;
+  shown(number, true, null);
+});
 let view = null, number = 0, kind = "width", selected = null, playing = null, made = 0;
 let marks = []; // { name, kind, points, found, colour }
 let draft = []; // points of the mark that is being made
@@ -168,7 +171,7 @@ function listMarks() {
     name.setAttribute("aria-label", "Name");
     name.onchange = () => rename(mark, name.value);
     value.className = "value";
-    value.textContent = mark.found ? valueText(mark.found, units()) : "…";
+    value.textContent = mark.found ? valueText(mark.found, units()) + beforeText(mark) : "…";
     value.onclick = () => { selected = mark.name; drawAll(); };
     remove.textContent = "✕";
     remove.setAttribute("aria-label", `Delete ${mark.name}`);
@@ -178,6 +181,8 @@ function listMarks() {
   }));
   showDetails(marks.find((each) => each.name === selected)?.found);
 }
+
+const beforeText = ({ found, before }) => (before?.value && before.value !== found.value ? ` (before: ${valueText(before, units())})` : "");
 
 function rename(mark, wanted) {
   const name = wanted.trim().replace(/\s+/g, "-");

@@ -304,6 +304,27 @@ def _check_image(row: _Row, flight: FlightDocument | None, where: str) -> None:
         raise ConfigError(f"{row.label}.image", where=where, got=got, expected=expected)
 
 
+def landmark_tables(text: str, where: str) -> tuple[str, list[dict[str, Any]]]:
+    """The landmarks of a CSV file or of a list of ground control points in one image.
+
+    Args:
+        text: The file's.
+        where: Its name in messages.
+
+    Returns:
+        The coordinate reference system, and of each landmark its table as a TOML file has it.
+
+    Raises:
+        ConfigError: As ``load_evidence``.
+    """
+    if is_gcp_list(text):
+        crs, _, lines = gcp_rows(text, None, where)
+    else:
+        is_geo, lines = _landmark_rows(text.encode(), where)
+        crs = GEO if is_geo else LOCAL
+    return crs, [row for _, row in lines]
+
+
 def _from_csv(data: bytes, crs: str | None, plane_elevation_m: float | None, where: str) -> _File:
     is_geo, lines = _landmark_rows(data, where)
     return _from_rows(lines, {"crs": crs or (GEO if is_geo else LOCAL)}, plane_elevation_m, where)

@@ -5,6 +5,7 @@ A broken contract between functions is a ``ValueError``; a point without an answ
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import ClassVar, Final
 
 _MOST_LETTERS: Final = 2000  # of a sentence: names that files claim may be of megabytes
@@ -73,6 +74,23 @@ class NoAnswerError(AerodftError):
 
 class NotDetermined(NoAnswerError):  # noqa: N818 - what users catch, by what it says
     """The evidence of a calibration does not determine what is asked for, or contradicts itself (exit 4)."""
+
+
+@contextmanager
+def named_in(file: Path) -> Iterator[None]:
+    """Errors about a file that is not there say that this one names it, and what a relative name starts from."""
+    try:
+        yield
+    except InputError as error:
+        missing = Path(error.where)
+        if not error.where or ":" in error.where or missing == file or missing.exists() or not file.is_file():
+            raise
+        text = file.read_text(encoding="utf-8", errors="replace")
+        if missing.name not in text:
+            raise
+        start = "" if str(missing) in text and missing.is_absolute() else f", from the folder {file.parent.resolve()}"
+        hint = f"{file} names it{start}"
+        raise type(error)(error.what, where=error.where, got=error.got, expected=error.expected, hint=hint) from error
 
 
 @contextmanager

@@ -15,6 +15,9 @@ _ISO = re.compile(
     r"(\d{4}-\d{2}-\d{2})[T ](\d{2}:\d{2}:\d{2})(?:[.,](\d{1,9}))?\s*(Z|[+-]\d{2}:?\d{2})?",
     re.IGNORECASE,
 )
+_FARTHEST: Final = timedelta(hours=14)
+_HALF_HOUR_NS: Final = 1800 * SECOND_NS
+_HOUR_MIN: Final = 60
 _OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
 
 
@@ -53,7 +56,36 @@ def parse_offset(text: str) -> timedelta:
         raise ValueError(f"{text!r} is no offset from UTC like +02:00")
     sign, hours, minutes = match.groups()
     size = timedelta(hours=int(hours), minutes=int(minutes))
+    if size > _FARTHEST or int(minutes) >= _HOUR_MIN:
+        raise ValueError(f"{text!r} is no offset from UTC: the farthest is 14 h")
     return -size if sign == "-" else size
+
+
+def zone_hint(images_ns: tuple[int, int], telemetry_ns: tuple[int, int]) -> str:
+    """What people read where images lie beside telemetry by as much as a clock does that tells local time as UTC.
+
+    Args:
+        images_ns: First and last stamp, UTC as it was stated.
+        telemetry_ns: First and last stamp.
+
+    Returns:
+        How many hours it is, and when the images would begin then; "" where no whole or half hours explain it.
+    """
+    steps = _FARTHEST // timedelta(minutes=30)
+    first_ns, last_ns = images_ns
+    enough_ns = min(last_ns - first_ns, telemetry_ns[1] - telemetry_ns[0]) // 2
+    found = []
+    for step in range(-steps, steps + 1):
+        shift_ns = step * _HALF_HOUR_NS
+        shared_ns = min(last_ns + shift_ns, telemetry_ns[1]) - max(first_ns + shift_ns, telemetry_ns[0])
+        if step and shared_ns >= enough_ns:
+            found.append((step % 2, abs(step), shift_ns))
+    if not found:
+        return ""
+    shift_ns = min(found)[-1]
+    hours, side = abs(shift_ns) / (2 * _HALF_HOUR_NS), "ahead of" if shift_ns < 0 else "behind"
+    begin = unix_ns_to_iso(first_ns + shift_ns)
+    return f"their clock is {hours:g} h {side} the telemetry's, as one of local time is: a start of {begin} would fit"
 
 
 def datetime_to_unix_ns(when: datetime) -> int:

@@ -294,7 +294,7 @@ def _aligned(
     start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
     try:
         if end_ns > start_ns:
-            check_overlap(history, (start_ns + end_ns) // 2, max_offset_s + (end_ns - start_ns) / SECOND_NS)
+            check_overlap(history, (start_ns, end_ns), max_offset_s + (end_ns - start_ns) / SECOND_NS)
         pairs = _image_pairs(video, camera, lambda stamp_ns: progress(stamp_ns - start_ns, end_ns - start_ns))
         solution = align_rotations(pairs, history, telemetry.attitude, max_offset_s)
     except NoAnswerError as error:

@@ -24,7 +24,7 @@ from aerodft.adapters.config.station import (
 from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFileSource, video_info
 from aerodft.adapters.outputs import open_outputs
 from aerodft.adapters.telemetry import LogSource, decoder_of
-from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.adapters.wire.observations import load_observations
 from aerodft.app.align import aligned_station
 from aerodft.app.assembly import (
@@ -44,7 +44,7 @@ from aerodft.app.assembly import (
 )
 from aerodft.app.progress import Progress, no_progress
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
 from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, OnClock, survey_span
@@ -120,13 +120,15 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     if (log is None) != (station.pipeline.telemetry is None) and not has_recording:
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=where, expected=need)
-    if sync or (sync is None and station.images.is_auto):
-        station = refreshed(aligned_station(station, log, where, progress))
-    else:
-        station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
-    statistics, pipeline = RunStatistics(), build_pipeline(station)
-    observers = build_observers(station, pipeline, where, may_record=has_recording)
-    flight = open_flight(station, log, (*station.observations.files, *map(Path, observations)), observers.schedules)
+    with named_in(Path(where)):
+        if sync or (sync is None and station.images.is_auto):
+            station = refreshed(aligned_station(station, log, where, progress))
+        else:
+            station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
+        statistics, pipeline = RunStatistics(), build_pipeline(station)
+        observers = build_observers(station, pipeline, where, may_record=has_recording)
+        files = (*station.observations.files, *map(Path, observations))
+        flight = open_flight(station, log, files, observers.schedules)
     recorder = build_recorder(station, Path(output), started_ns=flight.first_ns, lossless=True)
     run_outputs = open_outputs(station.outputs, outputs_run(station, pipeline))
     with closing_recorder(recorder, Path(output)), run_outputs as outputs:
@@ -324,7 +326,8 @@ def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, stat
         where=where,
         got=f"images {unix_ns_to_iso(first_ns)} to {unix_ns_to_iso(last_ns)}",
         expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
-        hint="check `video_start_ns` and images.time_offset_s, or have `sync` find it",
+        hint=zone_hint((first_ns, last_ns), (span.first_ns, span.last_ns))
+        or "check `video_start_ns` and images.time_offset_s, or have `sync` find it",
     )
 
 

@@ -32,7 +32,7 @@ from aerodft.app.assembly import (
 from aerodft.app.recordings import recovering_beside
 from aerodft.app.warmup import warm_up
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import ConfigError, InputError
+from aerodft.errors import ConfigError, InputError, named_in
 from aerodft.model import Image, Measurement, VideoPacket
 from aerodft.service import Inbox, LiveFeed, LiveObservers, Sink
 from aerodft.service.clocks import WallClock
@@ -182,8 +182,8 @@ class Station:
         """
         self._pipeline.warm_up()
         warm_up(self._config)
-        self._observers = build_observers(self._config, self._pipeline, self._where)
-        with ExitStack() as stack:
+        with ExitStack() as stack, named_in(Path(self._where)):
+            self._observers = build_observers(self._config, self._pipeline, self._where)
             started_ns = self._clock.now_ns()
             stack.enter_context(recovering_beside(self._config.record.folder))  # what a power cut left unfinished
             outputs = open_outputs(self._config.outputs, outputs_run(self._config, self._pipeline, self._inbox))

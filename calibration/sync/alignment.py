@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aerodft.adapters.timestamps import zone_hint
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model import FloatArray, GimbalSource, IntArray
@@ -128,7 +129,7 @@ def align(
         )
     reference_ns = (pairs[0].start_ns + pairs[-1].end_ns) // 2
     reach_s = max_offset_s + (1 + MAX_DRIFT) * (pairs[-1].end_ns - reference_ns) / SECOND_NS + _AROUND_S
-    camera = _camera(history, settings, reference_ns, reach_s)
+    camera = _camera(history, settings, (pairs[0].start_ns, pairs[-1].end_ns), reach_s)
     best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
     first = fit(TurnProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
     problem = TurnProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
@@ -140,11 +141,13 @@ def align(
     return alignment
 
 
-def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, reach_s: float) -> CameraMotion:
+def _camera(
+    history: AttitudeHistory, settings: AttitudeSettings, video_ns: tuple[int, int], reach_s: float
+) -> CameraMotion:
     try:
-        return CameraMotion(history, settings, zero_ns, reach_s)
+        return CameraMotion(history, settings, sum(video_ns) // 2, reach_s)
     except LookupError:
-        check_overlap(history, zero_ns, reach_s)
+        check_overlap(history, video_ns, reach_s)
         there = ", ".join([*map(str, history.gimbals), *(["ATTITUDE"] if history.vehicle is not None else [])])
         raise NoAnswerError(
             "no camera attitude in the log",
@@ -154,28 +157,30 @@ def _camera(history: AttitudeHistory, settings: AttitudeSettings, zero_ns: int, 
         ) from None
 
 
-def check_overlap(history: AttitudeHistory, zero_ns: int, reach_s: float) -> None:
+def check_overlap(history: AttitudeHistory, video_ns: tuple[int, int], reach_s: float) -> None:
     """Refuse a log that is far from its video.
 
     Args:
         history: The log's attitudes; without any there is nothing to refuse.
-        zero_ns: The middle of the video, by its own stamps.
-        reach_s: How far from there the log may be.
+        video_ns: Start and end of the video, by its own stamps.
+        reach_s: How far from its middle the log may be.
 
     Raises:
         NoAnswerError: It is farther away.
     """
+    zero_ns = sum(video_ns) // 2
     series = [*history.gimbals.values(), *([history.vehicle] if history.vehicle is not None else [])]
     if not series:
         return
     first_s = (min(int(each.stamp_ns[0]) for each in series) - zero_ns) / SECOND_NS
     last_s = (max(int(each.stamp_ns[-1]) for each in series) - zero_ns) / SECOND_NS
     if first_s > reach_s or last_s < -reach_s:
+        log_ns = (zero_ns + round(first_s * SECOND_NS), zero_ns + round(last_s * SECOND_NS))
         raise NoAnswerError(
             "video and log do not overlap in time",
             got=f"a log from {first_s:+.0f} s to {last_s:+.0f} s about the middle of the video",
             expected=f"some of it within {reach_s:.0f} s",
-            hint="pass `video_start_ns`, or a larger `max_offset_s`",
+            hint=zone_hint(video_ns, log_ns) or "pass `video_start_ns`, or a larger `max_offset_s`",
         )
 
 

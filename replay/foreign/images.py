@@ -2,7 +2,9 @@
 
 import base64
 import binascii
+import logging
 from datetime import timedelta
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import orjson
@@ -25,6 +27,8 @@ NANOSECONDS: Final = ("nsec", "nsecs", "nanosec", "nanos")
 _MOST_LETTERS: Final = 100  # of a format's name
 _MOST_BESIDE: Final = 1 << 20  # bytes of a message that are not its image
 _STILL_MAGICS: Final = (b"\xff\xd8\xff", b"\x89PNG")
+
+_log = logging.getLogger(__name__)
 
 
 class EncodedImage(NamedTuple):
@@ -102,14 +106,30 @@ def json_stamp_ns(stamp: Any) -> int | None:  # noqa: ANN401 - whatever somebody
     """
     if isinstance(stamp, str):
         try:
-            return iso_to_unix_ns(stamp, default_offset=timedelta())
+            return iso_to_unix_ns(stamp)
         except ValueError:
-            return None
+            return _without_zone_ns(stamp)
     if not isinstance(stamp, dict):
         return None
     whole = next((stamp[key] for key in SECONDS if key in stamp), None)
     rest = next((stamp[key] for key in NANOSECONDS if key in stamp), 0)
     return None if whole is None else int(whole) * SECOND_NS + int(rest)
+
+
+def _without_zone_ns(text: str) -> int | None:
+    """ISO 8601 without an offset, taken as UTC, which is said; None where it is no such time."""
+    try:
+        stamp_ns = iso_to_unix_ns(text, default_offset=timedelta())
+    except ValueError:
+        return None
+    _say_utc_assumed()
+    return stamp_ns
+
+
+@cache
+def _say_utc_assumed() -> None:
+    """Say it once, not for each image."""
+    _log.warning("stamps of images state no offset from UTC: UTC assumed")
 
 
 def _encoded_image(stamp_ns: int | None, data: bytes, name: str) -> EncodedImage:

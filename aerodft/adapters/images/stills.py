@@ -59,7 +59,7 @@ class NamePattern:
             ConfigError: An unknown field, one twice, or no complete date or time since 1970 in it.
         """
         self.text = text
-        self._offset = utc_offset or timedelta()
+        self._offset, self._is_silent = utc_offset or timedelta(), utc_offset is None
         known = ", ".join(field for field in _FIELDS if field != "%%")
         parts = []
         for token in _TOKEN.findall(text):
@@ -75,6 +75,12 @@ class NamePattern:
             raise ConfigError(
                 "pattern of file names", where=text, got="no date", expected="%Y, %m and %d, or one of {unix_s}, ..."
             )
+
+    @property
+    def assumes_utc(self) -> bool:
+        """Whether names are taken to tell UTC because nobody says otherwise."""
+        groups = self._regex.groupindex
+        return self._is_silent and "zone" not in groups and not any(unit in groups for unit in _UNIX_DIGITS)
 
     def stamp_ns(self, name: str) -> int | None:
         """UTC by a file's name; None where the pattern does not match it, or the date is impossible."""
@@ -93,9 +99,9 @@ class NamePattern:
         clock = ":".join(found.get(key, "00") for key in ("hour", "minute", "second"))
         try:
             local = datetime.fromisoformat(f"{date}T{clock}+00:00")
+            offset = parse_offset(found["zone"]) if "zone" in found else self._offset
         except ValueError:
             return None
-        offset = parse_offset(found["zone"]) if "zone" in found else self._offset
         return datetime_to_unix_ns(local - offset) + int(found.get("fraction", "0").ljust(9, "0"))
 
 
@@ -256,6 +262,9 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None) -> li
     if not paths:
         raise InputError("holds no stills", where=folder, expected=f"files named {', '.join(sorted(STILLS))}")
     name_pattern = None if pattern is None else NamePattern(pattern, utc_offset)
+    if name_pattern is not None and name_pattern.assumes_utc:
+        text = "%s: names like %s tell no offset from UTC, UTC assumed; utc_offset or %%z in the pattern says otherwise"
+        _LOG.warning(text, folder, pattern)
     stills = [still for path in paths if (still := _still(path, name_pattern, utc_offset))]
     if not stills:
         source = "EXIF dates" if pattern is None else f"names like {pattern}"

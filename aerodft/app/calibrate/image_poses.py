@@ -11,7 +11,7 @@ from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, Flight, ImageEvidence, LocalFrame, StatedPose
 from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
 from aerodft.adapters.telemetry import decoder_of, open_log
-from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.assembly import recorded_station
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, UsageError
@@ -328,7 +328,7 @@ def _check_inside(image: ImageEvidence, stamp_ns: int, span: LogSpan, path: Path
             where=path,
             got=unix_ns_to_iso(stamp_ns),
             expected=f"{unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
-            hint="check utc, and whose clock it is",
+            hint=zone_hint((stamp_ns, stamp_ns), (span.first_ns, span.last_ns)) or "check utc, and whose clock it is",
         )
 
 

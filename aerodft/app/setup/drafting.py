@@ -14,7 +14,7 @@ from aerodft.adapters.config.camera import KnownCamera, load_camera
 from aerodft.adapters.config.station import load_station
 from aerodft.adapters.images import STILLS, image_size_and_mode, video_info
 from aerodft.adapters.telemetry.mavlink import is_link
-from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
 from aerodft.app.setup.cameras import find_cameras, write_camera
 from aerodft.diagnosis import DiagnosisReport
@@ -330,7 +330,12 @@ def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, fold
 def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> Iterator[str]:
     """When a video begins: as its container says, else with the log."""
     sync = "`align` finds it to milliseconds"
-    start_ns = video_info(video).start_ns
+    info = video_info(video)
+    start_ns = info.start_ns
+    if start_ns is not None and report is not None and report.first_ns is not None and report.last_ns is not None:
+        hint = zone_hint((start_ns, start_ns + (info.duration_ns or 0)), (report.first_ns, report.last_ns))
+        if hint and not report.first_ns <= start_ns <= report.last_ns:
+            draft.to_do.append(f"State when the video begins (images.start): {hint}")
     if start_ns is not None:
         yield "# start = ...               # UTC of its first image; the file says " + unix_ns_to_iso(start_ns)
         yield "time_std_s = 0.6           # it says so to whole seconds"

@@ -55,7 +55,7 @@ from aerodft.adapters.config.station.station_tables import (
 from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import Table, Text, si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, named_in
 from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import PipelineSettings, TelemetrySettings
 
@@ -75,7 +75,8 @@ def load_station(path: Path) -> StationConfig:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value, here or in a file that it refers to.
         InputError: The elevation model cannot be used.
     """
-    return parse_station(read_bytes(path), where=str(path), folder=path.parent)
+    with named_in(path):
+        return parse_station(read_bytes(path), where=str(path), folder=path.parent)
 
 
 def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:

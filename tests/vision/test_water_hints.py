@@ -12,8 +12,8 @@ from aerodft.dft import Setup
 from aerodft.errors import InputError
 from aerodft.geometry import camera_pose
 from aerodft.vision.river import River, RiverHints, RiverQuestion, WaterNetwork, WaterPlane, find_river
-from aerodft.vision.river.hints import with_hints
-from aerodft.vision.river.water_plane import SmallCopy
+from aerodft.vision.river.water.hints import with_hints
+from aerodft.vision.river.water.plane import SmallCopy
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 
 RIVER = PaintedRiver(seed=4, water="brown", land="grass", tilt_deg=20.0, bend_m=2.0)

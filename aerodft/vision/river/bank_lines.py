@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river.banks import locate_edges, widest_px, window_px
 from aerodft.vision.river.centreline import Centreline, sample_mask
-from aerodft.vision.river.water_plane import SmallCopy, WaterPlane
+from aerodft.vision.river.water import SmallCopy, WaterPlane
 
 _GAP_PX: Final = 9  # of the small copy: so short a piece at the image's border parts no bank
 _STONE: Final = 0.08  # of the longest bank: a shorter one would be a stone at the image's border

@@ -18,7 +18,7 @@ from aerodft.geometry import robust_std
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose
 from aerodft.vision.river.centreline import Transects
 from aerodft.vision.river.status import RiverStatus
-from aerodft.vision.river.water_plane import WaterPlane
+from aerodft.vision.river.water import WaterPlane
 
 _STEP_PX: Final = 0.5
 _ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  # parallel profiles, along the bank

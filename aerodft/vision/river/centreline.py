@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from aerodft.model import BoolArray, FloatArray, IntArray
-from aerodft.vision.river.water_plane import SmallCopy, WaterPlane
+from aerodft.vision.river.water import SmallCopy, WaterPlane
 
 _LONGEST_CELLS: Final = 240
 _FEWEST_CELLS: Final = 8.0  # across half of the channel: a narrower one gets a finer grid

@@ -9,10 +9,8 @@ import numpy as np
 from aerodft.geometry import robust_std
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river.centreline import sample_mask
-from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water import WaterMask
-from aerodft.vision.river.water_plane import SmallCopy, WaterPlane
+from aerodft.vision.river.water import RiverHints, SmallCopy, WaterMask, WaterPlane
 
 _NIGHT: Final = 20.0  # grey levels: where all but the brightest twentieth is darker, colours are noise
 _WHITE: Final = 250  # grey levels, of the darkest channel

@@ -21,12 +21,21 @@ from aerodft.vision.river.centreline import (
     transects,
 )
 from aerodft.vision.river.checks import in_doubt, like_a_road, no_water, unfit
-from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
-from aerodft.vision.river.water import WaterMask, find_water, with_islands
-from aerodft.vision.river.water_motion import STAYS, LaterLook, what_stays, without_still
-from aerodft.vision.river.water_network import WaterNetwork
-from aerodft.vision.river.water_plane import SmallCopy, WaterPlane, ground_of
+from aerodft.vision.river.water import (
+    STAYS,
+    LaterLook,
+    RiverHints,
+    SmallCopy,
+    WaterMask,
+    WaterNetwork,
+    WaterPlane,
+    find_water,
+    ground_of,
+    what_stays,
+    with_islands,
+    without_still,
+)
 
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _AMBIGUOUS: Final = 0.1  # of the width

@@ -10,9 +10,8 @@ from aerodft.dft import Setup, zoomed
 from aerodft.model import Camera, Image, Observation, PoseSample, Probe
 from aerodft.service import RiverLook
 from aerodft.vision.river.find import River, RiverQuestion, find_river
-from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
-from aerodft.vision.river.water_plane import WaterPlane
+from aerodft.vision.river.water import RiverHints, WaterPlane
 
 MOST_OBSERVED: Final = 32
 _DECIMALS: Final = 3

@@ -24,10 +24,8 @@ from aerodft.vision.river.find import (
     river_across,
     stations_along,
 )
-from aerodft.vision.river.hints import RiverHints
 from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water_motion import LaterLook
-from aerodft.vision.river.water_plane import SmallCopy, WaterPlane
+from aerodft.vision.river.water import LaterLook, RiverHints, SmallCopy, WaterPlane
 
 _CELLS_ACROSS: Final = 24.0  # of the river's width
 _MOST_CELLS: Final = 4_000_000

@@ -11,7 +11,7 @@ import numpy as np
 
 from aerodft.errors import InputError
 from aerodft.model import ImageArray
-from aerodft.vision.river.water_plane import Float32Image
+from aerodft.vision.river.water.plane import Float32Image
 
 _MULTIPLE: Final = 32  # networks halve their input some times
 _SURE: Final = 12.0  # of a logit: beyond, it is certain

@@ -14,8 +14,8 @@ import numpy as np
 
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.common import local_contrast, spread_corners, track_lk
-from aerodft.vision.river.water import WaterMask, largest_piece
-from aerodft.vision.river.water_plane import Float32Image, SmallCopy, WaterPlane
+from aerodft.vision.river.water.mask import WaterMask, largest_piece
+from aerodft.vision.river.water.plane import Float32Image, SmallCopy, WaterPlane
 
 STAYS: Final = 0.95
 """Median correlation of what stays; of water it was 0.8 at most half a second later, and less after a second."""
@@ -92,7 +92,8 @@ def what_stays(
         ground: What was looked at.
 
     Returns:
-        None where too little land is found again for the images to lie on each other.
+        None where too little land is found again for the images to lie on each other, or nowhere water would have moved
+        far enough to be seen moving.
     """
     now, then = motion_copy(image), later.copy()
     size = (now.shape[1], now.shape[0])
@@ -110,6 +111,8 @@ def what_stays(
     if not np.any(told & land) or float(np.median(alike[told & land])) < _LAND_SAME:
         return None
     inside = near & wet & (cv2.dilate(dry.astype(np.uint8), _AWAY) == 0)
+    if not np.any(inside):
+        return None
     enough = np.count_nonzero(told & inside) > _LEAST_DETAIL * np.count_nonzero(inside)
     in_water = float(np.median(alike[told & inside])) if enough else math.nan
     still = ((told & near & (alike > _SAME)) | dry).astype(np.uint8)

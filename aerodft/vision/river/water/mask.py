@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from aerodft.model import BoolArray
-from aerodft.vision.river.hints import RiverHints, hinted, with_hints
-from aerodft.vision.river.water_network import WaterNetwork
-from aerodft.vision.river.water_plane import Float32Image, SmallCopy
+from aerodft.vision.river.water.hints import RiverHints, hinted, with_hints
+from aerodft.vision.river.water.network import WaterNetwork
+from aerodft.vision.river.water.plane import Float32Image, SmallCopy
 
 _MARGIN: Final = 1.0  # of a logit: 73 %, and 27 %
 _SPECK: Final = 3e-4  # of the image: what is drier and smaller is a wave, or a boat

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import cg
 
 from aerodft.errors import InputError
 from aerodft.model import BoolArray, FloatArray, ImageArray
-from aerodft.vision.river.water_plane import Float32Image, SmallCopy, WaterPlane
+from aerodft.vision.river.water.plane import Float32Image, SmallCopy, WaterPlane
 
 _GRIDS_PX: Final = (48, 96, 192, 384)  # longer sides of the grids that are walked on
 _BRUSH: Final = 0.008  # of the longer side: half a stroke's width

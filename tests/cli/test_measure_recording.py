@@ -71,3 +71,9 @@ def test_a_recording_is_measured_with_another_calibration(aerodft, flight_record
     assert centre["value"] == pytest.approx(36.0 / math.cos(math.radians(31.0)), abs=1e-5)
     assert centre["calibration"] != aerodft(*asked).json[0]["calibration"]
     assert centre["calibration"].startswith("sha256:")
+
+
+def test_it_says_when_it_was_and_from_where(aerodft, flight_recording):
+    found = aerodft("measure", "--recording", flight_recording, "--at", "1", "--probe", "range 31,23")
+    assert "2026-11-21T" in found.err
+    assert "height 40.00 m +- 1 (home), tilt 30.00 deg" in found.err

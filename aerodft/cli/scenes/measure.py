@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from aerodft.adapters.wire.pose import summary_payload
 from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
@@ -166,7 +165,8 @@ def measure(
         files = {"config": config, "calibration": calibration, "camera": camera}
         setup, sample = _recorded(recording, at, topic, files, surface)
         setup = setup if model is None else replace(setup, model=model)
-        say(_pose_sentence(sample))
+        if not json:
+            say(_pose_sentence(sample))
     else:
         setup, sample = scene_of_options(pose, camera, calibration, std, surface, ground=ground, model=model)
         if stds.px is None:
@@ -224,6 +224,8 @@ def _source(name: str | None) -> str:
 
 def _pose_sentence(sample: PoseSample) -> str:
     """When it was, and where the camera was and looked; of a pose that there is none of the probes say why."""
+    from aerodft.adapters.wire.pose import summary_payload
+
     summary = summary_payload(sample)
     when = datetime.fromtimestamp(sample.stamp_ns / SECOND_NS, UTC).isoformat(timespec="milliseconds")
     said = f"{when.replace('+00:00', 'Z')}: "

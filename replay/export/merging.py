@@ -30,6 +30,7 @@ from aerodft.adapters.recording.read import (
 from aerodft.adapters.recording.write import COUNT_NAME, PROFILE, Summary
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
+from replay.export.annotations import Annotator
 from replay.recordings import Recording, messages_by_time
 
 _MOST_METADATA_BYTES: Final = 4 << 20
@@ -79,6 +80,8 @@ class FileAttachment:
 def merge_segments(recording: Recording, path: Path) -> "MergedRecordingWriter":
     """Write all messages, metadata and attachments of a recording as one file, with chunks, checksums and an index.
 
+    What viewers draw over the images is made of the poses and measurements, see ``Annotator``.
+
     At a time it holds those chunks that overlap in time, and one attachment. What is not in it, ``recording.left_out``
     says afterwards.
 
@@ -98,8 +101,11 @@ def merge_segments(recording: Recording, path: Path) -> "MergedRecordingWriter":
     with path.open("wb") as file, MergedRecordingWriter(file, metadata) as merged:
         for attachment in chain(attachments, _sidecar_files(recording)):
             merged.attach(attachment)
+        annotator = Annotator(recording.station)
         for message in _by_time(segments):
             merged.add(message)
+            for beside in annotator.messages(message):
+                merged.add(beside)
             del message  # of megabytes: not to be held while the next one is read
     return merged
 

@@ -22,6 +22,8 @@ class Keys:
         self.video = f"{self.root}/image/video"  # in a recording: an H.264 stream as it came
         self.camera = f"{self.root}/camera"  # in a recording: the camera file
         self.measurements = f"{self.root}/measurements"  # in a recording: all of an image's
+        self.annotations = f"{self.root}/annotations"  # in an exported file: what viewers draw over the images
+        self.transform = f"{self.root}/transform"  # in an exported file: from the camera to the station's axes
         self.height = f"{self.root}/height"  # heights are of another source from now on, with the step
         self.location = f"{self.root}/location"  # in a recording: the vehicle's place
         self.calibration = f"{self.root}/calibration"  # what landmarks add to the telemetry, after each image
@@ -36,6 +38,10 @@ class Keys:
     def measurement(self, probe: str) -> str:
         """Where a probe's measurements are published."""
         return f"{self.root}/measurement/{key_part(probe)}"
+
+    def number(self, probe: str) -> str:
+        """Where an exported file has a probe's values alone."""
+        return f"{self.root}/number/{key_part(probe)}"
 
     def observation(self, probe: str) -> str:
         """Where a probe's observations are expected."""

@@ -1,0 +1,166 @@
+"""What viewers such as Foxglove draw over a recording's images: probes with their values, the camera's way, numbers."""
+
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import orjson
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.Point2_pb2 import Point2
+from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.TextAnnotation_pb2 import TextAnnotation
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import DecodeError
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from aerodft.adapters.recording import Channel, protobuf_channel
+from aerodft.adapters.recording.read import ReadMessage
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
+from aerodft.adapters.wire.keys import Keys
+from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
+from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
+from aerodft.conventions import SECOND_NS
+from aerodft.model import ProbeKind, Status
+
+_CAMERA_SCHEMA: Final = str(CameraCalibration.DESCRIPTOR.full_name)
+_ENU: Final = "enu"
+_MOST_IMAGES: Final = 10_000  # whose measurements are still to come
+_LINE, _TEXT, _BEHIND = Color(r=0.94, g=0.89, b=0.26, a=1), Color(r=1, g=1, b=1, a=1), Color(a=0.7)
+_THICKNESS_PX, _FONT_PX = 3.0, 22.0
+
+
+class Annotator:
+    """Makes messages for viewers of those of a recording, in their order.
+
+    Topics: ``aerodft/STATION/annotations`` with lines and values of all probes at the stamp of their image, by which
+    viewers lay them on it; ``aerodft/STATION/number/PROBE`` with ``value``, ``std``, ``status`` and, as ``low`` and
+    ``high``, the 95 % interval; ``aerodft/STATION/transform`` from the camera's axes to the station's east, north and up.
+
+    Args:
+        station: Its name.
+    """
+
+    def __init__(self, station: str) -> None:
+        self._keys = Keys(station)
+        self._frame = "camera"
+        self._stamps_ns: OrderedDict[int, int] = OrderedDict()  # of images, by index
+        self._annotations = protobuf_channel(self._keys.annotations, ImageAnnotations)
+        self._transform = protobuf_channel(self._keys.transform, FrameTransform)
+        self._numbers: dict[str, Channel] = {}
+
+    def messages(self, message: ReadMessage) -> Iterator[ReadMessage]:
+        """What viewers need beside a message; nothing beside most.
+
+        Raises:
+            InputError: The message is damaged.
+        """
+        schema = message.channel.schema
+        if schema == _CAMERA_SCHEMA:
+            self._frame = _frame_of(message.data) or self._frame
+        elif schema == IMAGE_SCHEMA:
+            image = decode_image(message.data)
+            self._stamps_ns[image.index] = image.stamp_ns
+            if len(self._stamps_ns) > _MOST_IMAGES:
+                self._stamps_ns.popitem(last=False)
+        elif schema == POSE_SCHEMA:
+            yield from self._transforms(message)
+        elif schema == MEASUREMENTS_SCHEMA:
+            yield from self._measured(message, [orjson.loads(each) for _, each in split_measurements(message.data)])
+        elif schema == MEASUREMENT_SCHEMA:
+            yield from self._measured(message, [orjson.loads(message.data)])
+
+    def _transforms(self, message: ReadMessage) -> Iterator[ReadMessage]:
+        sample = decode_pose(message.data)
+        if sample.pose is None:
+            return
+        w, x, y, z = sample.pose.wxyz.tolist()
+        east_m, north_m, up_m = sample.pose.position_enu_m.tolist()
+        transform = FrameTransform(
+            timestamp=_timestamp(sample.stamp_ns),
+            parent_frame_id=_ENU,
+            child_frame_id=self._frame,
+            translation=Vector3(x=east_m, y=north_m, z=up_m),
+            rotation=Quaternion(w=w, x=x, y=y, z=z),
+        )
+        yield ReadMessage(message.log_ns, self._transform, bytes(transform.SerializeToString()), 0)
+
+    def _measured(self, message: ReadMessage, items: Sequence[dict[str, Any]]) -> Iterator[ReadMessage]:
+        for item in items:
+            yield ReadMessage(message.log_ns, self._number(item["name"]), _number_payload(item), 0)
+        seen = [item for item in items if item["image"] is not None and _pixels(item)]
+        if not seen:
+            return
+        stamp = _timestamp(self._stamps_ns.get(seen[0]["image"], int(seen[0]["stamp_ns"])))
+        drawn = ImageAnnotations(
+            points=[_line(item, stamp) for item in seen], texts=[_text(item, stamp) for item in seen]
+        )
+        yield ReadMessage(message.log_ns, self._annotations, bytes(drawn.SerializeToString()), 0)
+
+    def _number(self, probe: str) -> Channel:
+        if probe not in self._numbers:
+            self._numbers[probe] = Channel(topic=self._keys.number(probe), encoding="json")
+        return self._numbers[probe]
+
+
+def _frame_of(data: bytes) -> str:
+    try:
+        return str(CameraCalibration.FromString(data).frame_id)
+    except DecodeError:
+        return ""
+
+
+def _pixels(item: dict[str, Any]) -> list[Point2]:
+    return [Point2(x=u, y=v) for u, v in item["pixels"] if u is not None and v is not None]
+
+
+def _line(item: dict[str, Any], stamp: Timestamp) -> PointsAnnotation:
+    points = _pixels(item)
+    kind = PointsAnnotation.LINE_LOOP if item["kind"] == ProbeKind.AREA else PointsAnnotation.LINE_STRIP
+    return PointsAnnotation(
+        timestamp=stamp,
+        type=kind if len(points) > 1 else PointsAnnotation.POINTS,
+        points=points,
+        outline_color=_LINE,
+        thickness=_THICKNESS_PX,
+    )
+
+
+def _text(item: dict[str, Any], stamp: Timestamp) -> TextAnnotation:
+    points = _pixels(item)
+    middle = Point2(x=sum(each.x for each in points) / len(points), y=sum(each.y for each in points) / len(points))
+    return TextAnnotation(
+        timestamp=stamp,
+        position=middle,
+        text=label(item),
+        font_size=_FONT_PX,
+        text_color=_TEXT,
+        background_color=_BEHIND,
+    )
+
+
+def label(item: dict[str, Any]) -> str:
+    """A measurement in one line: its value with its interval, or its status.
+
+    Args:
+        item: As ``aerodft.measurement/1``.
+    """
+    if item["status"] != Status.OK:
+        return f"{item['name']}: {item['status']}"
+    if item["value"] is None:
+        return str(item["name"])
+    low, high = item["ci95"] or (item["value"], item["value"])
+    return f"{item['name']}: {item['value']:.2f} {item['unit']} [{low:.2f} ... {high:.2f}] 95 %"
+
+
+def _number_payload(item: dict[str, Any]) -> bytes:
+    low, high = item["ci95"] or (None, None)
+    keys = {key: item[key] for key in ("value", "std", "unit", "status", "stamp_ns")}
+    return orjson.dumps({**keys, "low": low, "high": high})
+
+
+def _timestamp(stamp_ns: int) -> Timestamp:
+    return Timestamp(seconds=stamp_ns // SECOND_NS, nanos=stamp_ns % SECOND_NS)

@@ -38,7 +38,7 @@ class Annotator:
 
     Topics: ``aerodft/STATION/annotations`` with lines and values of all probes at the stamp of their image, by which
     viewers lay them on it; ``aerodft/STATION/number/PROBE`` with ``value``, ``std``, ``status`` and, as ``low`` and
-    ``high``, the 95 % interval; ``aerodft/STATION/transform`` from the camera's axes to the station's east, north and up.
+    ``high``, the 95 % interval; ``aerodft/STATION/transform`` from the camera's axes to the station's.
 
     Args:
         station: Its name.

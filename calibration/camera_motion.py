@@ -166,13 +166,13 @@ class LookJudge:
         return Look(turn if turn is not None and self._tells(turn) else None, len(pairs))
 
     def _tells(self, turn: Turn) -> bool:
-        agreeing = int(np.count_nonzero(turn.agreeing))
-        enough = agreeing >= max(_MIN_AGREEING, _MIN_SHARE * len(turn.agreeing))
+        agreeing = int(np.count_nonzero(turn.inliers))
+        enough = agreeing >= max(_MIN_AGREEING, _MIN_SHARE * len(turn.inliers))
         return enough and float(np.max(np.diag(turn.cov))) <= self._fine_rad**2
 
     def _staying(self, pairs: FloatArray, turn: Turn | None) -> int:
         """How many points are where the turn does not bring them, and were there at the last look too."""
-        is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(turn.off_px, self._off_px)
+        is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(turn.residual_px, self._off_px)
         before, self._strays = self._strays, {tuple(then.tolist()): now for then, now in pairs[is_stray]}
         return sum(
             key in before and bool(np.max(np.abs(place - before[key])) <= self._off_px)
@@ -506,7 +506,7 @@ class CameraMotionCalibrator:
             estimate = replace(
                 estimate,
                 look_turn_rad=_three(to_rotation_vector(inverse(look.turn.wxyz))),
-                agreeing=int(np.count_nonzero(look.turn.agreeing)),
+                agreeing=int(np.count_nonzero(look.turn.inliers)),
                 std_px=look.turn.std_px,
             )
         if turn is None:

@@ -1,4 +1,4 @@
-"""WGS84 and the station's ENU frame; PROJ does the geodesy."""
+"""WGS84 points to the station's ENU frame and back, by PROJ."""
 
 import math
 from functools import lru_cache
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 
 @lru_cache(maxsize=32)
-def _frame(origin: GeoOrigin) -> "Transformer":
+def _transformer(origin: GeoOrigin) -> "Transformer":
+    """PROJ's transformer from WGS84 longitude, latitude and height to ENU about the origin."""
     from pyproj import Transformer  # noqa: PLC0415 - 12 MB, and what has no place on earth does without
 
     lat_deg, lon_deg, height_m = math.degrees(origin.lat_rad), math.degrees(origin.lon_rad), origin.alt_msl_m or 0.0
@@ -31,7 +32,7 @@ def east_north(origin: GeoOrigin, lat_rad: npt.ArrayLike, lon_rad: npt.ArrayLike
     """
     lat_rad, lon_rad = np.asarray(lat_rad, dtype=np.float64), np.asarray(lon_rad, dtype=np.float64)
     height = np.full_like(lat_rad, origin.alt_msl_m or 0.0)
-    east, north, _ = _frame(origin).transform(lon_rad, lat_rad, height, radians=True)
+    east, north, _ = _transformer(origin).transform(lon_rad, lat_rad, height, radians=True)
     return np.stack([np.asarray(east), np.asarray(north)], axis=-1)
 
 
@@ -42,5 +43,5 @@ def lat_lon(origin: GeoOrigin, east_north_m: FloatArray) -> FloatArray:
     """
     east_north_m = np.asarray(east_north_m, dtype=np.float64)
     east, north = east_north_m[..., 0], east_north_m[..., 1]
-    lon, lat, _ = _frame(origin).transform(east, north, np.zeros_like(east), radians=True, direction="INVERSE")
+    lon, lat, _ = _transformer(origin).transform(east, north, np.zeros_like(east), radians=True, direction="INVERSE")
     return np.stack([np.asarray(lat), np.asarray(lon)], axis=-1)

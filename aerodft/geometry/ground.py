@@ -1,4 +1,4 @@
-"""Rays meet ground that is a plane, level or tilted; and what the point that is met depends on, for any ground.
+"""Intersection of rays with a level or tilted plane, and Jacobians of ground points for any ground.
 
 A ray leaves the camera at ``c`` along ``d`` (of any length) and meets a surface with the normal ``n`` at
 ``p = c + s d``. To first order ``p`` moves along the surface only, by ``M = I - d n^T / (n . d)``: by ``s M`` with the
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from aerodft.model import CODE_OF, FloatArray, Status, read_only
 
 _UP = read_only([0.0, 0.0, 1.0])
-_UNIT = 1e-9  # a normal's length may differ from 1 by this
+_NORM_TOL = 1e-9  # of a unit normal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,9 @@ class Plane:
 
     def __post_init__(self) -> None:
         normal = read_only(self.normal_enu, trailing=(3,))
-        if not (abs(float(np.linalg.norm(normal)) - 1.0) < _UNIT and normal[2] > 0.0 and math.isfinite(self.offset_m)):
+        if not (
+            abs(float(np.linalg.norm(normal)) - 1.0) < _NORM_TOL and normal[2] > 0.0 and math.isfinite(self.offset_m)
+        ):
             raise ValueError(f"got normal {normal} and offset {self.offset_m}, expected a unit normal that points up")
         object.__setattr__(self, "normal_enu", normal)
 
@@ -58,16 +60,16 @@ class Plane:
 
     @property
     def has_edges(self) -> bool:
-        """A plane has none."""
+        """False: nothing on a plane is occluded."""
         return False
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> "GroundHits":
-        """Where rays meet the plane, raised by ``elevation_m``; the horizon is the plane's own."""
+        """Intersect rays with the plane raised by ``elevation_m``; the horizon is the plane's own."""
         raised = self.offset_m + np.asarray(elevation_m, dtype=np.float64) * self.normal_enu[2]
-        return _meet(camera_enu_m, directions_enu, self.normal_enu, raised)
+        return _intersect_plane(camera_enu_m, directions_enu, self.normal_enu, raised)
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
-        """Height of the plane ``(...)`` at ``(..., 2)``, ENU; known everywhere."""
+        """Height of the plane ``(...)`` at east and north ``(..., 2)``; known everywhere."""
         return np.asarray((self.offset_m - east_north_m @ self.normal_enu[:2]) / self.normal_enu[2])
 
 
@@ -96,24 +98,24 @@ class Ground(Protocol):
 
     @property
     def has_edges(self) -> bool:
-        """Whether rays next to each other may meet ground far apart, of which no derivative knows."""
+        """Whether neighbouring rays may meet ground far apart (occlusion), which no derivative tells."""
         ...
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
-        """Meet rays with the surface ``elevation_m (...)`` above the ground; as ``meet_level`` otherwise."""
+        """Intersect rays with the surface ``elevation_m (...)`` above the ground; otherwise as ``meet_level``."""
         ...
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
-        """Height of the ground ``(...)`` at ``(..., 2)``, ENU; NaN where it is unknown."""
+        """Height of the ground ``(...)`` at east and north ``(..., 2)``; NaN where it is unknown."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundJacobians:
-    """What ``GroundHits.points_enu_m`` depend on, to first order; NaN where nothing is hit.
+    """Jacobians of ``GroundHits.points_enu_m``; NaN where no ground is hit.
 
     Attributes:
-        by_direction: ``(..., 3, 3)`` by the components of the ray's direction as it was given (m).
+        by_direction: ``(..., 3, 3)`` by the components of the ray's direction, of its own length (m).
         by_position: ``(..., 3, 3)`` by the camera's position in ENU.
         by_elevation: ``(..., 3)`` by the height of the ground, all of it raised together.
     """
@@ -124,28 +126,29 @@ class GroundJacobians:
 
 
 def meet_level(camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
-    """Meet rays with horizontal planes.
+    """Intersect rays with horizontal planes.
 
     Args:
         camera_enu_m: Where the rays start, ``(..., 3)``.
-        directions_enu: Where they go, ``(..., 3)``, of any length; NaN where there is no ray.
+        directions_enu: Their directions, ``(..., 3)``, of any length; NaN where there is no ray.
         elevation_m: Heights of the planes, ``(...)``. All three broadcast.
 
     Returns:
         The points, exactly at ``elevation_m``. ``BEYOND_LENS_MODEL`` without a ray, ``BELOW_SURFACE`` for a camera on
-        or below the plane, ``ABOVE_HORIZON`` where the ray never comes down to it.
+        or below the plane, ``ABOVE_HORIZON`` where the ray never reaches it.
 
     Raises:
         ValueError: A position or an elevation is not finite.
     """
     elevation = np.asarray(elevation_m, dtype=np.float64)
-    hits = _meet(camera_enu_m, directions_enu, _UP, elevation)
+    hits = _intersect_plane(camera_enu_m, directions_enu, _UP, elevation)
     points = hits.points_enu_m
     points[..., 2] = np.where(np.isnan(points[..., 2]), np.nan, elevation)  # exactly, not within rounding
     return hits
 
 
-def _meet(camera: FloatArray, directions: FloatArray, normal: FloatArray, offset: FloatArray) -> GroundHits:
+def _intersect_plane(camera: FloatArray, directions: FloatArray, normal: FloatArray, offset: FloatArray) -> GroundHits:
+    """Intersect rays with the planes ``normal . p = offset``; misses as in ``meet_level``."""
     camera = finite(camera, "camera position")
     directions = np.asarray(directions, dtype=np.float64)
     above = camera @ normal - finite(offset, "elevation")
@@ -169,7 +172,7 @@ def _meet(camera: FloatArray, directions: FloatArray, normal: FloatArray, offset
 
 
 def finite(values: npt.ArrayLike, what: str) -> FloatArray:
-    """``values`` as float64.
+    """Values as float64, checked to be finite.
 
     Raises:
         ValueError: One of them, ``what``, is not finite.
@@ -181,26 +184,25 @@ def finite(values: npt.ArrayLike, what: str) -> FloatArray:
 
 
 def jacobians(camera_enu_m: FloatArray, directions_enu: FloatArray, hits: GroundHits) -> GroundJacobians:
-    """Derivatives of the points that ``meet_level`` or a ``Ground`` found.
+    """Jacobians of ground points found by ``meet_level`` or by a ``Ground``.
 
-    On terrain they are those of the patch that is hit: they know nothing of the edge behind which the ray would end
-    up elsewhere.
+    On terrain they hold for the patch that is hit, and not across an occluding edge.
 
     Args:
-        camera_enu_m: ``(..., 3)`` as it was given.
-        directions_enu: ``(..., 3)`` as they were given.
-        hits: What was found.
+        camera_enu_m: ``(..., 3)`` as for the intersection.
+        directions_enu: ``(..., 3)`` as for the intersection.
+        hits: The ground points found.
     """
     camera, directions = np.asarray(camera_enu_m, dtype=np.float64), np.asarray(directions_enu, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         reach = hits.range_m / np.linalg.norm(directions, axis=-1)
         ground = hits.normal_enu / hits.normal_enu[..., 2:]  # upward component 1: raising it by 1 m moves it by 1
-        line = ground.copy()  # the same in the camera's uncurved axes: the farther, the more it falls away
-        line[..., :2] += 2 * hits.curvature_per_m * (hits.points_enu_m - camera)[..., :2]
-        along = np.sum(line * directions, axis=-1)
+        normal_seen = ground.copy()  # in the camera's uncurved axes ground falls away with distance
+        normal_seen[..., :2] += 2 * hits.curvature_per_m * (hits.points_enu_m - camera)[..., :2]
+        along = np.sum(normal_seen * directions, axis=-1)
         by_elevation = np.asarray(directions / along[..., None])
         by_position = np.eye(3) - by_elevation[..., :, None] * ground[..., None, :]
-        by_direction = reach[..., None, None] * (np.eye(3) - by_elevation[..., :, None] * line[..., None, :])
+        by_direction = reach[..., None, None] * (np.eye(3) - by_elevation[..., :, None] * normal_seen[..., None, :])
     if hits.curvature_per_m:
         for jac in (by_position, by_direction):
             jac[..., 2, :] = -np.einsum("...i,...ij->...j", ground[..., :2], jac[..., :2, :])

@@ -1,4 +1,4 @@
-"""Values between samples: linear and spherical, never across a gap, never outside."""
+"""Interpolation between samples: never across a gap, never outside the samples."""
 
 from dataclasses import dataclass
 from typing import TypeVar
@@ -13,14 +13,14 @@ _Number = TypeVar("_Number", np.float64, np.int64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brackets:
-    """The two samples around each of ``n`` stamps; rows where ``is_known`` is false mean nothing.
+    """The two samples around each of ``n`` stamps; rows are undefined where ``is_known`` is false.
 
     Attributes:
         before: ``(n,)`` indices of the samples that are not after the stamps.
         after: ``(n,)`` indices of those that are not before them.
         weight: ``(n,)`` of the later one.
         gap_ns: ``(n,)`` between the two.
-        is_known: ``(n,)`` whether there are two, near enough to one another.
+        is_known: ``(n,)`` whether both exist, no farther apart than the longest gap.
     """
 
     before: IntArray
@@ -30,39 +30,39 @@ class Brackets:
     is_known: BoolArray
 
     def rows(self, rows: IntArray) -> "Brackets":
-        """The brackets of some of the stamps."""
+        """The brackets of stamps ``(k,)`` by their indices."""
         return Brackets(self.before[rows], self.after[rows], self.weight[rows], self.gap_ns[rows], self.is_known[rows])
 
     def ends(self, values: npt.NDArray[_Number]) -> tuple[npt.NDArray[_Number], npt.NDArray[_Number]]:
-        """``values (m, ...)`` before and after each stamp."""
+        """Values ``(m, ...)`` of the samples before and after each stamp."""
         return values[self.before], values[self.after]
 
     def linear(self, values: FloatArray) -> FloatArray:
-        """``values (m,)`` at the stamps."""
+        """Values ``(m,)`` interpolated linearly at the stamps."""
         before, after = self.ends(values)
         return np.asarray(before + self.weight * (after - before))
 
 
 def brackets(
-    stamps_ns: IntArray, asked_ns: IntArray, max_gap_ns: int, seen: tuple[IntArray, IntArray] | None = None
+    stamps_ns: IntArray, query_ns: IntArray, max_gap_ns: int, visible_rows: tuple[IntArray, IntArray] | None = None
 ) -> Brackets:
-    """Find the samples on both sides of stamps; none outside the samples and across a gap.
+    """Find the two samples around each stamp; none outside the samples or across a gap.
 
     Args:
         stamps_ns: ``(m,)`` of the samples, ascending.
-        asked_ns: ``(n,)``.
+        query_ns: ``(n,)`` stamps to interpolate at.
         max_gap_ns: Longest gap that is interpolated over.
-        seen: For each of them ``(n,)`` the first sample that counts, and the one behind the last; None for all.
+        visible_rows: First usable sample and end of the usable ones for each stamp, ``(n,)`` both; None for all.
     """
-    first, end = (0, len(stamps_ns)) if seen is None else seen
-    after = np.searchsorted(stamps_ns, asked_ns, side="left")
+    first, end = (0, len(stamps_ns)) if visible_rows is None else visible_rows
+    after = np.searchsorted(stamps_ns, query_ns, side="left")
     inside = after < end
     after = np.minimum(after, max(len(stamps_ns) - 1, 0))
     if not len(stamps_ns):
-        return Brackets(after, after, np.zeros(len(asked_ns)), after, inside)
-    exact = stamps_ns[after] == asked_ns
+        return Brackets(after, after, np.zeros(len(query_ns)), after, inside)
+    exact = stamps_ns[after] == query_ns
     before = np.maximum(np.where(exact, after, after - 1), 0)
     gap = stamps_ns[after] - stamps_ns[before]
     known = inside & (exact | (after > 0)) & (before >= first) & (gap <= max_gap_ns)
-    weight = (asked_ns - stamps_ns[before]) / np.where(gap > 0, gap, 1)
+    weight = (query_ns - stamps_ns[before]) / np.where(gap > 0, gap, 1)
     return Brackets(before, after, weight, gap, known)

@@ -1,10 +1,9 @@
-"""Pixels to rays and back, exactly: intrinsics, and OpenCV's Brown (up to rational) and fisheye distortion.
+"""Exact projection between pixels and rays: intrinsics, and OpenCV's Brown (up to rational) and fisheye distortion.
 
 The forward models are those of OpenCV's ``calib3d`` ("Camera Calibration and 3D Reconstruction" and "Fisheye camera
-model"). The inverse is Newton's method inside the radius up to which the forward model is one to one; outside it there
-is no answer, and the result is NaN.
+model"). The inverse is Newton's method inside the radius up to which the forward model is one to one, NaN outside it.
 
-Intrinsics are ordered as OpenCV's calibrations have them: fx, fy, cx, cy, then the distortion coefficients.
+Intrinsics are in the order of OpenCV's calibrations: fx, fy, cx, cy, then the distortion coefficients.
 """
 
 from dataclasses import dataclass
@@ -18,17 +17,17 @@ from numpy.polynomial import Polynomial
 from aerodft.geometry.kernels import brown, fisheye_angles, undistort
 from aerodft.model import Camera, FloatArray, LensModel, read_only
 
-_NOTHING = 1e-9  # a reciprocal root beyond any image
+_MIN_RECIPROCAL_ROOT = 1e-9  # smaller reciprocals are of roots beyond any image
 
-_FEW = 512  # coordinates of an image's fixed probes, at most; more of them are undistorted by a compiled loop first
-_Distorted = tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]
+_CACHE_LIMIT = 512  # enough for an image's fixed probes; larger arrays take the compiled loop and no cache
+_Projection = tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]
 PINHOLE_PARAMETERS: Final = 4
 """fx, fy, cx, cy: all that is uncertain where distortion is taken as exact."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rays:
-    """Rays in camera axes with what they depend on.
+    """Rays in camera axes and their Jacobian by the pixel.
 
     Attributes:
         rays_cam: ``(..., 3)``, not normalised; NaN where the lens model has no inverse.
@@ -42,20 +41,22 @@ class Rays:
 def rays_from_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     """Rays ``(..., 3)`` in camera axes, not normalised, of pixels ``(..., 2)``; NaN where the lens has no inverse."""
     pixels = np.asarray(pixels_px, dtype=np.float64)
-    if pixels.size <= _FEW or camera.lens is LensModel.FISHEYE:
+    if pixels.size <= _CACHE_LIMIT or camera.lens is LensModel.FISHEYE:
         return rays_with_jacobian(camera, pixels).rays_cam
-    # Of whole images derivatives that nobody asks for take three quarters of the time.
-    return _ahead(_undistorted(padded(camera, 8), _from_centre(camera, pixels)))
+    # For whole images the unused Jacobian would take three quarters of the time.
+    return _with_unit_depth(_undistorted(padded(camera, 8), _normalised_pixels(camera, pixels)))
 
 
 def rays_with_jacobian(camera: Camera, pixels_px: FloatArray) -> Rays:
-    """Rays of pixels with derivatives; read-only, because those of a few pixels are kept for the next call."""
+    """Rays of pixels ``(..., 2)`` with Jacobian; small arrays are cached, hence read-only."""
     pixels = np.asarray(pixels_px, dtype=np.float64)
-    return _remembered_rays(camera, pixels.shape, pixels.tobytes()) if pixels.size <= _FEW else _rays(camera, pixels)
+    return (
+        _cached_rays(camera, pixels.shape, pixels.tobytes()) if pixels.size <= _CACHE_LIMIT else _rays(camera, pixels)
+    )
 
 
 @lru_cache(maxsize=64)
-def _remembered_rays(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> Rays:
+def _cached_rays(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> Rays:
     rays = _rays(camera, np.frombuffer(pixels).reshape(shape))
     for array in (rays.rays_cam, rays.jac_px):
         array.setflags(write=False)
@@ -64,7 +65,7 @@ def _remembered_rays(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> R
 
 def _rays(camera: Camera, pixels_px: FloatArray) -> Rays:
     focal = np.array([camera.fx_px, camera.fy_px])
-    distorted = _from_centre(camera, pixels_px)
+    distorted = _normalised_pixels(camera, pixels_px)
     if camera.lens is LensModel.FISHEYE:
         rays, jac = _fisheye_rays(padded(camera, 4), distorted)
     else:
@@ -72,8 +73,8 @@ def _rays(camera: Camera, pixels_px: FloatArray) -> Rays:
     return Rays(rays, jac / focal)
 
 
-def _from_centre(camera: Camera, pixels_px: FloatArray) -> FloatArray:
-    """Pixels from the principal point, in focal lengths ``(..., 2)``."""
+def _normalised_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
+    """Pixels from the principal point in focal lengths, ``(..., 2)``."""
     return np.asarray((pixels_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px])
 
 
@@ -87,7 +88,7 @@ def pixels_from_rays(camera: Camera, rays_cam: FloatArray) -> FloatArray:
 
 
 def distorted_with_jacobian(camera: Camera, rays_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels of rays from the principal point, in focal lengths ``(..., 2)``, and derivatives ``(..., 2, 3)``.
+    """Image points of rays, from the principal point in focal lengths ``(..., 2)``; Jacobian ``(..., 2, 3)``.
 
     NaN where ``pixels_from_rays`` is.
     """
@@ -100,45 +101,45 @@ def distorted_with_jacobian(camera: Camera, rays_cam: FloatArray) -> tuple[Float
     return np.where(valid[..., None], distorted, np.nan), np.where(valid[..., None, None], jac, np.nan)
 
 
-def _brown_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
-    coefficients, ahead = padded(camera, 8), rays[..., 2]
-    xy = rays[..., :2] / ahead[..., None]
+def _brown_distorted(camera: Camera, rays: FloatArray) -> _Projection:
+    coefficients, z = padded(camera, 8), rays[..., 2]
+    xy = rays[..., :2] / z[..., None]
     jac = np.zeros((*xy.shape, 3))
     if not any(coefficients):
-        jac[..., 0, 0] = jac[..., 1, 1] = 1 / ahead
-        jac[..., 2] = -xy / ahead[..., None]
-        return xy, jac, ahead > 0
+        jac[..., 0, 0] = jac[..., 1, 1] = 1 / z
+        jac[..., 2] = -xy / z[..., None]
+        return xy, jac, z > 0
     distorted, by_xy = _brown(coefficients, xy)
-    jac[..., :2] = by_xy / ahead[..., None, None]
+    jac[..., :2] = by_xy / z[..., None, None]
     jac[..., 2] = -np.einsum("...ij,...j->...i", jac[..., :2], xy)
-    sideways = np.hypot(rays[..., 0], rays[..., 1])
-    return distorted, jac, (ahead > 0) & (sideways <= brown_limit(coefficients) * ahead)
+    off_axis = np.hypot(rays[..., 0], rays[..., 1])
+    return distorted, jac, (z > 0) & (off_axis <= brown_limit(coefficients) * z)
 
 
-def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Distorted:
+def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Projection:
     polynomial, limit = _fisheye_polynomial(padded(camera, 4)), fisheye_limit(padded(camera, 4))
-    sideways, ahead = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2]
-    angle = np.arctan2(sideways, ahead)
-    on_axis = sideways == 0
-    outward = rays[..., :2] / np.where(on_axis, 1.0, sideways)[..., None]
-    scale = np.where(on_axis, 1 / ahead, polynomial(angle) / sideways)
-    slope = polynomial.deriv()(angle) / (sideways**2 + ahead**2)
+    off_axis, z = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2]
+    angle = np.arctan2(off_axis, z)
+    on_axis = off_axis == 0
+    outward = rays[..., :2] / np.where(on_axis, 1.0, off_axis)[..., None]
+    scale = np.where(on_axis, 1 / z, polynomial(angle) / off_axis)
+    slope = polynomial.deriv()(angle) / (off_axis**2 + z**2)
     jac = np.empty((*rays.shape[:-1], 2, 3))
-    radial = slope * ahead - scale
+    radial = slope * z - scale
     jac[..., :2] = (
         scale[..., None, None] * np.eye(2) + radial[..., None, None] * outward[..., :, None] * outward[..., None, :]
     )
-    jac[..., 2] = -(slope * sideways)[..., None] * outward
+    jac[..., 2] = -(slope * off_axis)[..., None] * outward
     return rays[..., :2] * scale[..., None], jac, angle <= limit
 
 
 def padded(camera: Camera, count: int) -> tuple[float, ...]:
-    """The camera's distortion coefficients, zeros for those that it does not have."""
+    """The camera's distortion coefficients, padded with zeros to ``count``."""
     return (*camera.distortion, *([0.0] * (count - len(camera.distortion))))
 
 
 def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distorted ``(..., 2)`` and the Jacobian ``(..., 2, 2)``."""
+    """Distorted points ``(..., 2)`` and their Jacobian ``(..., 2, 2)``."""
     xd, yd, xx, cross, yy = brown(coefficients, xy[..., 0], xy[..., 1])
     jac = np.empty((*xd.shape, 2, 2))
     jac[..., 0, 0], jac[..., 1, 1] = xx, yy
@@ -148,7 +149,7 @@ def _brown(coefficients: tuple[float, ...], xy: FloatArray) -> tuple[FloatArray,
 
 @lru_cache(maxsize=64)
 def brown_limit(coefficients: tuple[float, ...]) -> float:
-    """Undistorted radius (tangent of the angle) up to which the radial part is increasing."""
+    """Undistorted radius (tangent of the angle) up to which the radial part increases."""
     k1, k2, _, _, k3, k4, k5, k6 = coefficients
     over, under = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
     by_square = np.convolve(_slope(over), under) - np.convolve(over, _slope(under))
@@ -162,13 +163,13 @@ def _slope(coefficients: FloatArray) -> FloatArray:
 
 
 def _first_positive_root(coefficients: FloatArray) -> float:
-    """Of a polynomial from its constant term on; infinite where there is none.
+    """Smallest positive root of a polynomial, constant term first; infinite where there is none.
 
-    From the reversed polynomial: a tiny last coefficient is then a tiny first one.
+    Solved as the reversed polynomial, in which a tiny last coefficient does no harm.
     """
     roots = np.roots(coefficients)
     real = roots[np.abs(np.imag(roots)) < 1e-9 * (1 + np.abs(roots))].real
-    largest = max(real[real > _NOTHING], default=0.0)
+    largest = max(real[real > _MIN_RECIPROCAL_ROOT], default=0.0)
     return float(1 / largest) if largest > 0 else np.inf
 
 
@@ -177,15 +178,15 @@ def _brown_rays(coefficients: tuple[float, ...], distorted: FloatArray) -> tuple
     _, forward = _brown(coefficients, xy)
     jac = np.zeros((*xy.shape[:-1], 3, 2))
     jac[..., :2, :] = _inverse_2x2(forward)
-    return _ahead(xy), jac
+    return _with_unit_depth(xy), jac
 
 
 def _undistorted(coefficients: tuple[float, ...], distorted: FloatArray) -> FloatArray:
     return distorted if not any(coefficients) else _invert_brown(coefficients, distorted)
 
 
-def _ahead(xy: FloatArray) -> FloatArray:
-    """Rays ``(..., 3)`` one unit ahead; NaN altogether where ``xy (..., 2)`` are."""
+def _with_unit_depth(xy: FloatArray) -> FloatArray:
+    """Rays ``(..., 3)`` of unit depth through ``xy (..., 2)``; NaN in all components where ``xy`` is."""
     return np.concatenate([xy, np.where(np.isnan(xy[..., :1]), np.nan, 1.0)], axis=-1)
 
 
@@ -203,7 +204,7 @@ def _fisheye_polynomial(coefficients: tuple[float, ...]) -> Polynomial:
 
 @lru_cache(maxsize=64)
 def fisheye_limit(coefficients: tuple[float, ...]) -> float:
-    """Angle from the axis up to which the distorted radius is increasing, at most a half turn."""
+    """Angle from the axis up to which the distorted radius increases, at most half a turn."""
     slope = np.asarray(_fisheye_polynomial(coefficients).deriv().coef, dtype=np.float64)
     return min(_first_positive_root(slope), np.pi)
 
@@ -239,27 +240,26 @@ def _determinant_2x2(matrices: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def intrinsics_covariance(camera: Camera) -> FloatArray:
-    """``(m, m)`` covariance of the intrinsics; ``m`` is 4 where the distortion is taken as exact.
+    """Covariance ``(m, m)`` of the intrinsics; ``m`` is 4 where the distortion is taken as exact.
 
-    From ``camera.covariance`` where there is one; else fx and fy are off together, by the same share, and all others
-    each on its own, as ``camera.std`` says.
+    It is ``camera.covariance`` if there is one; otherwise diagonal from ``camera.std``, but for fx and fy, which are
+    fully correlated.
     """
     if camera.covariance:
         return read_only(np.array(camera.covariance))
     std = camera.std
-    bent = std.distortion if any(std.distortion) else ()
-    cov = np.zeros((PINHOLE_PARAMETERS + len(bent), PINHOLE_PARAMETERS + len(bent)))
+    distortion_std = std.distortion if any(std.distortion) else ()
+    cov = np.zeros((PINHOLE_PARAMETERS + len(distortion_std), PINHOLE_PARAMETERS + len(distortion_std)))
     focal = np.array([1.0, camera.fy_px / camera.fx_px]) * std.focal_px
     cov[:2, :2] = np.outer(focal, focal)
-    cov[2:, 2:] = np.diag(np.square([std.principal_point_px, std.principal_point_px, *bent]))
+    cov[2:, 2:] = np.diag(np.square([std.principal_point_px, std.principal_point_px, *distortion_std]))
     return read_only(cov)
 
 
 def rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
-    """Derivative ``(..., 3, m)`` of the rays (``Rays.rays_cam``) of pixels ``(..., 2)`` by the intrinsics.
+    """Jacobian ``(..., 3, m)`` of the rays (``Rays.rays_cam``) of pixels ``(..., 2)`` by the intrinsics.
 
-    A parameter that would move a ray's pixel by so much moves the pixel's ray as a pixel that is off by the opposite
-    does.
+    By the implicit function theorem: the pixel stays fixed, so d ray = -(d ray / d pixel) (d pixel / d intrinsics).
     """
     pixels = np.asarray(pixels_px, dtype=np.float64)
     rays = rays_with_jacobian(camera, pixels)
@@ -268,26 +268,26 @@ def rays_by_intrinsics(camera: Camera, pixels_px: FloatArray) -> FloatArray:
 
 
 def pixels_by_intrinsics(camera: Camera, rays_cam: FloatArray, distorted: FloatArray) -> FloatArray:
-    """Derivative ``(..., 2, m)`` of the pixels of rays ``(..., 3)`` by the intrinsics.
+    """Jacobian ``(..., 2, m)`` of the pixels of rays ``(..., 3)`` by the intrinsics.
 
     Args:
         camera: The camera.
         rays_cam: In camera axes, of any length.
-        distorted: ``(..., 2)``: their pixels, from the principal point, in focal lengths.
+        distorted: ``(..., 2)`` pixels of the rays, from the principal point in focal lengths.
     """
     count = len(intrinsics_covariance(camera))
     by = np.zeros((*distorted.shape, count))
     by[..., 0, 0], by[..., 1, 1] = distorted[..., 0], distorted[..., 1]
     by[..., 0, 2] = by[..., 1, 3] = 1.0
     if count > PINHOLE_PARAMETERS:
-        bend = _fisheye_bend if camera.lens is LensModel.FISHEYE else _brown_bend
-        by_coefficients = bend(camera, rays_cam)[..., : len(camera.distortion)]
+        derivative = _fisheye_by_coefficients if camera.lens is LensModel.FISHEYE else _brown_by_coefficients
+        by_coefficients = derivative(camera, rays_cam)[..., : len(camera.distortion)]
         by[..., PINHOLE_PARAMETERS:] = np.array([[camera.fx_px], [camera.fy_px]]) * by_coefficients
     return by
 
 
-def _brown_bend(camera: Camera, rays_cam: FloatArray) -> FloatArray:
-    """Derivative ``(..., 2, 8)`` of the distorted by the coefficients."""
+def _brown_by_coefficients(camera: Camera, rays_cam: FloatArray) -> FloatArray:
+    """Derivative ``(..., 2, 8)`` of the distorted points by the coefficients."""
     k1, k2, _, _, k3, k4, k5, k6 = padded(camera, 8)
     x, y = rays_cam[..., 0] / rays_cam[..., 2], rays_cam[..., 1] / rays_cam[..., 2]
     s = x * x + y * y
@@ -303,23 +303,23 @@ def _brown_bend(camera: Camera, rays_cam: FloatArray) -> FloatArray:
     return by
 
 
-def _fisheye_bend(_: Camera, rays_cam: FloatArray) -> FloatArray:
-    """Derivative ``(..., 2, 4)`` of the distorted by the coefficients."""
-    sideways = np.hypot(rays_cam[..., 0], rays_cam[..., 1])
-    angle = np.arctan2(sideways, rays_cam[..., 2])
-    outward = rays_cam[..., :2] / np.where(sideways > 0, sideways, 1.0)[..., None]
-    return np.asarray(outward[..., None] * angle[..., None, None] ** np.array([3, 5, 7, 9]))
+def _fisheye_by_coefficients(_: Camera, rays_cam: FloatArray) -> FloatArray:
+    """Derivative ``(..., 2, 4)`` of the distorted points by the coefficients."""
+    off_axis = np.hypot(rays_cam[..., 0], rays_cam[..., 1])
+    angle = np.arctan2(off_axis, rays_cam[..., 2])
+    radial = rays_cam[..., :2] / np.where(off_axis > 0, off_axis, 1.0)[..., None]
+    return np.asarray(radial[..., None] * angle[..., None, None] ** np.array([3, 5, 7, 9]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reprojection:
-    """Pixels of points, with their derivatives; NaN behind the camera and beyond the valid part of the lens.
+    """Pixels of points with their Jacobians; NaN behind the camera and beyond the valid part of the lens.
 
     Attributes:
-        camera: What sees them.
+        camera: The camera.
         rays_cam: ``(..., 3)`` to the points, in camera axes.
-        distorted: ``(..., 2)``: their pixels, from the principal point, in focal lengths.
-        by_point: ``(..., 2, 3)`` pixels by the point (ENU); by the camera's position it is the opposite.
+        distorted: ``(..., 2)`` pixels from the principal point in focal lengths.
+        by_point: ``(..., 2, 3)`` pixels by the point (ENU); its negative is that by the camera's position.
         by_rotation: ``(..., 2, 3)`` pixels by a small rotation of the camera, in its axes.
     """
 
@@ -331,36 +331,36 @@ class Reprojection:
 
     @property
     def pixels_px(self) -> FloatArray:
-        """``(..., 2)``."""
+        """Pixels ``(..., 2)``."""
         lens = self.camera
         return np.asarray(self.distorted * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px])
 
     @property
     def by_intrinsics(self) -> FloatArray:
-        """``(..., 2, m)`` pixels by the intrinsics, see ``intrinsics_covariance``."""
+        """Jacobian ``(..., 2, m)`` of the pixels by the intrinsics, see ``intrinsics_covariance``."""
         return pixels_by_intrinsics(self.camera, self.rays_cam, self.distorted)
 
 
 def reproject(
     camera: Camera, position_enu_m: FloatArray, rotation: FloatArray, points_enu_m: FloatArray
 ) -> Reprojection:
-    """Project points ``(..., 3)`` into a camera.
+    """Project points ``(..., 3)`` into a camera, with Jacobians.
 
     Args:
         camera: The camera.
         position_enu_m: ``(3,)``.
-        rotation: ``(3, 3)``: from camera axes to ENU.
+        rotation: ``(3, 3)`` from camera axes to ENU.
         points_enu_m: ``(..., 3)``.
     """
     rays = (points_enu_m - position_enu_m) @ rotation
     distorted, by_ray = distorted_with_jacobian(camera, rays)
     by_ray = np.array([[camera.fx_px], [camera.fy_px]]) * by_ray
     by_point = (by_ray.reshape(-1, 3) @ rotation.T).reshape(by_ray.shape)
-    return Reprojection(camera, rays, distorted, by_point, _cross(by_ray, rays[..., None, :]))
+    return Reprojection(camera, rays, distorted, by_point, _rotation_jacobian(by_ray, rays[..., None, :]))
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """``a x b``: a camera that turns by w sees a ray r turn by -w x r, of which a derivative takes ``(a x r) . w``."""
+def _rotation_jacobian(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Derivatives by a small rotation w of the camera from those ``a`` by the ray ``b``: ``(a x b) . w``."""
     out = np.empty(a.shape)
     for one, two, three in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[..., one] = a[..., two] * b[..., three] - a[..., three] * b[..., two]

@@ -1,4 +1,4 @@
-"""Poses from the angles and standard deviations that people say."""
+"""Camera poses and their covariance from angles and standard deviations; extrapolation of a pose."""
 
 import math
 from dataclasses import astuple, replace
@@ -10,20 +10,20 @@ from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, mat
 from aerodft.model import FloatArray, Pose, PoseStd
 
 _UNKNOWN_HEADING_VAR: Final = (2 * math.pi) ** 2
-"""A heading that is off by a turn (one std) may be anything: larger variances would only hide the other errors'."""
+"""Variance of an unknown heading, one turn of std: larger values would only drown the other errors numerically."""
 
 
 def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> FloatArray:
-    """6 x 6 covariance (ENU position, small rotation in camera axes) of independent stds, ``(..., 6, 6)``.
+    """Covariance ``(..., 6, 6)`` of poses (ENU position, small rotation in camera axes) from independent stds.
 
     Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical, a turn at most.
 
     Args:
         enu_wxyz_cam: ``(..., 4)``.
-        std: One for all of them, or ``(..., 7)`` in the order of the fields of ``PoseStd``; broadcast.
+        std: One for all poses, or ``(..., 7)`` in the order of the fields of ``PoseStd``; broadcast.
     """
     std = np.array(astuple(std)) if isinstance(std, PoseStd) else std
-    # As Python squares: numpy does otherwise in the last bit of one in a thousand, and recordings must come out alike.
+    # Python's square: numpy's differs in the last bit once in a thousand, and recomputing must give identical bytes.
     variances = np.array([each**2 for each in std.ravel().tolist()]).reshape(std.shape)
     height, horizontal, tilt, pan, roll, heading, _ = np.moveaxis(variances, -1, 0)
     up_cam = matrix(enu_wxyz_cam)[..., 2, :]
@@ -36,7 +36,7 @@ def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> Floa
 
 
 def moved_on(pose: Pose, elapsed_s: float) -> Pose:
-    """One pose some time later (or earlier, below 0), by its velocity and its rate of turn."""
+    """The pose extrapolated by ``elapsed_s`` (negative: backwards) with its velocity and its angular rate."""
     turn = from_rotation_vector(pose.rate_cam_radps * elapsed_s)
     position = pose.position_enu_m + pose.velocity_enu_mps * elapsed_s
     return replace(pose, position_enu_m=position, wxyz=multiply(pose.wxyz, turn))
@@ -52,7 +52,7 @@ def camera_pose(
     east_m: float = 0.0,
     north_m: float = 0.0,
 ) -> Pose:
-    """The pose of a camera at ``(east_m, north_m)`` and ``height_agl_m`` above the measured plane."""
+    """Pose of a camera at ``(east_m, north_m)``, ``height_agl_m`` above the measured plane."""
     std = std or PoseStd()
     wxyz = camera_attitude(tilt_rad, roll_rad, heading_rad)
     return Pose(

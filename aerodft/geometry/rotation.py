@@ -1,4 +1,4 @@
-"""Quaternions, rotation matrices, and the camera's angles; ``wxyz`` arrays of shape ``(..., 4)``."""
+"""Quaternions ``wxyz (..., 4)``, rotation matrices, and the camera's tilt, roll and heading."""
 
 import math
 
@@ -10,8 +10,8 @@ from aerodft.model import FloatArray
 
 
 def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:
-    """Hamilton product ``a b``: first ``b``, then ``a``. Shapes ``(..., 4)``, broadcast."""
-    if np.ndim(a_wxyz) == np.ndim(b_wxyz) == 1:  # plain numbers give the same in a fifth of the time
+    """Hamilton product ``a b`` (``b`` is applied first) of quaternions ``(..., 4)``, broadcast."""
+    if np.ndim(a_wxyz) == np.ndim(b_wxyz) == 1:  # Python floats: identical in a fifth of the time
         (aw, ax, ay, az), (bw, bx, by, bz) = (np.asarray(each, dtype=np.float64).tolist() for each in (a_wxyz, b_wxyz))
         return np.array(
             [
@@ -45,7 +45,7 @@ def inverse(wxyz: FloatArray) -> FloatArray:
 
 def matrix(wxyz: FloatArray) -> FloatArray:
     """Rotation matrices ``(..., 3, 3)`` of unit quaternions ``(..., 4)``."""
-    if np.ndim(wxyz) == 1:  # plain numbers give the same in a fifth of the time
+    if np.ndim(wxyz) == 1:  # Python floats: identical in a fifth of the time
         w, x, y, z = np.asarray(wxyz, dtype=np.float64).tolist()
         return np.array(
             [
@@ -69,8 +69,8 @@ def from_rotation_vector(rotvec_rad: FloatArray) -> FloatArray:
         x, y, z = rotvec_rad.tolist()
         size = math.sqrt(x * x + y * y + z * z)
         half = np.pi * (size / (2 * np.pi))  # in the order of ``sinc``: to the last bit
-        share = 0.5 * (np.sin(half) / half) if half else 0.5
-        return np.array([np.cos(size / 2), x * share, y * share, z * share])
+        scale = 0.5 * (np.sin(half) / half) if half else 0.5
+        return np.array([np.cos(size / 2), x * scale, y * scale, z * scale])
     angle = _length(rotvec_rad)
     scale = 0.5 * np.sinc(angle / (2 * np.pi))  # sin(angle/2)/angle, regular at 0
     return np.concatenate([np.cos(angle / 2), rotvec_rad * scale], axis=-1)
@@ -88,7 +88,7 @@ def to_rotation_vector(wxyz: FloatArray) -> FloatArray:
 
 
 def _length(vectors: FloatArray) -> FloatArray:
-    """``(..., 1)`` of vectors ``(..., 3)``: as numpy's own to the last bit, in a third of its time."""
+    """Norms ``(..., 1)`` of vectors ``(..., 3)``: bit-identical to numpy's in a third of its time."""
     x, y, z = _columns(vectors)
     return np.asarray(np.sqrt(x * x + y * y + z * z))[..., None]
 
@@ -120,7 +120,7 @@ def from_yaw_pitch_roll(yaw_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, roll_r
 
 
 def yaw_pitch_roll(wxyz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Aerospace ZYX angles (rad) of quaternions ``(..., 4)``; at pitch +-90 degrees yaw takes all, roll is 0."""
+    """Aerospace ZYX angles (rad) of quaternions ``(..., 4)``; at pitch +-90 degrees roll is 0, yaw takes it."""
     m = matrix(wxyz)
     pitch = np.arcsin(np.clip(-m[..., 2, 0], -1.0, 1.0))
     regular = np.hypot(m[..., 2, 1], m[..., 2, 2]) > NADIR_TILT_RAD
@@ -132,7 +132,7 @@ def yaw_pitch_roll(wxyz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray
 def camera_attitude(tilt_rad: npt.ArrayLike, roll_rad: npt.ArrayLike, heading_rad: npt.ArrayLike) -> FloatArray:
     """``enu_SO3_cam`` quaternions ``(..., 4)`` from the camera's angles (see ``conventions``), broadcast."""
     tilt, roll, heading = (np.asarray(angle, dtype=np.float64) for angle in (tilt_rad, roll_rad, heading_rad))
-    # A turn by the heading, half a turn about x with the tilt, a spin by the roll: multiplied out.
+    # Product of rotations by the heading (vertical), by pi - tilt (camera x) and by the roll (optical axis).
     sine, cosine, more, less = np.sin(tilt / 2), np.cos(tilt / 2), (heading + roll) / 2, (heading - roll) / 2
     w = -sine * np.cos(less)
     wxyz = np.empty((*w.shape, 4))
@@ -150,7 +150,7 @@ def camera_angles(enu_wxyz_cam: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
 
 def angles_of_matrix(enu_r_cam: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tilt, roll and heading of rotation matrices ``(..., 3, 3)``, as ``camera_angles``."""
+    """Tilt, roll and heading of rotation matrices ``(..., 3, 3)``; ranges as in ``camera_angles``."""
     m = enu_r_cam
     axis = m[..., :, 2]
     horizontal = np.hypot(axis[..., 0], axis[..., 1])
@@ -177,16 +177,16 @@ def gimbal_from_camera(enu_wxyz_cam: FloatArray) -> FloatArray:
 
 
 def rotate(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
-    """``rotations (..., 3, 3)`` times ``vectors (..., 3)``, broadcast; each the same to the last bit in any batch."""
+    """Rotated vectors ``(..., 3)`` by ``rotations (..., 3, 3)``, broadcast; bit-identical in any batch."""
     x, y, z = _columns(vectors)
-    found = np.empty((*np.broadcast_shapes(rotations.shape[:-2], x.shape), 3))
+    rotated = np.empty((*np.broadcast_shapes(rotations.shape[:-2], x.shape), 3))
     for row in range(3):
-        found[..., row] = rotations[..., row, 0] * x + rotations[..., row, 1] * y + rotations[..., row, 2] * z
-    return found
+        rotated[..., row] = rotations[..., row, 0] * x + rotations[..., row, 1] * y + rotations[..., row, 2] * z
+    return rotated
 
 
 def cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    """The product ``one x other`` of single vectors ``(3,)``: as numpy's own, in a fifth of its time."""
+    """Cross product ``one x other`` of single vectors ``(3,)``, in a fifth of numpy's time."""
     (a, b, c), (x, y, z) = one.tolist(), other.tolist()
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
@@ -201,6 +201,6 @@ def skew(vectors: FloatArray) -> FloatArray:
 
 
 def right_jacobian(rotvec_rad: FloatArray) -> FloatArray:
-    """``J (..., 3, 3)`` with ``exp(v + d) = exp(v) exp(J d)``, of small ``v (..., 3)``: to the third order."""
+    """Right Jacobian of SO(3), ``(..., 3, 3)``: ``exp(v + d) = exp(v) exp(J d)``, small ``v``, third order."""
     cross = skew(rotvec_rad)
     return np.asarray(np.eye(3) - cross / 2 + cross @ cross / 6)

@@ -1,9 +1,9 @@
-"""Ground given by an elevation model, and the first point of it that each ray meets.
+"""Intersection of rays with the ground of an elevation model.
 
-In the hot loops positions are in cells: the node of row ``j`` and column ``i`` lies at (i, j), and cell (i, j) has it
-as its south-west corner. Heights and ranges are in metres. The ground of a cell is the bilinear patch through its four
-nodes. Along a ray that is a parabola, and so is the earth's curvature, so that the meeting is one quadratic equation,
-solved exactly. Blocks of cells that lie wholly below the ray are stepped over.
+In the compiled loops positions are in cells: the node of row ``j`` and column ``i`` is at (i, j), the south-west corner
+of cell (i, j). Heights and ranges are in metres. The ground of a cell is the bilinear patch through its four nodes.
+Along a ray the patch is a parabola, and so is the earth's curvature: the intersection is one quadratic equation, solved
+exactly. Blocks of cells that lie wholly below the ray are skipped.
 """
 
 import math
@@ -23,9 +23,9 @@ EARTH_RADIUS_M: Final = 6_371_009.0
 STANDARD_REFRACTION: Final = 0.13
 """Gauss's coefficient for daylight: sight lines bend with 0.13 of the earth's curvature."""
 
-_SMALLEST = 2  # nodes on a grid's side
-_HIT, _NEVER, _OUTSIDE, _HOLE, _TOO_FAR, _BURIED, _NO_RAY, _ONWARD = range(8)  # how a ray ends
-_ENDS = (
+_MIN_NODES = 2  # on a grid's side
+_HIT, _ABOVE, _OUTSIDE, _HOLE, _TOO_FAR, _BELOW, _NO_RAY, _NO_HIT_YET = range(8)  # how a ray ends
+_STATUS_OF_END = (
     Status.OK,
     Status.ABOVE_HORIZON,
     Status.BEYOND_TERRAIN,
@@ -34,34 +34,34 @@ _ENDS = (
     Status.BELOW_SURFACE,
     Status.BEYOND_LENS_MODEL,
 )
-# Not the codes themselves in compiled code, which is kept on disk until its own file changes.
-_CODES = np.array([CODE_OF[end] for end in _ENDS], dtype=np.uint8)
-_SHIFT = 4
-_BLOCK = 1 << _SHIFT  # cells on a block's side
-_RANGE, _HEIGHT, _SLOPE_X, _SLOPE_Y, _OUT = 0, 1, 2, 3, 4  # columns of what ``_march`` writes; slopes in m per cell
+# Compiled code returns ends, not status codes: numba's disk cache does not see changes of another file.
+_CODES = np.array([CODE_OF[end] for end in _STATUS_OF_END], dtype=np.uint8)
+_BLOCK_SHIFT = 4
+_BLOCK_CELLS = 1 << _BLOCK_SHIFT  # on a block's side
+_RANGE, _HEIGHT, _SLOPE_X, _SLOPE_Y, _COLUMNS = 0, 1, 2, 3, 4  # columns of hits; slopes in m per cell
 
-_FAR = 1e12  # nothing is farther (conventions.LARGEST)
+_MAX_RANGE_M = 1e12  # nothing is farther (conventions.LARGEST)
 
 Ray = tuple[float, float, float, float, float, float, float]
-"""Column, row and height of the camera; what they change by per metre of range; and the bend, in m per m^2 of range.
+"""Column, row and height of the camera; their change per metre of range; and the curvature, in m per m^2 of range.
 
-A ray bends upward in the axes of a flattened earth.
+A ray curves upward in the axes of a flattened earth.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElevationGrid:
-    """Heights of the ground on square cells; between four nodes the ground is the bilinear patch through them.
+    """Ground heights at the nodes of square cells; within a cell the ground is the bilinear patch of its nodes.
 
-    The patch is chosen over two triangles because it is what reading a height between nodes gives everywhere else
-    (``elevation_at``, other people's tools), and has no diagonal that somebody must choose. It joins without gaps.
+    A bilinear patch agrees with interpolated heights (``elevation_at``, other tools), which two triangles do not, and
+    needs no choice of a diagonal. Patches join without gaps.
 
     Attributes:
         east_m: East of the south-westernmost node, in the station's ENU or in any metric map projection.
         north_m: North of it.
         cell_m: Distance of the nodes in both directions.
-        heights_m: ``(rows, columns)``, rows to the north, columns to the east; NaN where no height is known. Over the
-            same zero as the cameras' heights.
+        heights_m: ``(rows, columns)``, rows to the north, columns to the east; NaN where no height is known. Same
+            datum as the cameras' heights.
         peaks_m: The highest node of each block of cells, infinite where one is unknown.
         summit_m: The highest node.
     """
@@ -75,27 +75,27 @@ class ElevationGrid:
 
     def __post_init__(self) -> None:
         heights = read_only(self.heights_m)
-        if not (heights.ndim == 2 and min(heights.shape) >= _SMALLEST):  # noqa: PLR2004 - rows and columns
+        if not (heights.ndim == 2 and min(heights.shape) >= _MIN_NODES):  # noqa: PLR2004 - rows and columns
             raise ValueError(f"got heights of shape {heights.shape}, expected rows and columns, two or more of each")
         if not (self.cell_m > 0.0 and math.isfinite(self.cell_m + self.east_m + self.north_m)):
             raise ValueError(f"got cells of {self.cell_m} m at {self.east_m}, {self.north_m}, expected finite ones")
         if np.any(np.isinf(heights)) or np.all(np.isnan(heights)):
             raise ValueError("got infinite heights or none at all, expected heights, and NaN where one is unknown")
         object.__setattr__(self, "heights_m", heights)
-        object.__setattr__(self, "peaks_m", read_only(_peaks(heights)))
+        object.__setattr__(self, "peaks_m", read_only(_block_maxima(heights)))
         object.__setattr__(self, "summit_m", float(np.nanmax(heights)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terrain:
-    """The ground of an elevation model, on the curved earth, as ``ground.Ground``.
+    """Ground of an elevation model on the curved earth, as a ``ground.Ground``.
 
-    The camera's heights and the grid's count along the vertical from the same curved level surface, and its directions
-    are against its own horizontal. Seen from there the ground at the distance ``d`` lies lower by
-    ``(1 - refraction) d^2 / (2 earth_radius_m)``: 8 cm at 1 km.
+    Heights of the camera and of the grid are above the same curved level surface; the camera's directions refer to its
+    own horizontal, below which ground at the distance ``d`` drops by ``(1 - refraction) d^2 / (2 earth_radius_m)``:
+    7 cm at 1 km.
 
     Attributes:
-        grid: Its heights.
+        grid: The heights.
         refraction: Refraction coefficient.
         earth_radius_m: ``math.inf`` for a flat earth.
     """
@@ -113,16 +113,16 @@ class Terrain:
 
     @property
     def has_edges(self) -> bool:
-        """Ridges hide what is behind them."""
+        """True: ridges occlude the ground behind them."""
         return True
 
     def meet(self, camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
-        """The first point of the ground that each ray meets: what lies behind a ridge is hidden; as ``Ground.meet``.
+        """Intersect rays with the ground: the first point of each, what a ridge hides is not hit; as ``Ground.meet``.
 
         Returns:
             The points, on the grid's surface. Misses: ``ABOVE_HORIZON`` where the ray stays above all that the grid
-            has, ``BEYOND_TERRAIN`` where it leaves the grid before (or starts outside), ``NO_ELEVATION`` where it comes
-            over a hole no higher than the highest node (something in the hole could stand in its way),
+            has, ``BEYOND_TERRAIN`` where it leaves the grid before (or starts outside), ``NO_ELEVATION`` where it is
+            over a hole no higher than the highest node (ground in the hole could be in its way),
             ``BELOW_SURFACE`` for a camera on or in the ground, and ``BEYOND_LENS_MODEL`` without a ray.
 
         Raises:
@@ -138,21 +138,21 @@ class Terrain:
         with np.errstate(invalid="ignore", divide="ignore"):
             rays[..., 3:6] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         rays[..., 6] = curvature_per_m * (rays[..., 3] ** 2 + rays[..., 4] ** 2)
-        met, ends = np.full((*shape, _OUT), np.nan), np.empty(shape, dtype=np.uint8)
-        grid, in_cells = self.grid, _in_cells(rays.reshape(-1, 7), self.grid)
-        _march(in_cells, grid.heights_m, grid.peaks_m, grid.summit_m, met.reshape(-1, _OUT), ends.reshape(-1))
-        return _hits(rays, met, ends, elevation, grid.cell_m, curvature_per_m)
+        hits, ends = np.full((*shape, _COLUMNS), np.nan), np.empty(shape, dtype=np.uint8)
+        grid, in_cells = self.grid, _to_cell_units(rays.reshape(-1, 7), self.grid)
+        _trace_rays(in_cells, grid.heights_m, grid.peaks_m, grid.summit_m, hits.reshape(-1, _COLUMNS), ends.reshape(-1))
+        return _hits(rays, hits, ends, elevation, grid.cell_m, curvature_per_m)
 
     def height_at(self, east_north_m: FloatArray) -> FloatArray:
-        """Height of the ground ``(...)`` at ``(..., 2)``; NaN outside the grid and in its holes."""
+        """Height of the ground ``(...)`` at east and north ``(..., 2)``; NaN outside the grid and in its holes."""
         return elevation_at(self.grid, east_north_m)
 
 
-def _peaks(heights_m: FloatArray) -> FloatArray:
+def _block_maxima(heights_m: FloatArray) -> FloatArray:
     highest = np.maximum(heights_m[:-1], heights_m[1:])
     highest = np.maximum(highest[:, :-1], highest[:, 1:])
     for axis in (0, 1):
-        highest = np.maximum.reduceat(highest, np.arange(0, highest.shape[axis], _BLOCK), axis=axis)
+        highest = np.maximum.reduceat(highest, np.arange(0, highest.shape[axis], _BLOCK_CELLS), axis=axis)
     return np.where(np.isnan(highest), np.inf, highest)
 
 
@@ -165,8 +165,8 @@ def elevation_at(grid: ElevationGrid, east_north_m: npt.ArrayLike) -> FloatArray
     return out
 
 
-def _in_cells(rays: FloatArray, grid: ElevationGrid) -> FloatArray:
-    """Positions and directions in metres ``(n, 7)`` as the kernel wants them."""
+def _to_cell_units(rays: FloatArray, grid: ElevationGrid) -> FloatArray:
+    """Rays ``(n, 7)`` from metres to cell units, see ``Ray``."""
     columns = np.array([0, 1, 3, 4])
     shifted = rays - [grid.east_m, grid.north_m, 0, 0, 0, 0, 0]
     shifted[:, columns] /= grid.cell_m
@@ -175,24 +175,24 @@ def _in_cells(rays: FloatArray, grid: ElevationGrid) -> FloatArray:
 
 def _hits(
     rays: FloatArray,
-    met: FloatArray,
+    hits: FloatArray,
     ends: npt.NDArray[np.uint8],
     elevation: FloatArray,
     cell_m: float,
     curvature_per_m: float,
 ) -> GroundHits:
-    range_m = met[..., _RANGE]
+    range_m = hits[..., _RANGE]
     points = rays[..., :3] + range_m[..., None] * rays[..., 3:6]
-    points[..., 2] = met[..., _HEIGHT] + elevation
+    points[..., 2] = hits[..., _HEIGHT] + elevation
     normal = np.ones_like(points)
-    normal[..., :2] = -met[..., _SLOPE_X : _SLOPE_Y + 1] / cell_m
+    normal[..., :2] = -hits[..., _SLOPE_X : _SLOPE_Y + 1] / cell_m
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return GroundHits(points, range_m, normal, _CODES[ends], curvature_per_m)
 
 
 @njit
 def sample(heights_m: FloatArray, x: float, y: float) -> float:
-    """Height at column ``x`` and row ``y``; NaN outside, and where one of the nodes that count has none."""
+    """Bilinear height at column ``x`` and row ``y``; NaN outside, and where a node with weight has none."""
     rows, columns = heights_m.shape
     if not (0.0 <= x <= columns - 1 and 0.0 <= y <= rows - 1):
         return math.nan
@@ -209,13 +209,13 @@ def sample(heights_m: FloatArray, x: float, y: float) -> float:
 
 @njit
 def sample_all(heights_m: FloatArray, places: FloatArray, out_m: FloatArray) -> None:
-    """``sample`` at ``places (n, 2)`` of column and row, into ``out_m (n,)``."""
+    """Heights by ``sample`` at ``places (n, 2)`` of column and row, into ``out_m (n,)``."""
     for k in range(len(places)):
         out_m[k] = sample(heights_m, places[k, 0], places[k, 1])
 
 
 @njit
-def _march(
+def _trace_rays(
     rays: FloatArray,
     heights_m: FloatArray,
     peaks_m: FloatArray,
@@ -223,7 +223,7 @@ def _march(
     out: FloatArray,
     ends: npt.NDArray[np.uint8],
 ) -> None:
-    """Follow ``rays (n, 7)`` (see ``Ray``) to the ground.
+    """Trace ``rays (n, 7)`` (see ``Ray``) to the ground.
 
     Args:
         rays: NaN where there is none.
@@ -235,11 +235,11 @@ def _march(
     """
     for k in range(len(rays)):
         ray = (rays[k, 0], rays[k, 1], rays[k, 2], rays[k, 3], rays[k, 4], rays[k, 5], rays[k, 6])
-        ends[k] = _follow(ray, heights_m, peaks_m, summit_m, out[k])
+        ends[k] = _trace_ray(ray, heights_m, peaks_m, summit_m, out[k])
 
 
 @njit
-def _follow(ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, out: FloatArray) -> int:
+def _trace_ray(ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, out: FloatArray) -> int:
     x, y, up, dx, dy, rise, bend = ray
     if math.isnan(rise):
         return _NO_RAY
@@ -248,48 +248,48 @@ def _follow(ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: floa
         return _OUTSIDE
     at = 0.0
     if up > summit_m:
-        at = _first_root(bend, rise, up - summit_m, _FAR)  # nothing to meet, and no hole that matters, before
+        at = _first_root(bend, rise, up - summit_m, _MAX_RANGE_M)  # nothing to meet, and no hole that matters, before
         if at < 0.0:
-            return _NEVER
+            return _ABOVE
     elif up <= sample(heights_m, x, y):
-        return _BURIED
-    edge = min(_border(x, dx, 0, columns - 1), _border(y, dy, 0, rows - 1))
+        return _BELOW
+    edge = min(_range_to_border(x, dx, 0, columns - 1), _range_to_border(y, dy, 0, rows - 1))
     if at > edge:
         return _OUTSIDE
-    return _cross_blocks(ray, heights_m, peaks_m, summit_m, at, out)
+    return _trace_blocks(ray, heights_m, peaks_m, summit_m, at, out)
 
 
 @njit
-def _cross_blocks(
+def _trace_blocks(
     ray: Ray, heights_m: FloatArray, peaks_m: FloatArray, summit_m: float, at: float, out: FloatArray
 ) -> int:
     x, y, up, dx, dy, rise, bend = ray
     last_i, last_j = heights_m.shape[1] - 2, heights_m.shape[0] - 2
-    i, j = _within(x + at * dx, 0, last_i), _within(y + at * dy, 0, last_j)
+    i, j = _clamped_cell(x + at * dx, 0, last_i), _clamped_cell(y + at * dy, 0, last_j)
     while True:
-        left, low = (i >> _SHIFT) << _SHIFT, (j >> _SHIFT) << _SHIFT
-        right, high = min(left + _BLOCK, last_i + 1), min(low + _BLOCK, last_j + 1)
-        at_x, at_y = _border(x, dx, left, right), _border(y, dy, low, high)
-        leave = max(at, min(at_x, at_y, _FAR))
-        if _lowest(ray, at, leave) <= peaks_m[j >> _SHIFT, i >> _SHIFT]:
-            end = _cross_cells(ray, heights_m, (left, right, low, high), (i, j), at, leave, out)
-            if end != _ONWARD:
+        left, low = (i >> _BLOCK_SHIFT) << _BLOCK_SHIFT, (j >> _BLOCK_SHIFT) << _BLOCK_SHIFT
+        right, high = min(left + _BLOCK_CELLS, last_i + 1), min(low + _BLOCK_CELLS, last_j + 1)
+        at_x, at_y = _range_to_border(x, dx, left, right), _range_to_border(y, dy, low, high)
+        leave = max(at, min(at_x, at_y, _MAX_RANGE_M))
+        if _lowest_height(ray, at, leave) <= peaks_m[j >> _BLOCK_SHIFT, i >> _BLOCK_SHIFT]:
+            end = _trace_cells(ray, heights_m, (left, right, low, high), (i, j), at, leave, out)
+            if end != _NO_HIT_YET:
                 return end
         at = leave
-        if at >= _FAR:
+        if at >= _MAX_RANGE_M:
             return _TOO_FAR
         if rise + 2.0 * bend * at >= 0.0 and up + at * (rise + at * bend) > summit_m:
-            return _NEVER
+            return _ABOVE
         if at_x <= at_y:
-            i, j = (right if dx > 0.0 else left - 1), _within(y + at * dy, low, high - 1)
+            i, j = (right if dx > 0.0 else left - 1), _clamped_cell(y + at * dy, low, high - 1)
         else:
-            i, j = _within(x + at * dx, left, right - 1), (high if dy > 0.0 else low - 1)
+            i, j = _clamped_cell(x + at * dx, left, right - 1), (high if dy > 0.0 else low - 1)
         if not (0 <= i <= last_i and 0 <= j <= last_j):
             return _OUTSIDE
 
 
 @njit
-def _cross_cells(
+def _trace_cells(
     ray: Ray,
     heights_m: FloatArray,
     block: tuple[int, int, int, int],
@@ -302,10 +302,10 @@ def _cross_cells(
     left, right, low, high = block
     i, j = cell
     while True:
-        at_x, at_y = _border(x, dx, i, i + 1), _border(y, dy, j, j + 1)
+        at_x, at_y = _range_to_border(x, dx, i, i + 1), _range_to_border(y, dy, j, j + 1)
         stop = max(at, min(at_x, at_y, leave))
-        end = _meet_patch(ray, heights_m, i, j, at, stop, out)
-        if end != _ONWARD or stop >= leave:
+        end = _intersect_patch(ray, heights_m, i, j, at, stop, out)
+        if end != _NO_HIT_YET or stop >= leave:
             return end
         at = stop
         if at_x <= at_y:
@@ -313,11 +313,11 @@ def _cross_cells(
         else:
             j += 1 if dy > 0.0 else -1
         if not (left <= i < right and low <= j < high):
-            return _ONWARD
+            return _NO_HIT_YET
 
 
 @njit
-def _meet_patch(ray: Ray, heights_m: FloatArray, i: int, j: int, at: float, stop: float, out: FloatArray) -> int:
+def _intersect_patch(ray: Ray, heights_m: FloatArray, i: int, j: int, at: float, stop: float, out: FloatArray) -> int:
     x, y, up, dx, dy, rise, bend = ray
     corner, east = heights_m[j, i], heights_m[j, i + 1] - heights_m[j, i]
     north, twist = heights_m[j + 1, i] - corner, heights_m[j + 1, i + 1] - heights_m[j + 1, i] - east
@@ -330,7 +330,7 @@ def _meet_patch(ray: Ray, heights_m: FloatArray, i: int, j: int, at: float, stop
         falling = rise + 2.0 * bend * at - (dx * (east + v * twist) + dy * (north + u * twist))
         step = _first_root(bend - dx * dy * twist, falling, above, stop - at)
         if step < 0.0:
-            return _ONWARD
+            return _NO_HIT_YET
     u, v = u + step * dx, v + step * dy
     out[_RANGE] = at + step
     out[_HEIGHT] = corner + u * east + v * (north + u * twist)
@@ -355,18 +355,18 @@ def _first_root(a: float, b: float, c: float, end: float) -> float:
 
 
 @njit
-def _border(start: float, rate: float, low: int, high: int) -> float:
+def _range_to_border(start: float, rate: float, low: int, high: int) -> float:
     """Range at which a coordinate leaves [low, high]."""
     if rate > 0.0:
         return (high - start) / rate
     if rate < 0.0:
         return (low - start) / rate
-    return _FAR
+    return _MAX_RANGE_M
 
 
 @njit
-def _lowest(ray: Ray, start: float, stop: float) -> float:
-    """The ray's smallest height between two ranges."""
+def _lowest_height(ray: Ray, start: float, stop: float) -> float:
+    """Lowest height of the ray between two ranges."""
     _, _, up, _, _, rise, bend = ray
     lowest = min(up + start * (rise + start * bend), up + stop * (rise + stop * bend))
     if bend > 0.0 and start < -0.5 * rise / bend < stop:
@@ -375,6 +375,6 @@ def _lowest(ray: Ray, start: float, stop: float) -> float:
 
 
 @njit
-def _within(place: float, low: int, high: int) -> int:
-    """The cell of a coordinate, at least ``low`` and at most ``high``."""
+def _clamped_cell(place: float, low: int, high: int) -> int:
+    """Cell of a coordinate, clamped to ``low`` and ``high``."""
     return min(max(int(place), low), high)

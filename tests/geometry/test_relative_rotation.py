@@ -67,7 +67,7 @@ def test_a_turn_without_noise_is_found_exactly(camera, rotvec, seed):
     np.testing.assert_allclose(rotated_pixels(camera, from_rotation_vector(np.array(rotvec)), then), now, atol=1e-5)
     turn = find_turn(camera, then, now)
     assert turn is not None
-    assert turn.agreeing.all()
+    assert turn.inliers.all()
     np.testing.assert_allclose(error_rad(turn, rotvec), 0.0, atol=1e-8)
 
 
@@ -79,7 +79,7 @@ def test_errors_are_as_large_as_stated_with_two_thirds_of_the_points_astray():
         now[:54] += rng.normal(scale=25.0, size=(54, 2))
         turn = find_turn(BROWN, then, now)
         assert turn is not None
-        assert np.count_nonzero(turn.agreeing[:54]) <= 6
+        assert np.count_nonzero(turn.inliers[:54]) <= 6
         z.append(np.linalg.solve(np.linalg.cholesky(turn.cov), error_rad(turn, rotvec)))
     np.testing.assert_allclose(np.std(z, axis=0), 1.0, atol=0.2)
     np.testing.assert_allclose(np.mean(z, axis=0), 0.0, atol=0.3)

@@ -42,7 +42,7 @@ def test_a_bump_is_measured_to_hundredths_of_a_pixel(picture, angle_deg, axis):
     points = SteadyPoints(CAMERA, reference=picture)
     turn = found_turn(points, as_taken(after_turn(picture, rotvec), rng, gain=0.75, offset=12.0))
     assert turn is not None
-    assert np.count_nonzero(turn.agreeing) >= 40
+    assert np.count_nonzero(turn.inliers) >= 40
     allowed = 5 * np.sqrt(np.diag(turn.cov)) + 4 * HUNDREDTH_PX_RAD
     assert np.all(np.abs(error_rad(turn.wxyz, rotvec)) <= allowed)
 
@@ -67,7 +67,7 @@ def test_passers_by_over_two_fifths_of_the_image_take_nothing_away(picture):
         select = with_passers_by(as_taken(after_turn(picture, rotvec), rng), rng)
         turn = found_turn(points, select, index)
         assert turn is not None
-        assert np.count_nonzero(turn.agreeing) >= 0.5 * len(turn.agreeing)
+        assert np.count_nonzero(turn.inliers) >= 0.5 * len(turn.inliers)
         assert np.all(np.abs(error_rad(turn.wxyz, rotvec)) < 8 * HUNDREDTH_PX_RAD)
 
 

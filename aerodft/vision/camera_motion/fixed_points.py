@@ -254,10 +254,10 @@ class _HeldReference:
     def look(self, now: ImageArray) -> _Pairs:
         """Pixels ``(n, 2)`` then and now of what is found of the reference in an image's local contrast."""
         found, now_px, turn = self._follow(now)
-        if turn is None or np.count_nonzero(turn.agreeing) < self._least_agreeing():
+        if turn is None or np.count_nonzero(turn.inliers) < self._least_agreeing():
             then_px, new_px = match_features(self._reference.features, features_of(now))
             known = find_turn(self._camera, then_px, new_px, tolerance_px=_RECOGNISED_PX)
-            if known is None or np.count_nonzero(known.agreeing) < _LEAST_RECOGNISED:
+            if known is None or np.count_nonzero(known.inliers) < _LEAST_RECOGNISED:
                 return then_px[:_MOST_MATCHES], new_px[:_MOST_MATCHES]
             self._wxyz, self._view = known.wxyz, self._view_after(known.wxyz)
             found, now_px, turn = self._follow(now)
@@ -284,9 +284,9 @@ class _HeldReference:
     def _learn(self, found: IntArray, turn: Turn) -> None:
         """Go on from where the camera looks now, and remember which points move by themselves."""
         self._wxyz = turn.wxyz
-        moved = np.max(np.abs(turn.off_px - self._last_off_px[found]), axis=-1) > _FLICKER_PX
+        moved = np.max(np.abs(turn.residual_px - self._last_off_px[found]), axis=-1) > _FLICKER_PX
         self._flicker[found] += _FADING * (moved - self._flicker[found])
-        self._last_off_px[found] = turn.off_px
+        self._last_off_px[found] = turn.residual_px
 
     def _is_another_view(self, turn: Turn) -> bool:
         step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))

@@ -30,13 +30,13 @@ class ImageReel:
 
     Attributes:
         path: The recording or video.
-        start_ns: What seconds count from: a recording's start; UTC of a video's first image, 0 where nobody says it.
+        zero_ns: What seconds count from: the stamp of the first image; of a video 0 where nobody says it.
         images: Gives the images in their order, each with what was measured in it.
         is_measured: Whether measurements come with them.
     """
 
     path: Path
-    start_ns: int
+    zero_ns: int
     images: Callable[[], Iterator[Measured]]
     is_measured: bool
 
@@ -49,7 +49,7 @@ class Still:
         path: The PNG file.
         image: Index of the image in the recording or video, which observations may name.
         stamp_ns: Of the image, UTC where the source knows it.
-        seconds: From the start of the reel.
+        seconds: From the reel's first image.
     """
 
     path: Path
@@ -67,7 +67,7 @@ def open_reel(path: str | Path) -> ImageReel:
     path = Path(path)
     if path.is_dir() or (path.exists() and is_mcap(path)):
         reader = open_recording(path).reader
-        return ImageReel(path, reader.start_ns, partial(measured_images, reader), is_measured=True)
+        return ImageReel(path, reader.zero_ns, partial(measured_images, reader), is_measured=True)
     start_ns = video_info(path).start_ns or 0
     video = VideoFileSource(path, start_ns=start_ns)
     return ImageReel(path, start_ns, lambda: ((image, []) for image in video.events()), is_measured=False)
@@ -119,7 +119,7 @@ def write_stills(
             raise InputError("the image cannot be encoded", where=path)
         with whole_file(path, overwrite=overwrite) as partial_file:
             partial_file.write_bytes(data.tobytes())
-        seconds = (image.stamp_ns - reel.start_ns) / SECOND_NS
+        seconds = (image.stamp_ns - reel.zero_ns) / SECOND_NS
         written[image.index] = Still(path=path, image=image.index, stamp_ns=image.stamp_ns, seconds=seconds)
     if not written:
         raise NoAnswerError("there is no image", where=reel.path, hint="record.image_hz says how many are recorded")
@@ -158,14 +158,14 @@ def _nearest(reel: ImageReel, at_ns: Sequence[int]) -> Iterator[Measured]:
         if not wanted:
             return
     if wanted and first is not None and last is not None:
-        got = f"{(wanted[0] - reel.start_ns) / SECOND_NS:g} s"
+        got = f"{(wanted[0] - reel.zero_ns) / SECOND_NS:g} s"
         till = f"to {_seconds(reel, last):.3f} s" if last is not first else "s or later"
         expected = f"{_seconds(reel, first):.3f} {till}"
         raise NoAnswerError("no image then", where=reel.path, got=got, expected=expected)
 
 
 def _seconds(reel: ImageReel, measured: Measured) -> float:
-    return (measured[0].stamp_ns - reel.start_ns) / SECOND_NS
+    return (measured[0].stamp_ns - reel.zero_ns) / SECOND_NS
 
 
 def _with_end(images: Iterator[Measured]) -> Iterator[Measured | None]:

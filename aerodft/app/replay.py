@@ -203,6 +203,7 @@ class Replay:
             raise UsageError("`rate`", got=f"{rate:g}", expected=f"{_SLOWEST:g} to {_FASTEST:g} times real time")
         self._recordings = tuple(recordings)
         self._from_ns, self._to_ns = start_ns, stop_ns
+        self._zero_ns = min(each.zero_ns for each in self._recordings)
         self._first_ns, self._last_ns = self._window()
         self._listen, self._connect, self._wait_s = listen, connect, wait_s
         self._mavlink = None if mavlink is None else parse_address(mavlink)
@@ -228,15 +229,16 @@ class Replay:
             min(each.start_ns for each in self._recordings),
             max(each.end_ns for each in self._recordings),
         )
-        from_ns, to_ns = self._from_ns, self._to_ns
+        from_ns, to_ns, zero_ns = self._from_ns, self._to_ns, self._zero_ns
         got = " to ".join(
-            otherwise if at_ns is None else f"{(at_ns - first_ns) / SECOND_NS:g} s ({unix_ns_to_iso(at_ns)})"
+            otherwise if at_ns is None else f"{(at_ns - zero_ns) / SECOND_NS:g} s ({unix_ns_to_iso(at_ns)})"
             for at_ns, otherwise in ((from_ns, "the start"), (to_ns, "the end"))
         )
         if from_ns is not None and to_ns is not None and from_ns >= to_ns:
             raise UsageError("`start_ns` is not before `stop_ns`", got=got)
         if (from_ns is not None and from_ns > last_ns) or (to_ns is not None and to_ns <= first_ns):
-            expected = f"times within 0 to {(last_ns - first_ns) / SECOND_NS:.1f} s from its start"
+            first, last = (f"{(each - zero_ns) / SECOND_NS:.1f}" for each in (first_ns, last_ns))
+            expected = f"times within {first} to {last} s from its first image"
             where = ", ".join(map(name_of, self._recordings))
             raise NoAnswerError("the recording has nothing there", where=where, got=got, expected=expected)
         return max(from_ns or 0, first_ns), min(to_ns or last_ns, last_ns)
@@ -288,7 +290,7 @@ class Replay:
         span_ns, player = self._last_ns - self._first_ns, self._player
         player.on_time = lambda log_ns: progress(log_ns - self._first_ns, span_ns)
         if on_pause is not None:
-            player.on_pause = lambda log_ns: on_pause(log_ns, log_ns - self._first_ns)
+            player.on_pause = lambda log_ns: on_pause(log_ns, log_ns - self._zero_ns)
         player.play(lambda: timeline(self._recordings, self._from_ns, self._to_ns, self._is_wanted))
 
     def _is_wanted(self, recording: AnyRecording, channel: Channel) -> bool:

@@ -90,17 +90,17 @@ def chosen_probes(found: RecordingSeries, names: Sequence[str]) -> list[Series]:
 
 
 class _Clock:
-    """Time along the axis, from a start and in a unit that suits the length."""
+    """Time along the axis, from the first image and in a unit that suits the length."""
 
-    def __init__(self, start_ns: int, end_ns: int) -> None:
+    def __init__(self, zero_ns: int, start_ns: int, end_ns: int) -> None:
         length_s = (end_ns - start_ns) / SECOND_NS
         _, self._unit_s, name = next(each for each in _TIMES if length_s >= each[0])
-        self._start_ns = start_ns
-        start, end = (time_utc(stamp_ns)[:_TO_SECONDS].replace("T", " ") for stamp_ns in (start_ns, end_ns))
-        self.label, self.span = f"{name} since {start} UTC", f"{start} to {end} UTC"
+        self._zero_ns = zero_ns
+        zero, start, end = (time_utc(each)[:_TO_SECONDS].replace("T", " ") for each in (zero_ns, start_ns, end_ns))
+        self.label, self.span = f"{name} since {zero} UTC", f"{start} to {end} UTC"
 
     def of(self, stamps_ns: IntArray) -> FloatArray:
-        return np.asarray((stamps_ns - self._start_ns) / (SECOND_NS * self._unit_s), dtype=np.float64)
+        return np.asarray((stamps_ns - self._zero_ns) / (SECOND_NS * self._unit_s), dtype=np.float64)
 
 
 @styled()
@@ -114,7 +114,10 @@ def draw_recording(found: RecordingSeries, probes: Sequence[Series], station: st
     """
     stamps = [each.stamps for each in (*probes, found.poses) if each.stamps_ns]
     start_ns, end_ns = min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)
-    clock, events = _Clock(start_ns, end_ns), [each for each in found.events if start_ns <= each.stamp_ns <= end_ns]
+    clock, events = (
+        _Clock(found.zero_ns, start_ns, end_ns),
+        [each for each in found.events if start_ns <= each.stamp_ns <= end_ns],
+    )
     rivers = [each for each in probes if each.kind == ProbeKind.RIVER and each.answered]
     has_events = bool(events)
     count = len(probes) + 2 + has_events

@@ -183,6 +183,12 @@ class ForeignRecording:
         self.images, self._camera = _image_topics(path, self.channels, self._stated)
 
     @cached_property
+    def zero_ns(self) -> int:
+        """What people's seconds count from: the log time of the first image, without images the earliest one."""
+        first = None if self.images is None else next(self.messages(self.images), None)
+        return self.start_ns if first is None else first.log_ns
+
+    @cached_property
     def framed(self) -> tuple[str, ...]:
         """Topics with MAVLink; found when somebody asks, since messages may have to be looked through."""
         return self._stated.mavlink or _mavlink_topics(self.path, self.segments, self.channels)

@@ -4,6 +4,7 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -22,6 +23,7 @@ from aerodft.adapters.recording.read import (
     recording_of,
     scan_segment,
 )
+from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.conventions import SECOND_NS
@@ -155,6 +157,19 @@ class Recording:
             kept = tuple(filter(is_own, segments))
             self._missing[stem] += len(segments) - len(kept)
             setattr(self, stem, kept)
+
+    @cached_property
+    def zero_ns(self) -> int:
+        """What people's seconds count from: the stamp of the first image, without images the earliest log time.
+
+        Raises:
+            InputError: The image's record is damaged.
+        """
+        first = next(self.messages(wanted=lambda each: each.schema == IMAGE_SCHEMA), None)
+        if first is None:
+            return self.start_ns
+        with located(self.folder):
+            return decode_image(first.data).stamp_ns
 
     def left_out(self, *, images: bool = False) -> LeftOut:
         """What is known so far to be missing of the data; where asked, of the images too."""

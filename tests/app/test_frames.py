@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import aerodft as ad
+from aerodft.app.viewing import RecordingView
 from tests.commands import run_aerodft
 
 
@@ -28,6 +29,19 @@ def decoded(flight):
     return [(time_s - found[0][0], pixels) for time_s, pixels in found]
 
 
+@pytest.fixture(scope="module")
+def recording(flight, tmp_path_factory):
+    """Its messages begin with the log, its images half a second later."""
+    folder, log, video = tmp_path_factory.mktemp("mine"), flight / "flight.tlog", flight / "video.mp4"
+    draft = ad.draft_station([log, video], folder, camera=flight / "camera.toml", home_above_plane_m=0.0)
+    begins_ns = ad.open_recording(
+        ad.import_flight(log, station=draft.station, output=folder / "log").recording
+    ).start_ns
+    later_ns = begins_ns + 500_000_000
+    ad.import_flight(log, station=draft.station, video=video, video_start_ns=later_ns, output=folder / "recording")
+    return folder / "recording"
+
+
 def test_a_video_gives_its_nearest_images(flight, decoded, tmp_path):
     done = run_aerodft("frames", flight / "video.mp4", "--at", 0, "--at", 0.71, "-o", tmp_path, "--json")
     assert done.code == 0, done.err
@@ -44,12 +58,9 @@ def test_a_step_gives_images_that_far_apart(flight, tmp_path):
     assert [each["seconds"] for each in stills] == pytest.approx([0.0, 0.5, 1.0, 1.5], abs=0.05)
 
 
-def test_a_recording_gives_its_images_with_what_was_measured(flight, tmp_path):
-    log, video = flight / "flight.tlog", flight / "video.mp4"
-    draft = ad.draft_station([log, video], tmp_path / "mine", camera=flight / "camera.toml", home_above_plane_m=0.0)
-    ad.import_flight(log, station=draft.station, output=tmp_path / "recording")
-    plain = run_aerodft("frames", tmp_path / "recording", "--every", 1, "-o", tmp_path / "plain", "--json").json
-    drawn = run_aerodft("frames", tmp_path / "recording", "--every", 1, "--overlay", "-o", tmp_path / "drawn", "--json")
+def test_a_recording_gives_its_images_with_what_was_measured(recording, tmp_path):
+    plain = run_aerodft("frames", recording, "--every", 1, "-o", tmp_path / "plain", "--json").json
+    drawn = run_aerodft("frames", recording, "--every", 1, "--overlay", "-o", tmp_path / "drawn", "--json")
     assert [each["image"] for each in drawn.json] == [each["image"] for each in plain]
     image = cv2.imread(plain[0]["path"])
     assert image.shape == (240, 320, 3)
@@ -68,3 +79,16 @@ def test_what_makes_no_sense_is_refused(flight, tmp_path):
     assert run_aerodft("frames", flight / "flight.tlog", "--at", 1, "-o", tmp_path).code == 3
     assert run_aerodft("frames", video, "--at", 1, "-o", tmp_path).code == 0
     assert run_aerodft("frames", video, "--at", 1, "-o", tmp_path).code == 3
+
+
+def test_seconds_count_from_the_first_image_in_every_command(recording, tmp_path):
+    opened = ad.open_recording(recording)
+    first, last = run_aerodft("frames", recording, "--at", 0, "--at", 1, "-o", tmp_path, "--json").json
+    first_ns = int(first["stamp_ns"])
+    assert first_ns - opened.start_ns == pytest.approx(0.5e9, abs=0.05e9)
+    assert (first["image"], first["seconds"]) == (0, 0.0)
+    assert last["seconds"] == pytest.approx((int(last["stamp_ns"]) - first_ns) / 1e9)
+    assert last["seconds"] == pytest.approx(1.0, abs=0.2)
+    (centre,) = run_aerodft("measure", "--recording", recording, "--at", 1, "--probe", "range 159,119", "--json").json
+    assert int(centre["stamp_ns"]) - first_ns == 10**9
+    assert RecordingView(opened).images[0].seconds == 0.0

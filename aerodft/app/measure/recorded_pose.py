@@ -92,13 +92,12 @@ class RecordedScenes:
         """
         recording = self._recording
         if not recording.start_ns - SECOND_NS <= stamp_ns <= recording.end_ns + SECOND_NS:
-            got, length = (f"{(each - recording.start_ns) / SECOND_NS:.1f}" for each in (stamp_ns, recording.end_ns))
-            raise NoAnswerError(
-                "the time is outside the recording",
-                where=self._path,
-                got=got,
-                expected=f"0 to {length} s from its start",
+            got, first, last = (
+                f"{(each - recording.zero_ns) / SECOND_NS:.1f}"
+                for each in (stamp_ns, recording.start_ns, recording.end_ns)
             )
+            expected = f"{first} to {last} s from its first image"
+            raise NoAnswerError("the time is outside the recording", where=self._path, got=got, expected=expected)
         recorded = self._recorded(pose_at, stamp_ns)
         return self._zoomed(recorded or _pose_at(self._source, self._station, stamp_ns))
 
@@ -128,7 +127,7 @@ def recorded_setup(
 
     Args:
         path: The recording, aerodft's own or another tool's.
-        at_s: Seconds from its start.
+        at_s: Seconds from its first image; without images from its first message.
         at_ns: UTC, where ``at_s`` is None.
         overrides: What takes the place of its own.
 
@@ -137,9 +136,7 @@ def recorded_setup(
         NoAnswerError: The time is outside the recording.
     """
     recording = open_recording(path, overrides.topics)
-    stamp_ns = at_ns or recording.start_ns
-    if at_s is not None:
-        stamp_ns = recording.start_ns + round(at_s * SECOND_NS)
+    stamp_ns = at_ns if at_ns is not None else recording.zero_ns + round((at_s or 0.0) * SECOND_NS)
     return RecordedScenes(path, recording, overrides).at(stamp_ns)
 
 

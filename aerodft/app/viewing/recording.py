@@ -60,9 +60,9 @@ class RecordingView(View):
     @cached_property
     def images(self) -> Sequence[ViewedImage]:
         """Those whose pixels were recorded."""
-        start_ns = self._recording.start_ns
+        zero_ns = self._recording.reader.zero_ns
         return tuple(
-            ViewedImage(stamp_ns=image.stamp_ns, seconds=(image.stamp_ns - start_ns) / SECOND_NS)
+            ViewedImage(stamp_ns=image.stamp_ns, seconds=(image.stamp_ns - zero_ns) / SECOND_NS)
             for image, _ in self._images
         )
 
@@ -94,7 +94,8 @@ class RecordingView(View):
         Raises:
             InputError: The recording is damaged.
         """
-        found, start_ns = read_series(self._recording.reader), self._recording.start_ns
+        found = read_series(self._recording.reader)
+        zero_ns = found.zero_ns
         poses = found.poses
         columns = ("height_m", "height_std_m", "tilt_deg", "tilt_std_deg", "east_m", "north_m")
         return {
@@ -103,7 +104,7 @@ class RecordingView(View):
                     "name": each.name,
                     "kind": each.kind,
                     "unit": each.unit,
-                    "seconds": _seconds(each, start_ns),
+                    "seconds": _seconds(each, zero_ns),
                     "value": _numbers(each, "value"),
                     "low": _numbers(each, "ci95_low"),
                     "high": _numbers(each, "ci95_high"),
@@ -112,13 +113,13 @@ class RecordingView(View):
                 for each in found.probes.values()
             ],
             "poses": {
-                "seconds": _seconds(poses, start_ns),
+                "seconds": _seconds(poses, zero_ns),
                 **{name: _numbers(poses, name) for name in columns},
                 "height_source": poses.texts["height_source"],
                 "status": poses.statuses,
             },
             "events": [
-                {"seconds": (each.stamp_ns - start_ns) / SECOND_NS, "kind": each.kind, "text": each.text}
+                {"seconds": (each.stamp_ns - zero_ns) / SECOND_NS, "kind": each.kind, "text": each.text}
                 for each in found.events
             ],
         }
@@ -134,8 +135,8 @@ class RecordingView(View):
         return self._images[number][0]
 
 
-def _seconds(series: Series, start_ns: int) -> list[float]:
-    return [(stamp_ns - start_ns) / SECOND_NS for stamp_ns in series.stamps_ns]
+def _seconds(series: Series, zero_ns: int) -> list[float]:
+    return [(stamp_ns - zero_ns) / SECOND_NS for stamp_ns in series.stamps_ns]
 
 
 def _numbers(series: Series, name: str) -> list[float | None]:

@@ -14,7 +14,7 @@ def frames(
     source: Annotated[Path, typer.Argument(metavar="RECORDING|VIDEO", help="Where the images are.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the PNG files.")],
     at: Annotated[
-        list[str] | None, typer.Option(help="Seconds from the start, UTC ns, or ISO 8601; may be repeated.")
+        list[str] | None, typer.Option(help="Seconds from the first image, UTC ns, or ISO 8601; may be repeated.")
     ] = None,
     every: Annotated[float | None, typer.Option(help="Instead: an image every so many seconds.")] = None,
     overlay: Annotated[bool, typer.Option("--overlay", help="Draw values, intervals and statuses in.")] = False,
@@ -34,7 +34,7 @@ def frames(
     stills = write_stills(
         reel,
         output,
-        at_ns=[parse_instant("--at", text, reel.start_ns) for text in at or ()],
+        at_ns=[parse_instant("--at", text, reel.zero_ns) for text in at or ()],
         every_s=every,
         with_overlay=overlay,
         overwrite=overwrite,

@@ -34,7 +34,7 @@ def replay(
     *,
     rate: Annotated[str, typer.Option(help="Times real time (0.1, 4, ...), or max: as fast as it goes.")] = "1",
     start: Annotated[
-        str | None, typer.Option("--from", help="Seconds from the recording's start, UTC ns, or ISO 8601.")
+        str | None, typer.Option("--from", help="Seconds from the first image, UTC ns, or ISO 8601.")
     ] = None,
     stop: Annotated[str | None, typer.Option("--to", help="Where to stop (before it), written as --from.")] = None,
     stamps: Annotated[
@@ -69,13 +69,13 @@ def replay(
     if step and not has_keys():
         raise UsageError("--step", got="no terminal", expected="a terminal to press keys on")
     opened = [open_recording(path, parse_topics(topic)) for path in recordings]
-    first_ns = min(each.start_ns for each in opened)
+    zero_ns = min(each.zero_ns for each in opened)
     controls = Controls(paused=step, looping=loop)
     with (
         Replay(
             opened,
-            start_ns=None if start is None else parse_instant("--from", start, first_ns),
-            stop_ns=None if stop is None else parse_instant("--to", stop, first_ns),
+            start_ns=None if start is None else parse_instant("--from", start, zero_ns),
+            stop_ns=None if stop is None else parse_instant("--to", stop, zero_ns),
             rate=factor,
             is_now=stamps is Stamps.NOW,
             listen=None if listen == _NOWHERE else listen,

@@ -99,7 +99,7 @@ def measure(
     ] = None,
     at: Annotated[
         str | None,
-        typer.Option(rich_help_panel=RECORDED, help="With --recording: seconds from its start, UTC ns, or ISO 8601."),
+        typer.Option(rich_help_panel=RECORDED, help="Seconds from the first image, UTC ns, or ISO 8601."),
     ] = None,
     config: Annotated[
         Path | None,
@@ -143,7 +143,7 @@ def measure(
     if recording is None and (config is not None or topic):
         raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
     if (recording is None) != (at is None):
-        raise UsageError("--recording and --at go together", expected="--at seconds from its start, UTC ns, ISO 8601")
+        raise UsageError("--recording and --at go together", expected="--at in seconds from its first image, or UTC")
     from aerodft.app.measure import MeasuredSurface
 
     pose: dict[str, Any] = {

@@ -17,6 +17,7 @@ def listen(endpoint: str, station: str, path: Path) -> int:
     import zenoh
 
     from aerodft.adapters.bus import session_on
+    from aerodft.cli.interrupts import wait_in_main_thread
 
     done = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: done.set())
@@ -29,7 +30,7 @@ def listen(endpoint: str, station: str, path: Path) -> int:
             out.write(sample.payload.to_bytes() + b"\n")
 
         subscriber = session.declare_subscriber(f"aerodft/{station}/measurement/*", write)
-        done.wait()
+        wait_in_main_thread(done)
         subscriber.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
     return received
 

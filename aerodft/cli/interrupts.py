@@ -1,11 +1,25 @@
 """Signals that end long work do so between two batches: what they break off elsewhere may hold a lock."""
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Final
 
 from aerodft.app.progress import Progress
+
+_WAKE_S: Final = 0.5
+
+
+def wait_in_main_thread(done: threading.Event) -> None:
+    """Wait until an event is set or the handler of a signal raises.
+
+    Wakes twice a second: Python runs handlers in the main thread alone, which a signal that another thread receives, or
+    that comes just before the wait begins, does not wake.
+    """
+    while not done.wait(_WAKE_S):
+        pass
 
 
 @contextmanager

@@ -3,10 +3,12 @@
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
 
+from aerodft.cli.interrupts import wait_in_main_thread
 from replay.recordings import Recording
 from tests.nights import at_night
 
@@ -28,3 +30,16 @@ def test_an_import_that_is_ended_keeps_what_it_has_and_says_so(desk, number, cod
     assert complained.splitlines()[-1] == f"aerodft: not finished; {out} holds what was read so far"
     assert "Traceback" not in complained
     assert Recording(out).is_whole
+
+
+def test_a_wait_ends_by_a_signal_that_another_thread_received():
+    done = threading.Event()
+    before = signal.signal(signal.SIGUSR1, lambda *_: done.set())
+    thread = threading.Timer(0.1, signal.raise_signal, [signal.SIGUSR1])
+    thread.start()
+    try:
+        wait_in_main_thread(done)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+        thread.join()
+    assert done.is_set()

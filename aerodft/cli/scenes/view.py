@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from aerodft.cli.interrupts import wait_in_main_thread
 from aerodft.cli.output import say
 from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, page_of
 from aerodft.cli.scenes.image_options import (
@@ -68,7 +69,7 @@ def view(
             import webbrowser
 
             webbrowser.open(address)
-        threading.Event().wait()
+        wait_in_main_thread(threading.Event())
 
 
 def _is_recording(source: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Values only: frozen, without I/O, in SI units and radians."""
+"""Frozen values in SI units and radians, without I/O."""
 
 from aerodft.model.arrays import BoolArray, FloatArray, FloatLike, ImageArray, IntArray, read_only
 from aerodft.model.calibration import (

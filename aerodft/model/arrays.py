@@ -1,4 +1,4 @@
-"""Array types shared by the whole house, and the one way in which a value takes an array in."""
+"""Array types of all packages, and the read-only copy that a frozen value keeps of an array."""
 
 from typing import TypeAlias
 
@@ -13,7 +13,7 @@ ImageArray: TypeAlias = npt.NDArray[np.uint8]
 
 
 def read_only(values: npt.ArrayLike, *, trailing: tuple[int, ...] = ()) -> FloatArray:
-    """Copy ``values`` to a float64 array that nobody can write to.
+    """Read-only float64 copy of an array, its trailing shape checked.
 
     Args:
         values: Array-like, shape ``(..., *trailing)``.

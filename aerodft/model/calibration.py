@@ -1,7 +1,6 @@
-"""What a calibration found: small corrections to the telemetry, or a fixed camera's whole pose; and what live ones say.
+"""Results of a calibration: biases of the telemetry; and the estimates of live ones.
 
-A live calibration says what it makes of the landmarks of an image, or of the steady points of a camera that may be
-bumped: whether it still looks where it looked.
+A live calibration estimates biases from an image's landmarks, or a fixed camera's rotation from fixed points.
 """
 
 from dataclasses import dataclass, field
@@ -12,14 +11,14 @@ from aerodft.model.arrays import FloatArray
 from aerodft.model.pose import HeightSource, PoseStd
 
 BIASES: Final = ("height", "tilt", "roll", "heading", "pan", "east", "north", "time")
-"""What telemetry may be off by, in the order of covariances: metres, radians, and seconds for the last."""
+"""Biases of the telemetry in the order of covariances: in metres and radians, the last one in seconds."""
 STEADY: Final = "steady"
-"""Observations of that name hold pairs of pixels: a point where the reference image has it, and where it is now."""
+"""Name of observations whose pixels are pairs: a fixed point in the reference image, and where it is now."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BiasValues:
-    """One number for each bias of the telemetry: an estimate (what is added to the telemetry), or a standard deviation.
+    """One number for each bias of the telemetry: an estimate (added to the telemetry), or a standard deviation.
 
     Attributes:
         height_m: Of the height source in use.
@@ -29,7 +28,7 @@ class BiasValues:
         pan_rad: About its y axis.
         roll_rad: About its z axis.
         heading_rad: About the vertical, clockwise seen from above.
-        time_s: Of images' stamps: the camera is where the telemetry says that it will be so much later.
+        time_s: Of images' stamps: the image's pose is that of the telemetry this much after its stamp.
     """
 
     height_m: float = 0.0
@@ -44,15 +43,15 @@ class BiasValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """The result of a calibration, as ``measure``, ``serve`` and ``recompute`` take it.
+    """Biases, covariances and noise found by a calibration, as ``measure``, ``serve`` and ``recompute`` take them.
 
     Attributes:
         id: ``sha256:...`` of the file it came from.
-        bias: What is added to the telemetry, and to the images' stamps.
-        bias_cov: ``(8, 8)`` covariance of the biases, as ``BIASES``; None where nothing is said of it.
+        bias: Added to the telemetry, and to the images' stamps.
+        bias_cov: ``(8, 8)`` covariance of the biases in the order of ``BIASES``; None where unknown.
         lens_cov: ``(8, m)`` covariance of the biases with the intrinsics, where one calibration found both; else no
             columns.
-        noise: What is new in every image besides: standard deviations.
+        noise: Standard deviations of errors that are independent from image to image.
     """
 
     id: str
@@ -64,14 +63,14 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Innovation:
-    """One observed landmark against where it was expected.
+    """An observed landmark minus its prediction.
 
     Attributes:
         name: The landmark.
-        px: Observed minus expected ``(u, v)``; None where nothing was expected.
-        sigma_px: Standard deviation of each of the two, of everything that is not known.
-        chi2: Their squared distance in standard deviations; of two degrees of freedom.
-        reason: Why it was refused, one sentence; None where it was used.
+        px: Observed minus predicted ``(u, v)``; None without a prediction.
+        sigma_px: Standard deviation of each component, from all uncertainties.
+        chi2: Squared Mahalanobis distance, of two degrees of freedom.
+        reason: Why it was rejected, one sentence; None where it was used.
     """
 
     name: str
@@ -82,24 +81,24 @@ class Innovation:
 
     @property
     def accepted(self) -> bool:
-        """Whether the estimate follows it."""
+        """Whether the estimate was updated with it."""
         return self.reason is None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationEstimate:
-    """The biases after one image's landmarks.
+    """The biases of the telemetry after the landmarks of one image.
 
     Attributes:
-        stamp_ns: The stamp of the image that they were seen in, UTC.
-        calibration: What the next images' measurements name as their calibration.
+        stamp_ns: The image's stamp, UTC.
+        calibration: Calibration id of the next images' measurements.
         height_source: Whose height ``bias.height_m`` is added to; None where there was no pose.
         bias: The estimate.
         std: Its standard deviations.
-        innovations: Of the landmarks of this image, the most credible first.
+        innovations: Of the landmarks of this image, the smallest chi2 first.
         updates: Landmarks used since the start.
-        refused: Landmarks refused since the start.
-        restarts: How often nearly everything was refused and the estimate began anew.
+        refused: Landmarks rejected since the start.
+        restarts: How often the filter was reset because nearly everything was rejected.
     """
 
     stamp_ns: int
@@ -114,32 +113,31 @@ class CalibrationEstimate:
 
 
 class Steadiness(StrEnum):
-    """What the last looks come to."""
+    """Whether a fixed camera has moved, by its last looks."""
 
-    UNCHECKED = "unchecked"  # nothing was recognised yet, or not for some looks: night, fog, a covered lens
-    STEADY = "steady"  # within the limit of where it looked
-    MOVED = "CAMERA_MOVED"  # beyond it, and by how much is known
-    MOVING = "moving"  # beyond it a moment ago; whether and where it came to rest is not known yet
-    UNKNOWN_VIEW = "unknown_view"  # what stands still does not stand where a camera that only turned would see it
+    UNCHECKED = "unchecked"  # no fixed points recognised yet, or not for some looks: night, fog, a covered lens
+    STEADY = "steady"  # rotated by less than the limit
+    MOVED = "CAMERA_MOVED"  # rotated by more than the limit, by a known angle
+    MOVING = "moving"  # rotated by more than the limit in the last look; not known yet whether it has come to rest
+    UNKNOWN_VIEW = "unknown_view"  # no rotation of the camera explains the fixed points
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraMotionEstimate:
-    """A fixed camera's attitude after one look at its steady points.
+    """A fixed camera's rotation after one look at its fixed points.
 
     Attributes:
-        stamp_ns: The stamp of the image that was looked at, UTC.
-        state: What this look and those before it come to.
-        turn_rad: Rotation vector of the camera about its axes x, y, z, from where it looked to where it looks:
-            ``reference_SO3_now``, what poses are corrected with.
-        std_rad: Standard deviations of the three, with how far single images scatter.
-        look_turn_rad: Of this look alone; None where it did not tell.
+        stamp_ns: The image's stamp, UTC.
+        state: By this look and those before it.
+        turn_rad: Rotation vector ``reference_SO3_now`` about the camera's axes x, y, z, with which poses are corrected.
+        std_rad: Standard deviations of its components, with the scatter between images.
+        look_turn_rad: Rotation vector of this look alone; None where the look gave none.
         since_ns: The first look in this state.
-        moved_ns: The first look that saw the camera where it rests by now; None where that is within the limit.
+        moved_ns: The first look at which the camera was in its present attitude; None within the limit.
         points: Points found again.
-        agreeing: Those that this look's turn explains.
-        std_px: Of one coordinate of these; None where the look did not tell.
-        calibration: What the next images' measurements name as their calibration.
+        agreeing: Inliers of this look's rotation.
+        std_px: Of one coordinate of an inlier; None where the look gave no rotation.
+        calibration: Calibration id of the next images' measurements.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""The camera: intrinsics, lens distortion, image size, and how well each is known; and how a vehicle says it zooms."""
+"""The camera: intrinsics and lens distortion with their uncertainty, image size, and a vehicle's reported zoom."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -8,13 +8,13 @@ from aerodft.model.arrays import FloatArray
 
 
 class LensModel(StrEnum):
-    """The distortion models, in OpenCV's definitions."""
+    """The distortion models, as OpenCV defines them."""
 
     BROWN = "brown"  # k1 k2 p1 p2 [k3 [k4 k5 k6]]: radial, tangential, rational
     FISHEYE = "fisheye"  # k1 k2 k3 k4: equidistant polynomial
 
 
-_COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
+_COEFFICIENT_COUNTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +22,7 @@ class CameraStd:
     """Standard deviations of the intrinsics; 0 means taken as exact.
 
     Attributes:
-        focal_px: Of fx; fy is off by the same share.
+        focal_px: Of fx; the relative error of fy is the same.
         principal_point_px: Of cx and of cy.
         distortion: Of each coefficient; empty where all are taken as exact.
     """
@@ -34,10 +34,10 @@ class CameraStd:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraMode:
-    """How a camera was set, as the EXIF data of its images have it; None for what is not known.
+    """Settings of a camera as in its images' EXIF data; None where unknown.
 
     Attributes:
-        device: The camera's name of itself.
+        device: The camera's model name.
         focal_mm: Focal length of its lens.
         focal_35mm_mm: The focal length that gives the same view on 35 mm film.
         digital_zoom: Factor.
@@ -53,9 +53,9 @@ class CameraMode:
 class Camera:
     """A camera in one mode (size, crop, zoom).
 
-    Pixel (0, 0) is the centre of the top-left pixel; the image spans -0.5 to W - 0.5. ``covariance`` is that of fx, fy,
-    cx, cy and the distortion coefficients, in rows, as a lens calibration gives it; where it is there, it takes the
-    place of ``std``. ``mode`` is what images of another mode are told by, where it is known.
+    Pixel (0, 0) is the centre of the top-left pixel; the image spans -0.5 to W - 0.5. ``covariance`` is of fx, fy, cx,
+    cy and the distortion coefficients, as rows, from a lens calibration; it replaces ``std``. ``mode`` tells images of
+    another mode; None where unknown.
     """
 
     name: str
@@ -76,20 +76,20 @@ class Camera:
             raise ValueError(f"image size {self.width_px} x {self.height_px} px, must be at least 1 x 1")
         if not (self.fx_px > 0 and self.fy_px > 0 and math.isfinite(self.fx_px + self.fy_px)):
             raise ValueError(f"focal lengths {self.fx_px}, {self.fy_px} px, must be finite and above 0")
-        if len(self.distortion) not in _COEFFICIENTS[self.lens]:
+        if len(self.distortion) not in _COEFFICIENT_COUNTS[self.lens]:
             raise ValueError(
                 f"{len(self.distortion)} distortion coefficients for a {self.lens} lens,"
-                f" must be one of {_COEFFICIENTS[self.lens]}"
+                f" must be one of {_COEFFICIENT_COUNTS[self.lens]}"
             )
-        wanted = 4 + len(self.distortion)
-        if self.covariance and {len(self.covariance), *map(len, self.covariance)} != {wanted}:
-            raise ValueError(f"covariance of {len(self.covariance)} rows, must be {wanted} of {wanted}")
+        count = 4 + len(self.distortion)
+        if self.covariance and {len(self.covariance), *map(len, self.covariance)} != {count}:
+            raise ValueError(f"covariance of {len(self.covariance)} rows, must be {count} of {count}")
         if len(self.std.distortion) not in (0, len(self.distortion)):
             raise ValueError(f"{len(self.std.distortion)} stds of {len(self.distortion)} distortion coefficients")
 
     @classmethod
     def from_fov(cls, *, name: str, width_px: int, height_px: int, hfov_rad: float, vfov_rad: float) -> "Camera":
-        """Build a distortion-free camera from its full fields of view, principal point at the image's centre.
+        """A distortion-free camera from its full fields of view, principal point at the image's centre.
 
         Raises:
             ValueError: A field of view outside (0, pi).
@@ -109,23 +109,23 @@ class Camera:
         )
 
     def with_covariance(self, covariance: FloatArray) -> "Camera":
-        """The camera with another covariance ``(n, n)`` of its intrinsics; known exactly where that is 0 all over."""
+        """The camera with another covariance ``(n, n)`` of its intrinsics; all zeros: known exactly."""
         rows = tuple(map(tuple, covariance.tolist())) if covariance.any() else ()
         return replace(self, std=CameraStd(), covariance=rows)
 
     def zoomed(self, magnification: float, std: float) -> "Camera":
-        """The camera at another focal length: fx and fy times the magnification, the rest as it is.
+        """The camera at another focal length: fx and fy times the magnification, all else unchanged.
 
         Args:
-            magnification: Focal length over this one's.
-            std: Standard deviation of the magnification; it adds to what is known of fx and fy, which it moves alike.
+            magnification: New focal length over this camera's.
+            std: Standard deviation of the magnification, an error common to fx and fy; it adds to theirs.
         """
         focal_px = math.hypot(magnification * self.std.focal_px, std * self.fx_px)
         scales = (magnification, magnification, *(1.0 for _ in self.covariance[2:]))
-        moved_px = (std * self.fx_px, std * self.fy_px, *(0.0 for _ in self.covariance[2:]))
+        error_px = (std * self.fx_px, std * self.fy_px, *(0.0 for _ in self.covariance[2:]))
         covariance = tuple(
-            tuple(a * b * value + c * d for b, d, value in zip(scales, moved_px, row, strict=True))
-            for a, c, row in zip(scales, moved_px, self.covariance, strict=False)
+            tuple(a * b * value + c * d for b, d, value in zip(scales, error_px, row, strict=True))
+            for a, c, row in zip(scales, error_px, self.covariance, strict=False)
         )
         return replace(
             self,
@@ -147,7 +147,7 @@ class Camera:
 
 
 class ZoomSource(StrEnum):
-    """The message that a camera's view is known from."""
+    """The message that reports a camera's view."""
 
     CAMERA_SETTINGS = "CAMERA_SETTINGS"
     CAMERA_FOV_STATUS = "CAMERA_FOV_STATUS"
@@ -156,12 +156,12 @@ class ZoomSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zoom:
-    """A camera's focal length at one stamp, against that of its file.
+    """A camera's focal length at one stamp, relative to its file's.
 
     Attributes:
         magnification: Focal length over that of the file.
         std: Standard deviation of the magnification.
-        source: Where it is known from.
+        source: The message that reports it.
     """
 
     magnification: float

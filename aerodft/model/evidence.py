@@ -1,4 +1,4 @@
-"""What people know about a scene, from which a camera's pose and lens are found: the input of a calibration.
+"""Evidence of a scene, from which a calibration finds a camera's pose and lens.
 
 World coordinates are metres east, north and up in one local frame; the camera's height counts from its zero.
 """
@@ -11,7 +11,7 @@ Px = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Observed:
-    """One observation.
+    """An observation.
 
     Attributes:
         name: For messages.
@@ -24,11 +24,11 @@ class _Observed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Landmark(_Observed):
-    """A pixel and its place in the world.
+    """A ground control point: a pixel and its surveyed position.
 
     Attributes:
         pixel: ``(u, v)``.
-        position_m: East, north, up; None for a component that is not known (one at most).
+        position_m: East, north, up; None for an unknown component (one at most).
         std_m: Of each component.
     """
 
@@ -48,7 +48,7 @@ class SlantRange(_Observed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundPoint(_Observed):
-    """A pixel on the ground and its place to the right and ahead of the camera's foot."""
+    """A pixel on the ground, and its position right and ahead of the camera's foot."""
 
     pixel: Px
     xy_m: tuple[float, float]
@@ -57,7 +57,7 @@ class GroundPoint(_Observed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownLength(_Observed):
-    """Two pixels and their distance on the map, ``elevation_m`` above the ground."""
+    """Two pixels and their horizontal distance, ``elevation_m`` above the ground."""
 
     pixels: tuple[Px, Px]
     length_m: float
@@ -67,7 +67,7 @@ class KnownLength(_Observed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownHeight(_Observed):
-    """Base and top of an upright object on the ground, and its height."""
+    """Base and top of an upright object on the ground, and the object's height."""
 
     base: Px
     top: Px
@@ -77,14 +77,14 @@ class KnownHeight(_Observed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vertical(_Observed):
-    """Two pixels of one vertical line."""
+    """Two pixels of a vertical line."""
 
     pixels: tuple[Px, Px]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundLines(_Observed):
-    """Two level lines, two pixels each, that are parallel, or at a right angle to each other."""
+    """Two level lines, two pixels each, parallel or perpendicular to each other."""
 
     first: tuple[Px, Px]
     second: tuple[Px, Px]
@@ -93,11 +93,11 @@ class GroundLines(_Observed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Horizon(_Observed):
-    """Pixels on the horizon: where level ground would end infinitely far away, or on the sea's.
+    """Pixels on the horizon: of a flat earth, or of the sea.
 
     Attributes:
         pixels: Two or more.
-        is_sea: The horizon is the sea's, which the earth's curvature lowers as the camera rises.
+        is_sea: Of the sea: below a flat earth's by the dip, which grows with the camera's height.
     """
 
     pixels: tuple[Px, ...]
@@ -109,7 +109,7 @@ Evidence: TypeAlias = Landmark | SlantRange | GroundPoint | KnownLength | KnownH
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """What is known of an unknown beforehand; where it is not asked for, it has this value."""
+    """Prior of an unknown; the value where it is not estimated."""
 
     value: float
     std: float
@@ -117,7 +117,7 @@ class Prior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvidenceSet:
-    """All that is known about one image's camera.
+    """Evidence and priors of one image's camera.
 
     Attributes:
         evidence: Observations, in the order of the file.
@@ -134,13 +134,13 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyedLandmark:
-    """A point whose place is known; an observation of one pixel that bears its name is of it.
+    """A landmark with a surveyed position, observed as one pixel under its name.
 
     Attributes:
         name: Unique; the last part of its observations' key expression.
         position_enu_m: East, north, up of the station's origin.
-        std_m: Of each of the three. The same error is in every observation of it, however many there are.
-        std_px: Of each pixel coordinate, unless the observation brings its own.
+        std_m: Of each component; one error, common to all observations of the landmark.
+        std_px: Of each pixel coordinate, unless the observation has its own.
     """
 
     name: str
@@ -151,14 +151,14 @@ class SurveyedLandmark:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyedMarker:
-    """A marker whose place is known.
+    """A marker with a surveyed position.
 
     Attributes:
         id: In its dictionary.
         points_m: East, north, up of its centre, or of its four corners: top left, top right, bottom right and bottom
-            left, as it is printed.
+            left, as printed.
         std_m: Of each component of each point.
-        side_m: Length of the black square's sides; None where nobody has measured it.
+        side_m: Length of the black square's sides; None where unknown.
     """
 
     id: int
@@ -172,14 +172,14 @@ class SurveyedMarker:
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """What each of ``points_m`` is called as a landmark: ``marker-3``, or ``marker-3-corner-1`` to 4."""
+        """Landmark names of ``points_m``: ``marker-3``, or ``marker-3-corner-1`` to 4."""
         name = marker_name(self.id)
         return (name,) if len(self.points_m) == 1 else tuple(f"{name}-corner-{n + 1}" for n in range(4))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerSurvey:
-    """Markers of one dictionary.
+    """Surveyed markers of one dictionary.
 
     Attributes:
         dictionary: As OpenCV names it, without ``DICT_``: ``4X4_50``, ``APRILTAG_36h11``.
@@ -197,14 +197,14 @@ class MarkerSurvey:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerSighting:
-    """A marker as an image shows it.
+    """A marker detected in an image.
 
     Attributes:
-        id: As decoded; it may be false.
-        pixel: Of its centre: where its diagonals meet, which no slant of the view moves.
-        std_px: Of each of ``pixel``'s coordinates.
+        id: As decoded, possibly wrong.
+        pixel: Of its centre: the intersection of the diagonals, which is invariant under perspective.
+        std_px: Of each coordinate of ``pixel``.
         corners: In the order of ``SurveyedMarker.points_m``.
-        corner_std_px: Of each of their coordinates.
+        corner_std_px: Of each coordinate of a corner.
     """
 
     id: int
@@ -215,5 +215,5 @@ class MarkerSighting:
 
 
 def marker_name(marker: int) -> str:
-    """What messages and observations call a marker."""
+    """Name of a marker in messages and observations."""
     return f"marker-{marker}"

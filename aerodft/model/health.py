@@ -1,4 +1,4 @@
-"""What a vehicle says of itself, and what is known of its link: as tracks, and as a summary at one stamp."""
+"""Health of a vehicle and of its link: as tracks, and as a summary at one stamp."""
 
 from dataclasses import dataclass, field
 
@@ -6,16 +6,15 @@ from aerodft.model.arrays import BoolArray, FloatArray, IntArray
 from aerodft.model.telemetry import Track
 
 RATIOS = ("velocity", "horizontal position", "vertical position", "compass")
-"""What an estimator's test ratios are of: innovations over their gates, so that 1 is the most it accepts."""
-
+"""Quantities of an EKF's test ratios: innovation over gate; the EKF rejects its inputs from 1 on."""
 
 FIX_3D = 3
-"""The least GPS_FIX_TYPE that knows a height."""
+"""Lowest GPS_FIX_TYPE with a height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeartbeatTrack(Track):
-    """The autopilot is alive (HEARTBEAT).
+    """Heartbeats of the autopilot (HEARTBEAT).
 
     Attributes:
         autopilot: ``(n,)`` MAV_AUTOPILOT.
@@ -26,7 +25,7 @@ class HeartbeatTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GpsTrack(Track):
-    """The receiver's fix, and how good it is (GPS_RAW_INT).
+    """The receiver's fixes and their accuracy (GPS_RAW_INT).
 
     Attributes:
         fix: ``(n,)`` GPS_FIX_TYPE: ``FIX_3D`` and more are three-dimensional.
@@ -43,7 +42,7 @@ class GpsTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorTrack(Track):
-    """The autopilot's opinion of its own estimate (EKF_STATUS_REPORT, ESTIMATOR_STATUS).
+    """Status of the autopilot's EKF (EKF_STATUS_REPORT, ESTIMATOR_STATUS).
 
     Attributes:
         ratios: ``(n, 4)`` of ``RATIOS``.
@@ -56,10 +55,10 @@ class EstimatorTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinkTrack(Track):
-    """Every frame of the autopilot that came, by its sequence number.
+    """Frames received from the autopilot, with gaps in their sequence numbers.
 
     Attributes:
-        lost: ``(n,)`` frames that are missing right before each.
+        lost: ``(n,)`` frames missing right before each.
     """
 
     lost: IntArray
@@ -67,10 +66,10 @@ class LinkTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RivalTrack(Track):
-    """When somebody spoke who could have been followed as well, where nobody chose.
+    """Messages of another sender that could have been followed as well, where the configuration names none.
 
     Attributes:
-        what: Who that is, who is followed and how to choose, in a sentence.
+        what: Sentence: that sender, the one that is followed, and how to choose.
     """
 
     what: str
@@ -78,7 +77,7 @@ class RivalTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GimbalFailureTrack(Track):
-    """When the followed gimbal said that it fails (GIMBAL_DEVICE_ATTITUDE_STATUS).
+    """Failures reported by the followed gimbal (GIMBAL_DEVICE_ATTITUDE_STATUS).
 
     Attributes:
         what: What failed.
@@ -89,20 +88,20 @@ class GimbalFailureTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """What is known at one stamp; None for what was never said.
+    """Health of a vehicle and its link at one stamp; None for what was never reported.
 
     Attributes:
-        heartbeat_age_s: Since the autopilot's last HEARTBEAT, or since the link spoke again after a silence.
+        heartbeat_age_s: Since the autopilot's last HEARTBEAT, or since the link resumed after a silence.
         gps_fix: GPS_FIX_TYPE.
-        gps_age_s: Since it was said.
+        gps_age_s: Since the report of the fix.
         satellites: Number of satellites.
         horizontal_std_m: Of the receiver's position.
         vertical_std_m: Of the receiver's altitude.
-        ratios: The estimator's test ratios, by what they are of; empty where never said.
+        ratios: The EKF's test ratios by quantity; empty where never reported.
         has_attitude: Whether the estimator has an attitude.
         received: Frames of the autopilot over the last seconds.
-        lost: Frames that are missing between these.
-        ages_s: Since the newest of each kind of telemetry, by its name.
+        lost: Frames missing between the received ones.
+        ages_s: Age of the newest sample of each kind of telemetry, by its name.
     """
 
     heartbeat_age_s: float | None = None
@@ -119,5 +118,5 @@ class Health:
 
     @property
     def loss_share(self) -> float:
-        """Share of the autopilot's frames that were lost."""
+        """Fraction of the autopilot's frames that were lost."""
         return self.lost / (self.lost + self.received) if self.lost else 0.0

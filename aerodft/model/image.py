@@ -1,4 +1,4 @@
-"""Video frames and stills, called images because a frame is a coordinate frame; and compressed ones as they came."""
+"""Images (video frames and stills; a frame is a coordinate frame) and compressed packets of a stream."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from aerodft.model.arrays import ImageArray, IntArray
 
 
 class StampClock(StrEnum):
-    """Whose clock a stamp was read from."""
+    """The clock that a stamp was read from."""
 
     UTC = "utc"
     HOST = "host"  # this machine's arrival time; mapped to the vehicle's UTC before a pose is looked up
@@ -19,7 +19,7 @@ class StampClock(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Image:
-    """An image and its stamp; the pixels come only when somebody asks for them.
+    """An image and its stamp; its pixels are decoded on demand.
 
     Attributes:
         index: Running number in its source, from 0.
@@ -27,7 +27,7 @@ class Image:
         arrival_ns: When it reached this machine (for files: the stamp).
         width_px: Width; None for a stamp without pixels (telemetry-only evaluation).
         height_px: Height in pixels; None where no pixels are known.
-        pixels: Gives ``(height, width, 3)`` uint8 BGR, or None where there are no pixels.
+        pixels: Function that decodes ``(height, width, 3)`` uint8 BGR; None without pixels.
     """
 
     index: int
@@ -41,17 +41,15 @@ class Image:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageRows(Sequence[Image]):
-    """``n`` images without pixels that differ in whole numbers only, in order of arrival; fields as in ``Image``.
-
-    Those of a recording are read, and written again, as columns, without an object for each.
+    """Columns of ``n`` images without pixels in order of arrival, as a recording has them; fields as in ``Image``.
 
     Attributes:
         indices: ``(n,)``.
         stamp_ns: ``(n,)`` by ``clock``.
         arrival_ns: ``(n,)`` not decreasing.
-        clock: Of all.
-        width_px: Of all.
-        height_px: Of all.
+        clock: Common to all images, as are ``width_px`` and ``height_px``.
+        width_px: Width.
+        height_px: Height.
     """
 
     indices: IntArray
@@ -81,7 +79,7 @@ class ImageRows(Sequence[Image]):
 
     @property
     def common(self) -> tuple[StampClock, int | None, int | None]:
-        """What all of them share."""
+        """Clock, width and height, common to all images."""
         return self.clock, self.width_px, self.height_px
 
     def rows(self, start: int, stop: int) -> "ImageRows":
@@ -100,15 +98,15 @@ class ImageRows(Sequence[Image]):
 
 
 def joined_images(parts: Sequence[Image | ImageRows]) -> Sequence[Image]:
-    """Images that came one by one or together, in order of arrival: together where all of them can be."""
+    """Images and columns of images in order of arrival; as columns if all parts are columns with equal ``common``."""
     rows = [part for part in parts if isinstance(part, ImageRows)]
     if rows and len(rows) == len(parts) and len({part.common for part in rows}) == 1:
-        return _joined(rows)
-    each = [image for part in parts for image in (part if isinstance(part, ImageRows) else (part,))]
-    return sorted(each, key=lambda image: image.arrival_ns)
+        return _concatenate_columns(rows)
+    images = [image for part in parts for image in (part if isinstance(part, ImageRows) else (part,))]
+    return sorted(images, key=lambda image: image.arrival_ns)
 
 
-def _joined(parts: Sequence[ImageRows]) -> ImageRows:
+def _concatenate_columns(parts: Sequence[ImageRows]) -> ImageRows:
     columns = [(part.indices, part.stamp_ns, part.arrival_ns) for part in parts]
     indices, stamp_ns, arrival_ns = (np.concatenate(own) for own in zip(*columns, strict=True))
     order = np.argsort(arrival_ns, kind="stable")
@@ -116,7 +114,7 @@ def _joined(parts: Sequence[ImageRows]) -> ImageRows:
 
 
 def image_indices(images: Sequence[Image]) -> IntArray:
-    """Their running numbers ``(n,)``."""
+    """Running numbers ``(n,)`` of images in their source."""
     if isinstance(images, ImageRows):
         return images.indices
     return np.array([image.index for image in images], dtype=np.int64)
@@ -124,14 +122,14 @@ def image_indices(images: Sequence[Image]) -> IntArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoPacket:
-    """One image of an H.264 stream that refers to no later one.
+    """An image of an H.264 stream that refers to no later image.
 
     Attributes:
         data: In Annex B form; key images have their parameter sets in front.
         is_key: Whether decoding can begin here.
         stamp_ns: Of the image.
-        arrival_ns: When the image reached this machine: that of its ``Image``, where it became one.
-        index: Of that image; None where it became none.
+        arrival_ns: When it reached this machine, as of its ``Image``.
+        index: Of its ``Image``; None where there is none.
     """
 
     data: bytes

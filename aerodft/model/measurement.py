@@ -1,4 +1,4 @@
-"""What to measure in an image, where its pixels come from, and the answer with its uncertainty."""
+"""Probes, what they measure and where their pixels come from; and measurements with their uncertainty."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,7 +9,7 @@ from aerodft.model.status import Status
 
 
 class ProbeKind(str):
-    """Name of what a probe measures.
+    """Name of a kind of measurement.
 
     No enumeration: who adds a kind to ``dft.PROBE_KINDS`` gives it a name there.
     """
@@ -40,7 +40,7 @@ ProbeKind.TRACK = ProbeKind("track")  # of what moves: its speed, and where it i
 
 
 class PixelSource(StrEnum):
-    """Where a probe's pixels come from."""
+    """Origin of a probe's pixels."""
 
     FIXED = "fixed"
     OBSERVED = "observed"
@@ -49,19 +49,19 @@ class PixelSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """One thing to measure in every image.
+    """A quantity to measure in every image.
 
     Attributes:
         name: Unique; the last part of its key expression.
         kind: What is measured.
-        source: Fixed pixels, or pixels that somebody observes.
-        pixels: ``((u, v), ...)`` for a fixed probe, of one image for a tracked one, else empty.
-        std_px: Standard deviation of each pixel coordinate, unless the observation brings its own.
+        source: Origin of the pixels.
+        pixels: ``((u, v), ...)`` of a fixed probe, or of a tracked one in one image; else empty.
+        std_px: Standard deviation of each pixel coordinate, unless the observation has its own.
         elevation_m: Height of the measured surface above the ground; level ground is the height's datum plane.
         elevation_std_m: Its standard deviation, shared by all points of the probe.
-        on_top_of: Name of a ``height`` in the same image: the probe lies in the level plane through that object's top,
-            ``elevation_m`` is 0.
-        at_ns: UTC of the image that a tracked probe's pixels are of; None for the first.
+        on_top_of: Name of a ``height`` probe in the same image: this probe lies in the level plane through that
+            object's top, ``elevation_m`` is 0.
+        at_ns: UTC of the image of a tracked probe's pixels; None for the first image.
     """
 
     name: str
@@ -79,7 +79,7 @@ Vector = tuple[float, ...]
 
 
 class ProjectionModel(StrEnum):
-    """Which equations turn a pixel into a ground point."""
+    """The equations that turn a pixel into a ground point."""
 
     PINHOLE = "pinhole"
     DFT = "dft"
@@ -105,7 +105,7 @@ class GeoPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measurement:
-    """The answer to one probe at one stamp (DESIGN, "on the wire"); unknown fields are None, never absent."""
+    """Measurement of one probe at one stamp; unknown fields are None."""
 
     name: str
     kind: ProbeKind

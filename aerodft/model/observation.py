@@ -1,4 +1,4 @@
-"""Pixels of one probe at one image stamp, whoever found them."""
+"""Observations: pixels of a probe, or the outline of an object, at one image stamp."""
 
 from dataclasses import dataclass
 from typing import Final, TypeAlias
@@ -7,26 +7,26 @@ from aerodft.model.image import Image, ImageRows, StampClock
 from aerodft.model.telemetry import RawBlock
 
 VISION: Final = "vision"
-"""The source of observations that aerodft itself made in an image."""
+"""Source of observations by aerodft's own detectors."""
 
 Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """One probe's pixels, or the outline of what it measures, at one stamp.
+    """Pixels of a probe, or the outline of its object, at one stamp.
 
     Attributes:
         name: The probe's name.
-        stamp_ns: The stamp of the image that was looked at, by ``clock``.
-        pixels: ``((u, v), ...)``; empty beside an outline.
-        std_px: Standard deviation of each coordinate; None where the probe's own applies.
+        stamp_ns: The image's stamp, by ``clock``.
+        pixels: ``((u, v), ...)``; empty with an outline.
+        std_px: Standard deviation of each coordinate; None for the probe's own.
         image: Index of the image, where known.
-        source: Who observed: a file's name, a topic, ``vision``.
+        source: Observer: a file's name, a topic, ``vision``.
         arrival_ns: When it reached this machine (for files: the stamp).
-        box: Left, top, right and bottom limit of an object; where its limits are, not its last pixels' centres.
-        contour: Corners of its closed outline, as exact as the box; of box, contour and pixels there is one, or none.
-        unseen: Why there is none: it was looked for, and not seen; empty where nobody says.
+        box: Left, top, right and bottom limits of an object: its edges, not the centres of its outermost pixels.
+        contour: Corners of its closed outline, exact as ``box``. At most one of box, contour and pixels is given.
+        unseen: Why a detector found nothing; empty where unknown.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Observation:
         contour: tuple[tuple[float, float], ...] = (),
         unseen: str = "",
     ) -> "Observation":
-        """What aerodft itself sees in an image."""
+        """An observation by one of aerodft's own detectors in an image."""
         return cls(
             name=name,
             stamp_ns=image.stamp_ns,
@@ -68,15 +68,15 @@ class Observation:
 
     @property
     def has_outline(self) -> bool:
-        """Whether it is an object's outline that was observed, and no pixels."""
+        """Whether the outline of an object was observed, not pixels."""
         return self.box is not None or bool(self.contour)
 
     @property
     def is_empty(self) -> bool:
-        """Whether somebody looked, and saw nothing."""
+        """Whether the observer found nothing."""
         return not self.pixels and not self.has_outline
 
 
 Event: TypeAlias = RawBlock | Image | Observation
 Arrival: TypeAlias = Event | ImageRows
-"""An event, or many images that are read together."""
+"""An event, or the columns of many images."""

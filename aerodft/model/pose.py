@@ -1,4 +1,4 @@
-"""Where the camera is and where it looks, with one joint covariance."""
+"""Camera poses with joint covariance, singly and in batches; sources of height and attitude."""
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -46,31 +46,31 @@ class Pose:
             object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
 
     def rows(self, rows: IntArray | int) -> "Pose":
-        """Some of ``(n,)`` poses by their indices ``(m,)``, or a single one; what is one for all of them stays so."""
+        """Poses ``(m,)`` of ``(n,)`` by their indices, or a single one; fields without a batch axis are kept."""
         axes = {"lens_cov": 2, **{name: len(trailing) for name, trailing in _TRAILING.items()}}
         columns = {name: getattr(self, name) for name in axes}
-        taken = {name: each[rows] if each.ndim > axes[name] else each for name, each in columns.items()}
-        return Pose(**taken, time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows])
+        selected = {name: each[rows] if each.ndim > axes[name] else each for name, each in columns.items()}
+        return Pose(**selected, time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows])
 
     @staticmethod
     def joined(poses: Sequence["Pose"]) -> "Pose":
-        """Single poses, or ``(n,)``, ``(m,)``, ..., as one ``(n + m + ...,)``.
+        """Concatenate poses, single ones or ``(n,)``, ``(m,)``, ..., to ``(n + m + ...,)``.
 
-        Where only some were found together with a lens, the others' covariances with it are 0.
+        Poses without a covariance with the lens get 0 where others have one.
         """
-        columns = max((pose.lens_cov.shape[-1] for pose in poses), default=0)
-        shapes = {**_TRAILING, "lens_cov": (6, columns), "time_std_s": ()}
+        lens_columns = max((pose.lens_cov.shape[-1] for pose in poses), default=0)
+        shapes = {**_TRAILING, "lens_cov": (6, lens_columns), "time_std_s": ()}
         ends = np.cumsum([0, *(pose.wxyz.size // 4 for pose in poses)]).tolist()
-        together = {name: np.zeros((ends[-1], *shape)) for name, shape in shapes.items()}
+        columns_of = {name: np.zeros((ends[-1], *shape)) for name, shape in shapes.items()}
         for pose, start, stop in zip(poses, ends, ends[1:], strict=False):
-            for name, values in together.items():
+            for name, values in columns_of.items():
                 if name != "lens_cov" or pose.lens_cov.size:
                     values[start:stop] = getattr(pose, name)
-        return Pose(**together)
+        return Pose(**columns_of)
 
 
 class HeightSource(str):
-    """Name of where a height above the measured plane came from.
+    """Name of the source of a height above the measured plane.
 
     No enumeration: who adds a source to ``service.HEIGHT_SOURCES`` gives it a name there.
     """
@@ -91,7 +91,7 @@ HeightSource.CALIBRATION = HeightSource("calibration")
 
 
 class GimbalSource(StrEnum):
-    """Where the camera's attitude came from."""
+    """Source of the camera's attitude."""
 
     GIMBAL_DEVICE = "GIMBAL_DEVICE_ATTITUDE_STATUS"
     MOUNT_ORIENTATION = "MOUNT_ORIENTATION"
@@ -103,7 +103,7 @@ class GimbalSource(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseStd:
-    """Standard deviations as people say them: small rotations about the camera's x, y, z axes and the vertical."""
+    """Standard deviations for people: small rotations about the camera's x, y, z axes and the vertical."""
 
     height_agl_m: float = 0.0
     horizontal_m: float = 0.0
@@ -125,10 +125,10 @@ class GeoOrigin:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseSample:
-    """The camera at one stamp, with where each part came from; ``pose`` is None where ``status`` is not ok.
+    """The camera at one stamp with the source of each part; ``pose`` is None where ``status`` is not ok.
 
-    ``datum_enu_m`` is the ENU height of what the stated height is counted from: not 0 above ground that is not level.
-    ``zoom`` is what the vehicle says of the camera's view, where that is followed; None where its file holds.
+    ``datum_enu_m`` is the ENU height of the height's datum: 0 unless the ground is not level. ``zoom`` is the focal
+    length reported by the vehicle, if it is followed; None where the camera file's applies.
     """
 
     stamp_ns: int
@@ -156,7 +156,7 @@ class PoseSample:
 
     @property
     def cov(self) -> FloatArray | None:
-        """Of the pose."""
+        """Covariance ``(6, 6)`` of the pose, as ``Pose.cov``."""
         return None if self.pose is None else self.pose.cov
 
 
@@ -171,20 +171,20 @@ TIME: Final = _STDS.index("time_s")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseBatch(Sequence[PoseSample]):
-    """Poses at ``n`` stamps. What is not a number, and the same for many of them, stands once in ``variants``.
+    """Poses at ``n`` stamps: columns of numbers, and ``variants`` with all else, shared by many samples.
 
     Attributes:
         stamp_ns: ``(n,)`` UTC.
         pose: The ``(n,)`` poses with a covariance each; NaN where a sample has none.
         std: ``(n, 7)`` standard deviations in the order of the fields of ``PoseStd``.
         lat_lon_alt: ``(n, 3)`` latitude, longitude (rad), altitude (m MSL); NaN where unknown.
-        height_age_s: ``(n,)`` time to the nearest sample of the height; NaN where unknown.
-        telemetry_age_s: ``(n,)`` time to the nearest sample of the older part; NaN where unknown.
-        datum_enu_m: ``(n,)`` ENU height of what the stated height is counted from.
-        zoom: ``(n, 2)`` magnification against the camera's file, and its standard deviation; NaN where the file holds.
-        variant_index: ``(n,)`` which of ``variants`` each sample is like.
-        variants: Samples without the numbers above: status, reasons, origin, sources, calibration. A variant's zoom
-            says its source alone.
+        height_age_s: ``(n,)`` time to the nearest height sample; NaN where unknown.
+        telemetry_age_s: ``(n,)`` time to the nearest sample, of height or attitude, whichever is older; NaN if unknown.
+        datum_enu_m: ``(n,)`` ENU height of the height's datum.
+        zoom: ``(n, 2)`` magnification relative to the camera file and its std; NaN where the file applies.
+        variant_index: ``(n,)`` indices into ``variants``.
+        variants: Samples without the numbers above: status, reasons, origin, sources, calibration; of the zoom only
+            its source.
     """
 
     stamp_ns: IntArray
@@ -200,16 +200,16 @@ class PoseBatch(Sequence[PoseSample]):
 
     @staticmethod
     def of(samples: Sequence[PoseSample]) -> "PoseBatch":
-        """Samples as a batch, in their order."""
-        variants, variant_index = _distinct([_variant(sample) for sample in samples])
+        """A batch of samples, in order."""
+        variants, variant_index = _unique_variants([_variant(sample) for sample in samples])
         zooms = [(np.nan, np.nan) if s.zoom is None else (s.zoom.magnification, s.zoom.std) for s in samples]
         return PoseBatch(
             stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
-            pose=_stacked([sample.pose for sample in samples]),
+            pose=_stack_poses([sample.pose for sample in samples]),
             std=np.array([[getattr(sample.std, name) for name in _STDS] for sample in samples]).reshape(-1, len(_STDS)),
-            lat_lon_alt=_numbers([sample.lat_lon_alt for sample in samples]).reshape(-1, 3),
-            height_age_s=_numbers([sample.height_age_s for sample in samples]),
-            telemetry_age_s=_numbers([sample.telemetry_age_s for sample in samples]),
+            lat_lon_alt=_nan_for_none([sample.lat_lon_alt for sample in samples]).reshape(-1, 3),
+            height_age_s=_nan_for_none([sample.height_age_s for sample in samples]),
+            telemetry_age_s=_nan_for_none([sample.telemetry_age_s for sample in samples]),
             datum_enu_m=np.array([sample.datum_enu_m for sample in samples], dtype=np.float64),
             zoom=np.array(zooms).reshape(-1, 2),
             variant_index=variant_index,
@@ -218,21 +218,21 @@ class PoseBatch(Sequence[PoseSample]):
 
     @staticmethod
     def joined(batches: Sequence["PoseBatch"]) -> "PoseBatch":
-        """Several batches as one, one after the other."""
+        """Concatenate batches."""
         if len(batches) == 1:
             return batches[0]
-        variants, index = _distinct([variant for batch in batches for variant in batch.variants])
+        variants, index = _unique_variants([variant for batch in batches for variant in batch.variants])
         firsts = np.cumsum([0, *(len(batch.variants) for batch in batches)]).tolist()
-        own = [index[first + batch.variant_index] for batch, first in zip(batches, firsts[:-1], strict=True)]
+        sample_index = [index[first + batch.variant_index] for batch, first in zip(batches, firsts[:-1], strict=True)]
         columns = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _COLUMNS}
         pose = Pose.joined([batch.pose for batch in batches])
-        return PoseBatch(pose=pose, variant_index=np.concatenate(own), variants=variants, **columns)
+        return PoseBatch(pose=pose, variant_index=np.concatenate(sample_index), variants=variants, **columns)
 
     @staticmethod
     def repeated(sample: PoseSample, stamps_ns: IntArray) -> "PoseBatch":
-        """One sample at every stamp ``(n,)``: the pose of a camera that does not move."""
-        alone = PoseBatch.of([sample])
-        return replace(alone.rows(np.zeros(len(stamps_ns), dtype=np.int64)), stamp_ns=stamps_ns)
+        """One sample at every stamp ``(n,)``: the pose of a fixed camera."""
+        single = PoseBatch.of([sample])
+        return replace(single.rows(np.zeros(len(stamps_ns), dtype=np.int64)), stamp_ns=stamps_ns)
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -253,29 +253,31 @@ class PoseBatch(Sequence[PoseSample]):
 
     @property
     def status(self) -> IntArray:
-        """``(n,)`` indices into ``CODES``."""
+        """Statuses ``(n,)`` as indices into ``CODES``."""
         return self.by_variant(lambda variant: CODE_OF[variant.status])
 
     @property
     def kind_index(self) -> IntArray:
-        """``(n,)`` numbers; samples with the same one differ in numbers, reasons and calibration only."""
-        found: dict[Hashable, int] = {}
-        bare = [replace(variant, reasons=(), calibration=None) for variant in self.variants]
-        return np.array([found.setdefault(_key(each), len(found)) for each in bare], dtype=np.int64)[self.variant_index]
+        """Kinds ``(n,)`` of samples: those of a kind differ in numbers, reasons and calibration only."""
+        kinds: dict[Hashable, int] = {}
+        stripped = [replace(variant, reasons=(), calibration=None) for variant in self.variants]
+        return np.array([kinds.setdefault(_key(each), len(kinds)) for each in stripped], dtype=np.int64)[
+            self.variant_index
+        ]
 
     @property
     def variant_of_each(self) -> list[PoseSample]:
-        """The variant that each sample is like."""
+        """Variants of the ``n`` samples."""
         return [self.variants[index] for index in self.variant_index.tolist()]
 
     @property
     def has_pose(self) -> BoolArray:
-        """``(n,)`` whether there is a pose, whatever the status."""
+        """Whether a sample has a pose ``(n,)``, whatever its status."""
         return ~np.isnan(self.pose.wxyz[:, 0])
 
     @property
     def is_ok(self) -> BoolArray:
-        """``(n,)`` whether there is a pose that can be measured with."""
+        """Whether a sample has a pose that can be measured with, ``(n,)``."""
         return np.asarray((self.status == CODE_OF[Status.OK]) & self.has_pose)
 
     def rows(self, rows: IntArray) -> "PoseBatch":
@@ -286,11 +288,11 @@ class PoseBatch(Sequence[PoseSample]):
         )
 
     def where(self, chosen: BoolArray, change: Callable[["PoseBatch", IntArray], "PoseBatch"]) -> "PoseBatch":
-        """The batch with those of its samples changed that are ``chosen (n,)``, and all others as they are.
+        """The batch with the samples ``chosen (n,)`` changed.
 
         Args:
-            chosen: Which are changed.
-            change: Takes at least one sample, with its row here, and gives as many back.
+            chosen: Samples to change.
+            change: Maps one sample or more, with their rows in this batch, to as many.
         """
         rows = np.flatnonzero(chosen)
         if len(rows) == len(self):
@@ -302,22 +304,22 @@ class PoseBatch(Sequence[PoseSample]):
         return PoseBatch.joined([self, change(self.rows(rows), rows)]).rows(order)
 
     def by_variant(self, value: Callable[[PoseSample], int]) -> IntArray:
-        """``(n,)`` a whole number of every sample's variant; variants that no sample is like are left out."""
-        used, own = np.unique(self.variant_index, return_inverse=True)
-        return np.array([value(self.variants[index]) for index in used.tolist()], dtype=np.int64)[own]
+        """A whole number for each sample ``(n,)``, computed from its variant; unused variants are skipped."""
+        used, index = np.unique(self.variant_index, return_inverse=True)
+        return np.array([value(self.variants[k]) for k in used.tolist()], dtype=np.int64)[index]
 
     def map_variants(self, change: Callable[[PoseSample], PoseSample]) -> "PoseBatch":
-        """The batch with a new variant for each of the present ones."""
+        """The batch with every variant changed."""
         return replace(self, variants=tuple(map(change, self.variants)))
 
     def with_variants(
         self, keys: Sequence[_Key | None], change: Callable[[PoseSample, _Key], PoseSample]
     ) -> "PoseBatch":
-        """The batch with other variants.
+        """The batch with variants changed by a key for each sample.
 
         Args:
-            keys: ``n`` of what a sample's new variant depends on, besides the present one; None where that stays.
-            change: Makes the new variant from the present one and a key.
+            keys: ``n`` keys on which a sample's new variant depends; None keeps the present one.
+            change: Makes a new variant from a present one and a key.
         """
         pairs = list(zip(self.variant_index.tolist(), keys, strict=True))
         numbers = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
@@ -326,12 +328,12 @@ class PoseBatch(Sequence[PoseSample]):
         return replace(self, variants=tuple(variants), variant_index=variant_index)
 
     def without_poses(self) -> "PoseBatch":
-        """The batch with nothing known of where its cameras are."""
-        return replace(self, pose=_stacked([None]).rows(np.zeros(len(self), dtype=np.int64)))
+        """The batch with all poses unknown."""
+        return replace(self, pose=_stack_poses([None]).rows(np.zeros(len(self), dtype=np.int64)))
 
     def _sample(self, row: int) -> PoseSample:
         variant = self.variants[int(self.variant_index[row])]
-        lat, lon, alt = (_known(value) for value in self.lat_lon_alt[row].tolist())
+        lat, lon, alt = (_none_if_nan(value) for value in self.lat_lon_alt[row].tolist())
         magnification, std = self.zoom[row].tolist()
         zoom = None if variant.zoom is None else Zoom(magnification=magnification, std=std, source=variant.zoom.source)
         return replace(
@@ -342,8 +344,8 @@ class PoseBatch(Sequence[PoseSample]):
             lat_rad=lat,
             lon_rad=lon,
             alt_msl_m=alt,
-            height_age_s=_known(float(self.height_age_s[row])),
-            telemetry_age_s=_known(float(self.telemetry_age_s[row])),
+            height_age_s=_none_if_nan(float(self.height_age_s[row])),
+            telemetry_age_s=_none_if_nan(float(self.telemetry_age_s[row])),
             datum_enu_m=float(self.datum_enu_m[row]),
             zoom=zoom,
         )
@@ -362,17 +364,17 @@ _KEY_FIELDS: Final = (
 
 
 def _variant(sample: PoseSample) -> PoseSample:
-    """A sample without its numbers."""
+    """The sample's variant: the sample without its numbers."""
     zoom = None if sample.zoom is None else Zoom(magnification=np.nan, std=np.nan, source=sample.zoom.source)
     return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _KEY_FIELDS}, zoom=zoom)
 
 
-def _distinct(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
-    """Variants that differ, and which of them each one ``(n,)`` is."""
+def _unique_variants(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
+    """Unique variants, and the index ``(n,)`` of each given one among them."""
     keys = [_key(variant) for variant in variants]
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-    found = dict(zip(keys, variants, strict=True))
-    return tuple(found[key] for key in numbers), np.array([numbers[key] for key in keys], dtype=np.int64)
+    by_key = dict(zip(keys, variants, strict=True))
+    return tuple(by_key[key] for key in numbers), np.array([numbers[key] for key in keys], dtype=np.int64)
 
 
 def _key(variant: PoseSample) -> Hashable:
@@ -383,34 +385,34 @@ def _key(variant: PoseSample) -> Hashable:
 _NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan), cov=np.full((6, 6), np.nan))
 
 
-def _stacked(poses: Sequence[Pose | None]) -> Pose:
+def _stack_poses(poses: Sequence[Pose | None]) -> Pose:
     return Pose.joined([_NO_POSE if pose is None else pose for pose in poses])
 
 
-def _numbers(values: Sequence[object]) -> FloatArray:
-    """Numbers with NaN for None."""
+def _nan_for_none(values: Sequence[object]) -> FloatArray:
+    """Array of numbers with NaN for None."""
     return np.array(values, dtype=np.float64)
 
 
-def _known(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if np.isnan(value) else value
 
 
-_BEYOND_STDS: Final = 1.96
-"""Two sources disagree where their difference lies outside of its 95 % interval."""
+_DISAGREEMENT_STDS: Final = 1.96
+"""Two height sources disagree where 0 is outside the 95 % interval of their difference."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightDifference:
-    """Two sources at one moment.
+    """Heights of two sources at one stamp.
 
     Attributes:
         stamp_ns: UTC.
-        source: The one.
-        other: The other one.
-        height_m: What the one says, above the measured plane.
-        other_m: What the other one says.
-        std_m: Standard deviation of the difference, by what is stated of the two.
+        source: The first source.
+        other: The second source.
+        height_m: By ``source``, above the measured plane.
+        other_m: By ``other``, above the measured plane.
+        std_m: Standard deviation of the difference, from those stated of the sources.
     """
 
     stamp_ns: int
@@ -422,18 +424,18 @@ class HeightDifference:
 
     @property
     def step_m(self) -> float:
-        """The other one minus the one."""
+        """Height by ``other`` minus height by ``source``."""
         return self.other_m - self.height_m
 
     @property
     def is_beyond(self) -> bool:
-        """Whether that is more than what is stated of the two explains."""
+        """Whether the sources disagree: their step exceeds its 95 % interval."""
         return bool(self.is_step_beyond(np.array(self.step_m), np.array(self.std_m)))
 
     @staticmethod
     def is_step_beyond(step_m: FloatArray, std_m: FloatArray) -> BoolArray:
-        """Whether steps ``(n,)`` are more than what is stated of the two, standard deviations ``(n,)``, explains."""
-        return np.asarray(np.abs(step_m) > _BEYOND_STDS * std_m)
+        """Whether steps ``(n,)`` exceed the 95 % interval of their standard deviations ``(n,)``."""
+        return np.asarray(np.abs(step_m) > _DISAGREEMENT_STDS * std_m)
 
     def reversed(self) -> "HeightDifference":
         """The difference with its two sources exchanged."""
@@ -447,7 +449,7 @@ class HeightDifference:
         )
 
     def sentence(self) -> str:
-        """What the two say."""
+        """The difference as a sentence."""
         return (
             f"{self.other} says {self.other_m:.2f} m where {self.source} says {self.height_m:.2f} m: "
             f"{abs(self.step_m):.2f} m apart, their std is {self.std_m:.2f} m"
@@ -456,9 +458,9 @@ class HeightDifference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightSwitch:
-    """From this stamp (UTC) on heights are of another source.
+    """Change of the height source at a stamp (UTC).
 
-    ``step`` compares the two (``source`` before, ``other`` after) when both last spoke; None where they never did.
+    ``step`` compares the two (``source`` before, ``other`` after) at their last common time; None if there was none.
     """
 
     stamp_ns: int

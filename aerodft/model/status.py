@@ -1,10 +1,10 @@
-"""Why a measurement has, or has not, a number."""
+"""Status of a measurement or pose: why it has, or has not, a value."""
 
 from enum import StrEnum
 
 
 class Status(StrEnum):
-    """The outcome of one measurement or pose; everything but ``OK`` comes without a value.
+    """Status of a measurement or pose; all but ``OK`` come without a value.
 
     Beside each its cause, below it what to do; the site shows both.
     """
@@ -57,7 +57,7 @@ class Status(StrEnum):
 
 
 CODES: tuple[Status, ...] = tuple(Status)
-"""Arrays hold a status as its index here."""
+"""Statuses in the order of their codes; arrays hold codes."""
 
 CODE_OF: dict[Status, int] = {status: code for code, status in enumerate(CODES)}
-"""The index in ``CODES``."""
+"""Code of a status: its index in ``CODES``."""

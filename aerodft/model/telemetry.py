@@ -1,7 +1,7 @@
-"""Telemetry as struct-of-arrays, in SI units, before its stamps are mapped to UTC.
+"""Telemetry tracks: struct-of-arrays in SI units, before their stamps are mapped to UTC.
 
-One track a message type; rows in order of arrival. Adapters fill them from MAVLink or DataFlash, the service knows
-only these. ``boot_ns`` is the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none.
+One track per message type, rows in order of arrival; adapters decode them from MAVLink or DataFlash. ``boot_ns`` is
+the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none.
 """
 
 from collections.abc import Sequence
@@ -21,21 +21,21 @@ TrackOf = TypeVar("TrackOf", bound="Track")
 
 
 class WireProtocol(StrEnum):
-    """How raw telemetry bytes of the built-in formats are framed; further log formats bring names of their own."""
+    """Framing of raw telemetry bytes in the built-in formats; further log formats add names."""
 
     MAVLINK = "mavlink"
     DATAFLASH = "dataflash"
 
 
 class ReportFrame(StrEnum):
-    """What roll and pitch in a gimbal's reports are against."""
+    """Reference of roll and pitch in a gimbal's reports."""
 
-    EARTH = "earth"  # the horizon, as the standard says
-    BODY = "body"  # the vehicle, whatever the flags say
+    EARTH = "earth"  # the horizon, as MAVLink specifies
+    BODY = "body"  # the vehicle, whatever the message's flags
 
 
 class MountAxes(StrEnum):
-    """Which servo of a mount carries the other behind its yaw: how angles against the vehicle are composed."""
+    """Order of a mount's servo axes behind yaw: how angles relative to the vehicle are composed."""
 
     ROLL_OUTER = "roll-outer"  # the usual one: the roll servo carries the tilt servo
     TILT_OUTER = "tilt-outer"  # the tilt servo carries the roll servo: the angles are aerospace Euler angles
@@ -43,16 +43,16 @@ class MountAxes(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RawBlock:
-    """Whole frames as they came, from one sender, in order of arrival.
+    """Whole raw frames of one sender, in order of arrival.
 
     Attributes:
-        protocol: How the bytes are framed: a ``WireProtocol``, or the name that another log format has.
-        sender: Address or file that they came from.
+        protocol: Framing of the bytes: a ``WireProtocol``, or the name of another log format.
+        sender: Address or file.
         arrival_ns: ``(n,)`` host UTC of each frame; not decreasing.
         offset: ``(n,)`` start of each frame in ``data``.
         length: ``(n,)`` bytes of each frame.
         data: The bytes; may hold more than the frames.
-        checked: Whether every frame has just passed its check, so that it need not be made again.
+        checked: Whether every frame's checksum has been verified already.
     """
 
     protocol: str
@@ -78,21 +78,21 @@ class RawBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
-    """What every track has: ``(n,)`` arrival (host UTC) and time since boot, both int64 ns."""
+    """Columns of every track: arrival ``(n,)`` (host UTC) and time since boot ``(n,)``, both int64 ns."""
 
     arrival_ns: IntArray
     boot_ns: IntArray
 
-    def rows(self, good: BoolArray | IntArray | slice, *, boot_ns: IntArray) -> Self:
-        """The rows where ``good (n,)``, or these rows, or this part of them, with these times since boot."""
+    def rows(self, selection: BoolArray | IntArray | slice, *, boot_ns: IntArray) -> Self:
+        """The rows of a mask ``(n,)``, of indices or of a slice, with their times since boot ``boot_ns``."""
         columns = {each.name: getattr(self, each.name) for each in fields(self)}
         arrays = {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
-        return replace(self, **{name: value[good] for name, value in {**arrays, "boot_ns": boot_ns}.items()})
+        return replace(self, **{name: value[selection] for name, value in {**arrays, "boot_ns": boot_ns}.items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SyncTrack(Track):
-    """What somebody says that its time since boot is (TIMESYNC); it need not be the vehicle's."""
+    """A sender's time since boot (TIMESYNC), not necessarily the vehicle's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,7 +124,7 @@ class GimbalTrack(Track):
     Attributes:
         source: The message.
         wxyz: ``(n, 4)`` unit quaternion ``ref_SO3_gimbal``; gimbal axes front (optical axis), right, down. Roll and
-            pitch are against the horizon, if the sender keeps to the standard (see ``service.gimbal_frame``); the
+            pitch are relative to the horizon, if the sender keeps to MAVLink (see ``service.gimbal_frame``); the
             reference's x axis is north, or the vehicle's nose.
         yaw_in_earth: ``(n,)`` true where the reference's x axis is north, false where it is the vehicle's heading.
     """
@@ -160,7 +160,7 @@ class HeightTrack(Track):
         value_m: ``(n,)`` a distance along the body's down axis (``slant``) or a vertical height.
         slant: Whether ``value_m`` must be multiplied by cos(roll) cos(pitch) of the vehicle.
         std_m: ``(n,)`` reported standard deviation, NaN where not reported.
-        lat_lon_rad: ``(n, 2)`` the place that it is the height above, where the message says it; else None.
+        lat_lon_rad: ``(n, 2)`` the point on the ground below, where the message has it; else None.
     """
 
     source: HeightSource
@@ -172,15 +172,15 @@ class HeightTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraTrack(Track):
-    """What one message says of the camera; a row says something at least.
+    """Reports of one message about the camera; no row is all unknown.
 
     Attributes:
         source: The message.
-        device: ``(n,)`` number of the camera: up to 6 one that the autopilot speaks for, else a camera's component id.
-        stream: ``(n,)`` number of the video stream that it is of, 0 where it is of none.
-        hfov_rad: ``(n,)`` full horizontal field of view, NaN where not known.
-        level: ``(n,)`` zoom as a share of its range, 0 to 1, NaN where not known.
-        size_px: ``(n, 2)`` width and height of the images, 0 where not known.
+        device: ``(n,)`` number of the camera: up to 6 for one behind the autopilot, else a camera's component id.
+        stream: ``(n,)`` number of the video stream, 0 for none.
+        hfov_rad: ``(n,)`` full horizontal field of view, NaN where unknown.
+        level: ``(n,)`` zoom as a fraction of its range, 0 to 1, NaN where unknown.
+        size_px: ``(n, 2)`` width and height of the images, 0 where unknown.
     """
 
     source: ZoomSource
@@ -192,7 +192,7 @@ class CameraTrack(Track):
 
 
 def joined(tracks: Sequence[TrackOf]) -> TrackOf:
-    """The rows of tracks of one kind and source, one track after the other; places that are not known are NaN."""
+    """Concatenate tracks of one kind and source; unknown places become NaN."""
     columns: dict[str, Any] = {}
     for each in fields(tracks[0]):
         values = [getattr(track, each.name) for track in tracks]

@@ -32,6 +32,8 @@ _PIPE_CLOSED = 141
 
 COMMANDS: Final = {
     "measure": "Measure pixels of one image with a known pose.",
+    "explain": "Say where a measurement's uncertainty comes from, and what would make it smaller.",
+    "depth-map": "Write range and ground point of every pixel, and the image as seen from above.",
     "serve": "Measure live: MAVLink and images in, zenoh and a recording out.",
     "init": "Write first station and camera files for what you have.",
     "import": "Turn a flight's log (and video) into a recording with measurements.",
@@ -57,6 +59,8 @@ COMMANDS: Final = {
 
 _MODULE_OF: Final = {
     "measure": "aerodft.cli.scenes.measure",
+    "explain": "aerodft.cli.scenes.explain",
+    "depth-map": "aerodft.cli.scenes.depth_map",
     "serve": "aerodft.cli.flights.serve",
     "init": "aerodft.cli.flights.init",
     "import": "aerodft.cli.flights.import_",

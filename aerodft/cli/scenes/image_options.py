@@ -1,10 +1,11 @@
 """Camera, pose, ground, probes and their standard deviations, as options of the commands about one image."""
 
+import inspect
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, cast
 
 import typer
 
@@ -20,7 +21,6 @@ CAMERA_AND_POSE: Final = "Camera and pose"
 GROUND: Final = "Ground"
 UNCERTAINTY: Final = "Uncertainty and model"
 RECORDED: Final = "Of a recording, instead of camera and pose"
-DEPTH_MAP: Final = "Every pixel, instead of probes"
 
 CameraOption = Annotated[Path | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera file (TOML).")]
 HeightOption = Annotated[
@@ -52,6 +52,28 @@ CovarianceOption = Annotated[
         help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.",
     ),
 ]
+
+
+def with_options_of(other: Callable[..., None], *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Have a command take the options of another one as keywords, beside its own and in their place.
+
+    Args:
+        other: The other command.
+        without: Its parameters that make no sense here.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = dict(inspect.signature(command).parameters)
+        keywords = [name for name, each in own.items() if each.kind is inspect.Parameter.VAR_KEYWORD]
+        shared = inspect.signature(other).parameters
+        merged = {name: each for name, each in {**shared, **own}.items() if name not in {*without, *keywords}}
+        parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in merged.values()]
+        command.__annotations__ = {each.name: each.annotation for each in parameters}
+        cast("Any", command).__signature__ = inspect.Signature(parameters)  # what typer reads
+        return command
+
+    return decorate
+
 
 _ANGLES: Final = ("tilt", "pan", "roll")
 _POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")

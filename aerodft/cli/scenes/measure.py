@@ -1,4 +1,4 @@
-"""``aerodft measure``: one pose, some pixels, measurements; or the same pixels under both projection models."""
+"""``aerodft measure``: one pose, some pixels, measurements; what ``explain`` and ``depth-map`` make of them too."""
 
 import logging
 import math
@@ -13,7 +13,6 @@ from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
     CAMERA_AND_POSE,
-    DEPTH_MAP,
     GROUND,
     RECORDED,
     UNCERTAINTY,
@@ -83,9 +82,7 @@ def measure(
     ] = None,
     compare: Annotated[
         bool,
-        typer.Option(
-            "--compare", rich_help_panel=UNCERTAINTY, help="Both projection models side by side, and what lies between."
-        ),
+        typer.Option("--compare", hidden=True, help="As explain --compare."),
     ] = False,
     calibration: Annotated[
         Path | None,
@@ -113,23 +110,16 @@ def measure(
     topic: TopicOption = None,
     depth_map: Annotated[
         Path | None,
-        typer.Option(
-            rich_help_panel=DEPTH_MAP,
-            help="Write range, ground point and sampling of every pixel (to 100 heights away) here.",
-        ),
+        typer.Option(hidden=True, help="As depth-map --output."),
     ] = None,
-    image: Annotated[
-        Path | None, typer.Option(rich_help_panel=DEPTH_MAP, help="With --depth-map: the image, to be seen from above.")
-    ] = None,
-    step: Annotated[
-        float | None, typer.Option(rich_help_panel=DEPTH_MAP, help="With --image: step of the view from above, m.")
-    ] = None,
-    explain: Annotated[
-        bool, typer.Option("--explain", rich_help_panel=UNCERTAINTY, help="Say where each uncertainty comes from.")
-    ] = False,
+    image: Annotated[Path | None, typer.Option(hidden=True, help="As depth-map --image.")] = None,
+    step: Annotated[float | None, typer.Option(hidden=True, help="As depth-map --step.")] = None,
+    explain: Annotated[bool, typer.Option("--explain", hidden=True, help="As the command explain.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
 ) -> None:
     r"""Measure pixels of one image with a known pose.
+
+    `aerodft explain` says where the uncertainty comes from, `aerodft depth-map` measures every pixel.
 
     \b
     Example:

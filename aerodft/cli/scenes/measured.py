@@ -46,7 +46,7 @@ def _finish(measurements: list[Measurement]) -> None:
 
 
 def _print_measurements(measurements: list[Measurement], budgets: list[tuple[Share, ...]]) -> None:
-    """A table, and for each budget a sentence with the largest part of an uncertainty first."""
+    """A table, and of each budget a table with the largest part of an uncertainty first, and what to improve."""
     table = Table("probe", "kind", "value", "95 % interval", "ground X, Y (m)", "status")
     for item in measurements:
         value = "" if item.value is None else f"{item.value:.3f} {item.unit}"
@@ -62,9 +62,14 @@ def _print_measurements(measurements: list[Measurement], budgets: list[tuple[Sha
     for reason in dict.fromkeys(reason for item in answered for reason in item.reasons):
         console.print(reason, soft_wrap=True, markup=False)
     for item, budget in zip(measurements, budgets, strict=False):
-        parts = ", ".join(f"{part.source} {100 * part.share:.0f} % ({part.std:.3g} {item.unit})" for part in budget)
-        sentence = f"{parts}. {advice(budget)}" if budget else "no single number whose uncertainty could be divided"
-        console.print(f"{item.name}: {sentence}", soft_wrap=True)
+        if not budget:
+            console.print(f"{item.name}: no single number whose uncertainty could be divided", soft_wrap=True)
+            continue
+        shares = Table("from", "share of the variance", "alone (one std)", title=item.name, title_justify="left")
+        for part in budget:
+            shares.add_row(part.source, f"{100 * part.share:.0f} %", f"{part.std:.3g} {item.unit}")
+        console.print(shares)
+        console.print(f"{item.name}: {advice(budget)}", soft_wrap=True)
 
 
 def show_models(setup: Setup, sample: PoseSample, requests: tuple[Request, ...], *, as_json: bool) -> None:

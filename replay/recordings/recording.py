@@ -267,6 +267,8 @@ def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]
             before = following.before[1] - segment.before[1]
             messages = before - (segment.messages or 0) - sum(gap.messages or 0 for gap in segment.gaps)
             gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=missing, messages=messages))
+    if segments and segments[-1].goes_on:
+        gaps.append(Gap(from_ns=segments[-1].end_ns, to_ns=None))
     if segments and not segments[-1].is_whole and not segments[-1].is_recovered:
         end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
         others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=None)

@@ -78,6 +78,18 @@ def test_so_is_a_missing_segment_and_to_stdout(aerodft, flight: Path, tmp_path: 
     assert (done.code, done.json["damaged_chunks"], done.json["missing_segments"]) == (5, 0, 1)
 
 
+def test_a_missing_last_segment_is_told_by_the_one_before_it(aerodft, flight: Path, tmp_path: Path) -> None:
+    """As after a power cut exactly between the two."""
+    sorted(flight.glob("data_*.mcap"))[-1].unlink()
+    done = aerodft("export", flight, "-o", tmp_path / "a.csv", "--json")
+    assert (done.code, [gap["to_ns"] for gap in done.json["gaps"]]) == (5, [None])
+    done = aerodft("recover", flight)
+    assert done.code == 5
+    assert "in a segment that is not there" in done.err
+    assert aerodft("recover", flight).code == 0
+    assert aerodft("export", flight, "-o", tmp_path / "recovered.csv").code == 0, "what is lost was said"
+
+
 @pytest.mark.nightly
 def test_of_many_it_is_said_which(aerodft, flight: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
@@ -171,12 +183,12 @@ def test_a_cut_last_segment_may_have_been_killed(aerodft, flight: Path, tmp_path
 @pytest.mark.parametrize("damage", ["kind", "huge length", *at_night("length", "both"), "zeros", "gone"])
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_one_damaged_chunk_costs_itself_at_most(
-    aerodft, flight: Path, tmp_path: Path, damage: str, *, is_finished: bool
+    aerodft, desk, tmp_path: Path, damage: str, *, is_finished: bool
 ) -> None:
-    """The last segment's: no later one tells what is missing."""
-    path, *later = sorted(flight.glob("data_*.mcap"))[1:]
-    for each in later:
-        each.unlink()
+    """Of an only segment: no later one tells what is missing."""
+    flight = tmp_path / "flight"
+    assert aerodft("import", desk.log, "-c", desk.config, "-o", flight).code == 0
+    (path,) = flight.glob("data_*.mcap")
     found = spans(flight, path.name)
     offset, length, messages = victim(found)
     all_messages = len(log_times(path))

@@ -1,6 +1,6 @@
 """Every call that a recorder makes to the disk fails once, each in a recording of its own: nothing is lost by it.
 
-By day every fourth of them.
+By day every eighth of them.
 """
 
 import errno
@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
 
@@ -21,22 +20,19 @@ from aerodft.adapters.recording.write import (
     McapRecorder,
     RecorderSettings,
     RecordingTotals,
-    recorder,
     segment,
     segmented_writer,
 )
 from aerodft.errors import InputError
-from aerodft.model import Camera, Image, WireProtocol
+from aerodft.model import WireProtocol
 from aerodft.service import block_of
 from replay.recordings import Recording
 from tests.batches import one_tick, take
 from tests.nights import at_night
 
-CAMERA = Camera.from_fov(name="c", width_px=64, height_px=48, hfov_rad=1, vfov_rad=1)
+from .small_recording import CAMERA, FRAMES, STEPS, frames_in, images_in, record, write_at_once
+
 CALLS = ("open", "write", "ftruncate", "fdatasync", "fsync", "close", "statvfs")
-STEPS = 12
-FRAMES = 3
-BYTES = 4000  # of noise in each frame: a segment is full after a few
 
 
 class FaultyDisk:
@@ -80,44 +76,23 @@ class FaultyDisk:
             raise OSError(self._number, os.strerror(self._number))
 
 
-def record(folder: Path) -> RecordingTotals:
-    """A recording of a few segments; returns what the recorder says of it."""
-    noise = np.random.default_rng(1)
-    settings = RecorderSettings(
-        station="s", camera=CAMERA, lossless=True, max_image_hz=1e6, segment_bytes=70_000, queued_images=1
-    )
-    made = McapRecorder(folder, settings, started_ns=1)
-    for step in range(STEPS):
-        frames = [b"%06d" % (step * FRAMES + k) + noise.bytes(BYTES) for k in range(FRAMES)]
-        arrivals_ns = [(step + 1) * 1000 + k for k in range(FRAMES)]
-        now_ns = arrivals_ns[-1] + 100
-        shot = Image(index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=lambda: PIXELS)
-        events = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames), shot]
-        take(made, one_tick(now_ns, events))
-    made.close()
-    return made.totals
-
-
-PIXELS = np.zeros((48, 64, 3), dtype=np.uint8)
-
-
 def check_files(folder: Path, totals: RecordingTotals) -> None:
     """What the recorder says is what stock and own readers find, in order, once."""
     assert totals.offered == totals.messages + totals.lost_messages
-    assert totals.offered_images == totals.images + totals.lost_images == STEPS
-    recover_folder(folder)
+    assert totals.offered_images == totals.images + totals.lost_images + totals.shed_images == STEPS
+    assert recover_folder(folder).is_lossy == bool(totals.lost)
     for path in sorted(folder.glob("*.mcap")):
         with path.open("rb") as stream:
             stock = sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages())
         assert stock > 0
     recording = Recording(folder)
-    messages = list(recording.messages())
-    images = [m for m in recording.image_messages() if m.channel.topic.endswith("jpeg")]
-    assert (len(messages), len(images)) == (totals.messages, totals.images)
-    frames = [int(m.data[:6]) for m in messages if m.channel.encoding == "mavlink"]
+    frames, images = frames_in(recording), images_in(recording)
+    assert (sum(1 for _ in recording.messages()), len(images)) == (totals.messages, totals.images)
     assert frames == sorted(set(frames)), "in order, and none twice"
     assert len(frames) == STEPS * FRAMES - totals.lost_messages
-    assert [m.sequence for m in images] == sorted({m.sequence for m in images})
+    assert images == sorted(set(images))
+    assert recording.is_whole
+    assert not recording.left_out(images=True)
 
 
 @pytest.fixture
@@ -128,15 +103,24 @@ def folder() -> Iterator[Path]:
         yield Path(name)
 
 
-@pytest.mark.parametrize(("number", "every"), [(errno.ENOSPC, 4), *at_night((errno.ENOSPC, 1), (errno.EIO, 1))])
+@pytest.mark.parametrize(
+    ("number", "every", "mode"),
+    [
+        (errno.ENOSPC, 8, "import"),
+        (errno.EIO, 8, "live"),
+        *at_night(*itertools.product([errno.ENOSPC, errno.EIO], [1], ["import", "live"])),
+    ],
+)
 def test_a_call_that_fails_once_costs_nothing(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, number: int, every: int, caplog: pytest.LogCaptureFixture
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+    every: int,
+    mode: str,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level("CRITICAL")
-    monkeypatch.setattr(recorder, "_SPARE_DATA_BYTES", 1 << 16)
-    monkeypatch.setattr(recorder, "_SPARE_IMAGE_BYTES", 1 << 16)
-    monkeypatch.setattr(segmented_writer, "FLUSH_S", 0.0)
-    monkeypatch.setattr(segmented_writer, "SYNC_S", 0.0)
+    write_at_once(monkeypatch)
     allocate = segment.allocate
     failed: dict[str, int] = {}
     refused = lost = count = 0
@@ -152,12 +136,13 @@ def test_a_call_that_fails_once_costs_nothing(
         monkeypatch.setattr(segment, "os", faults)
         monkeypatch.setattr(segment, "allocate", faulty_allocate)
         try:
-            totals = record(folder / f"{name}_{which}")
+            *_, totals = record(folder / f"{name}_{which}", lossless=mode == "import")
         except InputError:
             refused += 1
         else:
             monkeypatch.setattr(segment, "os", os)
             monkeypatch.setattr(segment, "allocate", allocate)
+            assert totals is not None
             check_files(folder / f"{name}_{which}", totals)
             lost += totals.lost
         if faults.failed:

@@ -114,6 +114,7 @@ class SegmentScan:
         is_whole: Whether it ends as it should.
         is_recovered: Whether it was made whole and says what it lost then.
         before: How many chunks and messages the segments before it hold, by its own count; None where it has none.
+        goes_on: Whether it says that the series goes on in another segment.
         messages: How many messages it holds, by its indexes; None where it has none.
         gaps: What it is proven to lack, between its chunks.
         texts: The configuration that it carries: files by name; empty where it carries none.
@@ -129,6 +130,7 @@ class SegmentScan:
     is_whole: bool
     is_recovered: bool = False
     before: tuple[int, int] | None = None
+    goes_on: bool = False
     messages: int | None = None
     gaps: tuple[Gap, ...] = ()
     channels: Channels = field(default_factory=Channels)
@@ -174,7 +176,7 @@ def scan_segment(path: Path) -> SegmentScan:
             magic = file.read(len(MAGIC))
             if len(magic) < len(MAGIC) and MAGIC.startswith(magic):  # the machine died as the file was made
                 return SegmentScan(path=path, chunks=(), station=None, is_whole=False)
-            if magic != MAGIC:
+            if magic != MAGIC and any(magic):  # zeros: the power failed before its first bytes were on the disk
                 raise InputError("the file is no MCAP recording", where=path, got=repr(magic), expected=repr(MAGIC))
             size = path.stat().st_size
             found = _indexed_segment(path, file, size)
@@ -237,6 +239,7 @@ class _Scan:
         self._channels = Channels()
         self._about = _About()
         self._before: tuple[int, int] | None = None
+        self._is_followed = False  # by a count that no chunk has followed yet
         self._messages = 0  # by indexes
         self._gaps: list[_OpenGap] = []
         self._counted_lost = (0, 0)  # chunks and messages that are in gaps
@@ -272,6 +275,7 @@ class _Scan:
             is_whole=is_whole,
             is_recovered=self._about.is_recovered,
             before=self._before,
+            goes_on=is_whole and self._is_followed,
             messages=self._messages,
             gaps=tuple(self._closed(gap) for gap in self._gaps if gap.chunks != 0),
             channels=self._channels,
@@ -388,6 +392,7 @@ class _Scan:
 
     def _add(self, offset: int, length: int, start_ns: int, end_ns: int, *, is_bare: bool) -> None:
         self._settle()
+        self._is_followed = False
         self._places.append(
             ChunkLocation(
                 path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare
@@ -412,6 +417,7 @@ class _Scan:
 
     def _take_count(self, chunks: int, messages: int) -> None:
         """See by the count before a chunk whether something that was before it is missing."""
+        self._is_followed = True
         if self._about.is_recovered:  # which said what is missing
             return
         if self._before is None:
@@ -517,6 +523,7 @@ def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | Non
             is_whole=True,
             is_recovered=about.is_recovered,
             before=_count_before(summary.chunks[0].chunk_start_offset, read) if summary.chunks else None,
+            goes_on=bool(summary.chunks) and _count_before(_end(summary.chunks[-1]) + COUNT_BYTES, read) is not None,
             messages=summary.statistics.message_count,
             channels=summary.channels,
             is_indexed=True,
@@ -528,9 +535,14 @@ def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | Non
 
 def _has_room_for_counts_only(summary: FileSummary) -> bool:
     """Whether nothing but a count can lie between the chunks that an index lists, in order."""
-    ends = [each.chunk_start_offset + each.chunk_length + each.message_index_length for each in summary.chunks]
+    ends = map(_end, summary.chunks)
     starts = [each.chunk_start_offset for each in summary.chunks[1:]]
     return all(start - end in {0, COUNT_BYTES} for end, start in zip(ends, starts, strict=False))
+
+
+def _end(chunk: ChunkIndex) -> int:
+    """Where a chunk and its message indexes end."""
+    return chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
 
 
 def _count_before(offset: int, read: Callable[[int, int], bytes]) -> tuple[int, int] | None:

@@ -301,6 +301,7 @@ class ChunkScanner:
         """
         if may_salvage and (length := salvaged_length(self._read, start, self._end)) is not None:
             return self._chunk(start, length, start + RECORD_HEAD.size + length)
+        self.count = None
         found = next_chunk(self._read, start + 1, self._end)
         indexed = (each for each in self._indexed if start < each < (self._end if found is None else found))
         at = next((each for each in indexed if salvaged_length(self._read, each, self._end) is not None), found)

@@ -48,6 +48,7 @@ _BEGINNING_BYTES = 1 << 20
 _NUMBER = re.compile(r"_(\d+)\.mcap$")
 _UNFINISHED = "it does not end as it should: a kill costs half a second at most, what else cut it nobody knows how much"
 _CUT = "it was cut: later messages show that more was recorded"
+_NO_NEXT = "more was recorded behind it, in a segment that is not there"
 _GONE = "chunks that are not there any more"
 _MOST_UNSYNCED_NS = 2 * SECOND_NS  # a power cut costs one series so much more than another
 _OWN_TOPICS = ("aerodft/", "mavlink", "dataflash")
@@ -232,7 +233,8 @@ def _recover_series(
         before = later[0].before if is_next and later[0] is not None else None
         alike = (each for each in (scan, *scans.values()) if each is not None and each.path.match(f"{stem}_*"))
         known = [each.channels for each in alike if each is scan or (own is not None and owners.get(each.path) == own)]
-        segment = _recover_segment(path, _End(start_ns, before, others_ns), known)
+        end = _End(start_ns, before, others_ns, is_last=path == paths[-1][1])
+        segment = _recover_segment(path, end, known)
         for missing in range(expected, number):
             loss = Loss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
             yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
@@ -249,11 +251,13 @@ class _End:
         before: How many chunks and messages the series holds before the segment with the next number; None where
             that does not say it.
         others_ns: Latest log time of the other series; 0 where it has none.
+        is_last: Whether no segment of its series follows.
     """
 
     start_ns: int | None
     before: tuple[int, int] | None
     others_ns: int
+    is_last: bool
 
 
 def _recover_segment(path: Path, end: _End, known: Sequence[Channels]) -> SegmentRecovery:
@@ -315,8 +319,9 @@ def _without_chunks(path: Path) -> SegmentRecovery | None:
 
 
 def _is_beginning(descriptor: int) -> bool:
-    """Whether this is the beginning of an MCAP file: one that was just made as the machine died."""
-    return MAGIC.startswith(os.pread(descriptor, len(MAGIC), 0))
+    """Whether this is the beginning of an MCAP file, or zeros: one that was just made as the machine died."""
+    head = os.pread(descriptor, len(MAGIC), 0)
+    return MAGIC.startswith(head) or not any(head)
 
 
 def _replace(path: Path, descriptor: int, found: "_SegmentReport") -> None:
@@ -392,6 +397,10 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
         [loss for loss in found.losses if loss.to_ns is not None],
         [loss for loss in found.losses if loss.to_ns is None],
     )
+    if found.after is not None and end.is_last:
+        found.is_sound, found.after = False, None
+        found.losses.append(Loss(what=_NO_NEXT, from_ns=found.end_ns))
+        return
     if found.before is not None and end.before is not None and not found.is_recovered:
         missing = end.before[1] - found.before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
         if missing <= 0:  # what is torn was written again into the next one
@@ -425,6 +434,8 @@ class _SegmentReport:
         lacks_definitions: Whether channels are used before they are defined.
         undefined: Ids of channels that are defined nowhere.
         before: How many chunks and messages the series holds before it, by its own count; None where it has none.
+        after: How many chunks and messages the series holds before the next segment, by its own count; None where it
+            says of no next one.
         all_messages: In chunks that are whole, on whatever channels.
         has_end: Whether the data is known to end where the file says so.
     """
@@ -442,6 +453,7 @@ class _SegmentReport:
     lacks_definitions: bool = False
     undefined: set[int] = field(default_factory=set)
     before: tuple[int, int] | None = None
+    after: tuple[int, int] | None = None
     all_messages: int = 0
     has_end: bool = False
 
@@ -476,6 +488,7 @@ def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
     if not scanner.has_end and not any(loss.to_ns is None for loss in found.losses):
         found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
     found.channels, found.has_end = scanner.channels, scanner.has_end
+    found.after = scanner.count if scanner.has_end else None
     found.is_sound &= rebuilt.indexes == scanner.indexes and scanner.stated_messages == found.messages
     if scanner.stated_messages is not None:
         found.losses = _counted(found.losses, scanner.stated_messages - found.messages)
@@ -609,6 +622,8 @@ def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
         for part in (chunk.head, chunk.content, chunk.indexes):
             file.write(part)
         summary.add(offset, chunk)
+    if found.after is not None:
+        file.write(count_record(*found.after))
     for start, head in scanner.attachments:
         offset, length = file.size, RECORD_HEAD.size + head.data_at + head.data_bytes + CRC_BYTES
         for piece in pieces(descriptor, start, length):

@@ -79,7 +79,8 @@ class SegmentFile:
         limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
         self.most_bytes = _UNLIMITED if limit == resource.RLIM_INFINITY else limit
         self._allocated: int | None = 0
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC  # appends where `cut` cut it
+        self._descriptor = os.open(path, flags, 0o644)
         with suppress(OSError):  # a file system without locks: recovery cannot tell who writes there, nor can we
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
@@ -342,7 +343,8 @@ def _chunk_index(offset: int, chunk: EncodedChunk) -> ChunkIndex:
 METADATA_NAME = "aerodft"
 CONFIG_NAME = "config"
 COUNT_NAME: Final = "aerodft.count"
-"""Of the metadata before each chunk: how many chunks and messages the segments of the series hold before it."""
+"""Of the metadata before each chunk: how many chunks and messages the segments of the series hold before it. Where a
+segment ends with one, the series goes on in another segment."""
 RECOVERED_NAME: Final = "recovered"
 """Of the metadata of a segment that was made whole: what it lost."""
 PROFILE = "x-aerodft"
@@ -369,6 +371,7 @@ class Segment:
         path: A file that does not exist yet.
         registry: Channels, which it shares with the other segments of its series.
         metadata: Keys and values, by name, that every segment carries.
+        before: How many chunks and messages earlier segments of the series hold.
         spare_bytes: Room that is allocated ahead, beyond what the end of the file needs.
         segment_bytes: Size that it should not exceed.
 
@@ -382,12 +385,14 @@ class Segment:
         registry: Registry,
         metadata: Mapping[str, dict[str, str]],
         *,
+        before: tuple[int, int],
         spare_bytes: int,
         segment_bytes: int,
     ) -> None:
         self.path = path
         self.deleted = 0
         self._registry = registry
+        self._before = before
         self._spare_bytes = spare_bytes
         self._summary = Summary(PROFILE, SOFTWARE, metadata.items(), registry.schemas, registry.channels)
         self._file = SegmentFile(path)
@@ -437,14 +442,9 @@ class Segment:
         """Chunks in the file."""
         return self._chunks
 
-    def append(self, chunk: EncodedChunk, before: tuple[int, int]) -> None:
-        """Add a chunk; it is readable as soon as this returns.
-
-        Args:
-            chunk: It.
-            before: How many chunks and messages earlier segments of the series hold.
-        """
-        count = count_record(before[0] + self._chunks, before[1] + self._summary.messages)
+    def append(self, chunk: EncodedChunk) -> None:
+        """Add a chunk; it is readable as soon as this returns."""
+        count = self._count()
         self._file.reserve(self._needed(len(count) + chunk.size_bytes), self._spare_bytes)
         offset = self._whole + len(count)
         for part in (count, chunk.head, chunk.content, chunk.indexes):
@@ -468,9 +468,9 @@ class Segment:
         """What a sync that begins now will have synced, as ``synced`` takes it."""
         return len(self._unsynced), self._whole
 
-    def end(self) -> None:
-        """Write index and footer."""
-        self._file.write(self._summary.footer(self._whole))
+    def end(self, *, goes_on: bool) -> None:
+        """Write index and footer, and before them where the series ``goes_on`` in another segment."""
+        self._file.write(self._ending(goes_on=goes_on))
 
     def close(self) -> None:
         """Wait until the disk has it all, and close the file."""
@@ -478,10 +478,11 @@ class Segment:
         self._file.sync(size=True)
         self._file.close()
 
-    def abandon(self, *, unsynced: bool) -> tuple[EncodedChunk, ...]:
+    def abandon(self, *, goes_on: bool, unsynced: bool) -> tuple[EncodedChunk, ...]:
         """Cut off what is torn, end the file as well as it goes, and close it.
 
         Args:
+            goes_on: Whether the series goes on in another segment, also where nothing is cut off.
             unsynced: Also cut off what the disk may not have.
 
         Returns:
@@ -499,11 +500,12 @@ class Segment:
         if unsynced:
             cut = tuple(self._unsynced)
             self._chunks -= len(cut)
+            self._whole = end
             self._summary.forget(end)
         if self._file.is_gone:
             self.deleted = self._summary.messages
         try:
-            self._file.write(self._summary.footer(end))
+            self._file.write(self._ending(goes_on=goes_on or bool(cut)))
             self._file.sync(size=True)
             end = self._file.size
         except OSError:
@@ -519,5 +521,14 @@ class Segment:
         with suppress(OSError):
             self.path.unlink()
 
+    def _ending(self, *, goes_on: bool) -> bytes:
+        """What comes behind the last chunk."""
+        count = self._count() if goes_on else b""
+        return count + self._summary.footer(self._whole + len(count))
+
+    def _count(self) -> bytes:
+        chunks, messages = self._before
+        return count_record(chunks + self._chunks, messages + self._summary.messages)
+
     def _needed(self, bytes_more: int) -> int:
-        return self._whole + bytes_more + self._summary.most_bytes(len(self._registry.definitions))
+        return self._whole + bytes_more + COUNT_BYTES + self._summary.most_bytes(len(self._registry.definitions))

@@ -96,6 +96,7 @@ class SegmentedWriter:
         self._pending: deque[EncodedChunk] = deque()
         self._segments = self._done_chunks = self._done = self._own = self._lost = self._offered = 0
         self._failures = 0
+        self._is_closing = False
         self._retry_s = 0.0
         self._room_bytes, self._until_ns = _CHUNK_BYTES, 0
         self._opened_for_ns: int | None = None
@@ -182,6 +183,7 @@ class SegmentedWriter:
 
     def close(self) -> None:
         """Finish the last segment."""
+        self._is_closing = True
         self._flush()
         until_s = time.monotonic() + _CLOSING_S
         while self._segment is not None or self._pending:
@@ -195,6 +197,11 @@ class SegmentedWriter:
         self._lost += sum(chunk.messages for chunk in self._pending)
         self._pending.clear()
         self._syncing.close()
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether more comes than what the open segment holds."""
+        return not self._is_closing or bool(self._pending)
 
     @property
     def _held_bytes(self) -> int:
@@ -258,7 +265,7 @@ class SegmentedWriter:
                 if segment is not self._segment:
                     continue
             try:
-                segment.append(self._pending[0], (self._done_chunks, self._done))
+                segment.append(self._pending[0])
             except OSError as error:
                 is_hopeless = not segment.has_content and self._failures >= _MOST_TRIES
                 self._give_up(segment, error, unsynced=False)
@@ -292,7 +299,7 @@ class SegmentedWriter:
             return
         written = False
         try:
-            segment.end()
+            segment.end(goes_on=self._goes_on)
             written = True
             segment.close()
         except OSError as error:
@@ -306,7 +313,8 @@ class SegmentedWriter:
         settings = self._settings
         path = settings.folder / f"{settings.stem}_{self._segments:03d}.mcap"
         sizes = {"spare_bytes": settings.spare_bytes, "segment_bytes": settings.segment_bytes}
-        segment = Segment(path, self._registry, settings.metadata, **sizes)
+        before = self._done_chunks, self._done
+        segment = Segment(path, self._registry, settings.metadata, before=before, **sizes)
         try:
             buffer = ChunkBuffer(self._registry.definitions)
             for record in self._first_records(self._segments, self._opened_for_ns):
@@ -315,7 +323,7 @@ class SegmentedWriter:
                     raise ValueError(f"{record.channel.topic} is not among the channels")
                 buffer.add(identity, record.log_ns, record.data, record.sequence)
             chunk = buffer.build(self._compressor)
-            segment.append(chunk, (self._done_chunks, self._done))
+            segment.append(chunk)
             segment.sync()
             sync_folder(settings.folder)
         except OSError:
@@ -361,7 +369,7 @@ class SegmentedWriter:
         """
         self._syncing.give_up()
         if segment.has_content:
-            self._pending.extendleft(reversed(segment.abandon(unsynced=unsynced)))
+            self._pending.extendleft(reversed(segment.abandon(goes_on=self._goes_on, unsynced=unsynced)))
             self._done += segment.messages
             self._done_chunks += 0 if segment.deleted else segment.chunks
             self._lost += segment.deleted

@@ -10,6 +10,7 @@ from aerodft.adapters.recording.read.chunks import (
     attachment_head,
     chunk_content,
     chunk_head,
+    indexed_channel,
     is_chunk,
     next_chunk,
     salvaged_length,

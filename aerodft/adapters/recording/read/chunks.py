@@ -19,6 +19,7 @@ MAX_CHUNK_BYTES = 32 << 20
 
 _COUNT = struct.Struct("<I")
 _SIZE = struct.Struct("<Q")
+_INDEX_HEAD = struct.Struct("<HI")
 _LONGEST_NAME = 8
 LEAST_CHUNK_BYTES = CHUNK_HEAD.size + _COUNT.size + _SIZE.size
 HEAD_BYTES = LEAST_CHUNK_BYTES + _LONGEST_NAME
@@ -112,6 +113,14 @@ def is_chunk(data: bytes, length: int) -> bool:
     except ValueError:
         return False
     return head.compression in _COMPRESSIONS and head.start_ns <= head.end_ns
+
+
+def indexed_channel(data: bytes, length: int) -> int | None:
+    """The channel of a message index record, by its beginning and length; None where its sizes do not fit."""
+    if length < _INDEX_HEAD.size:
+        return None
+    channel_id, entries_bytes = _INDEX_HEAD.unpack_from(data)
+    return int(channel_id) if _INDEX_HEAD.size + entries_bytes == length else None
 
 
 def salvaged_length(read: Callable[[int, int], bytes], start: int, end: int) -> int | None:

@@ -19,7 +19,14 @@ from aerodft.adapters.file_kind import check_is_no_pipe
 from aerodft.adapters.recording.channels import DEFINITIONS, RECORDING_KEY, STATION_KEY, Channels, definition
 from aerodft.adapters.recording.layout import INDEX_ENTRY_BYTES, MAGIC
 from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
-from aerodft.adapters.recording.read.chunks import HEAD_BYTES, chunk_head, is_chunk, next_chunk, salvaged_length
+from aerodft.adapters.recording.read.chunks import (
+    HEAD_BYTES,
+    chunk_head,
+    indexed_channel,
+    is_chunk,
+    next_chunk,
+    salvaged_length,
+)
 from aerodft.adapters.recording.read.summary import DAMAGED, FileSummary, read_summary
 from aerodft.adapters.recording.write import (
     CONFIG_NAME,
@@ -32,7 +39,6 @@ from aerodft.adapters.recording.write import (
 from aerodft.errors import InputError
 
 _CHUNK_TIMES = struct.Struct("<QQ")
-_INDEX_HEAD = struct.Struct("<HI")
 _STATISTICS = struct.Struct("<22xI")
 _OPCODES: Final = frozenset(int(opcode) for opcode in Opcode)
 _OWN_LIBRARY: Final = "aerodft"
@@ -365,13 +371,11 @@ class _Scan:
         self._add(position, length, start_ns, end_ns, is_bare=False)
 
     def _take_index(self, length: int, head: bytes) -> bool:
-        if length < _INDEX_HEAD.size:
-            return False
-        channel_id, size = _INDEX_HEAD.unpack_from(head)
-        if size != length - _INDEX_HEAD.size:
+        channel_id = indexed_channel(head, length)
+        if channel_id is None:
             return False
         self._ids.add(channel_id)
-        self._messages += size // INDEX_ENTRY_BYTES
+        self._messages += length // INDEX_ENTRY_BYTES  # its head is shorter than an entry
         return True
 
     def _take_message(self, position: int, length: int) -> bool:

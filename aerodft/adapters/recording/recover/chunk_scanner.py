@@ -37,6 +37,7 @@ from aerodft.adapters.recording.read import (
     attachment_head,
     chunk_content,
     chunk_head,
+    indexed_channel,
     is_chunk,
     next_chunk,
     read_summary,
@@ -167,8 +168,8 @@ class ChunkScanner:
             return self._lost(start, "ends within a record")
         opcode, length = RECORD_HEAD.unpack(head)
         end = start + RECORD_HEAD.size + length
-        holds_chunk = is_chunk(self._read(start + RECORD_HEAD.size, min(HEAD_BYTES, length)), length)
-        if opcode == Opcode.CHUNK or holds_chunk:
+        content = self._read(start + RECORD_HEAD.size, min(HEAD_BYTES, length))
+        if opcode == Opcode.CHUNK or is_chunk(content, length):
             return self._chunk(start, length, end)
         is_attached = opcode == Opcode.ATTACHMENT and end <= self._end and self._take_attachment(start, length)
         if not is_attached and (end > self._end or length > _MAX_SMALL_BYTES):
@@ -178,7 +179,7 @@ class ChunkScanner:
         elif opcode in {Opcode.HEADER, Opcode.METADATA}:
             if not self._take(opcode, self._read(start + RECORD_HEAD.size, length)):
                 return self._lost(start, "a damaged record")
-        elif opcode != Opcode.MESSAGE_INDEX and not is_attached:
+        elif not (is_attached or (opcode == Opcode.MESSAGE_INDEX and indexed_channel(content, length) is not None)):
             return self._lost(start, "no record of a recording")
         self._position = end
         return None

@@ -1,9 +1,9 @@
-"""The engine: Depth from Triangulation, by the book (``dft``) and by the pinhole, with joint uncertainty."""
+"""The measurement engine: Depth from Triangulation by the paper (``dft``) or by a pinhole, with joint uncertainty."""
 
 from aerodft.dft.covariance import CHI2_2D_95, Z95, Share, advice, ellipses95, scalar_jacobians, shared_covariance
 from aerodft.dft.engine import ModelDifference, compare_models, explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
-from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, of_one_image
+from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, single_image_batch
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, Kind, Refusal, scalars
 from aerodft.dft.projection import (
     ELEVATION,

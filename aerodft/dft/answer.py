@@ -1,10 +1,9 @@
-"""What requests of one kind come to in many images: the one place where a status is decided.
+"""Values, intervals and statuses of requests of one kind in many images: the one place where a status is decided.
 
-Numbers are by first order where that is enough, drawn where it is not. Over 5 % of a slant range the ground runs away
-from the ray too fast for a straight line. Below, a bound of what second order adds tells for most that it is nothing.
-For the rest a few draws are compared with first order, however small its standard deviation is: where the slope is
-zero, all there is to measure is second order. What pixels' noise adds to the length of a line is taken off it. The dft
-model has first order only.
+Intervals are first order where that is enough, Monte-Carlo where it is not: where the slant range's relative standard
+deviation is above 5 %; below that, where neither a bound of the second-order term is negligible nor a few draws agree
+with first order (at a stationary point only second order is left). The bias of a line's length by pixel noise is
+subtracted. The dft model has first order only.
 
 ``n`` images, ``g`` requests of a kind with ``q`` pixels each, ``s`` shared errors as in ``projection``.
 """
@@ -28,7 +27,7 @@ from aerodft.dft.covariance import (
     standard_deviations,
     variance_budgets,
 )
-from aerodft.dft.monte_carlo import Drawn, Interval, Uncertain, beyond_first_order, draw, draw_lengths, draw_ranges
+from aerodft.dft.monte_carlo import DrawInput, DrawResult, Interval, draw, draw_lengths, draw_ranges, linearity_errors
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
 from aerodft.dft.projection import (
     ELEVATION,
@@ -63,39 +62,39 @@ from aerodft.model import (
 FIRST_ORDER_LIMIT: Final = 0.05
 """Relative standard deviation of a slant range above which errors are drawn."""
 
-_NO_RAY: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS_MODEL])
-"""A pixel without a ray has no answer of any kind."""
+_NO_RAY_CODES: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS_MODEL])
+"""Statuses of pixels without a ray: no kind of probe has a value then."""
 
 _OK: Final = CODE_OF[Status.OK]
-_STATED: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
-_EDGE, _QUICK = 0.25, 4  # 256 draws tell their 95 % within a tenth
-_BOUND: Final = 0.1
-"""Of a standard deviation: what second order adds at most that need not be looked at."""
-_NONLINEAR: Final = 0.15
-"""Of a standard deviation: what draws differ by from first order, as root mean square, that first order can do with."""
-_STEADY: Final = 12
-"""Standard deviations of pixels that a step of a line is longer than, for its direction to be known."""
-_LONGER: Final = 0.2
-"""Of a standard deviation: what noise may add to a line without being taken off."""
-_NARROW: Final = 5e-3
-"""Of an ellipse's length: what it is wide at least, where a straight line is compared with what draws come to."""
-_GRAZING_RAD: Final = math.radians(15)  # below the horizon: from here on, small angles are large errors
+_STD_FIELDS: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
+_MAX_WIDTH_CHANGE, _DRAW_STEP = 0.25, 4  # relative; 256 draws give a width within a tenth
+_SECOND_ORDER_LIMIT: Final = 0.1
+"""Standard deviations: a smaller bound of the second-order term is negligible."""
+_NONLINEARITY_LIMIT: Final = 0.15
+"""Standard deviations: largest root mean square of draws minus first order for which first order is enough."""
+_MIN_SEGMENT_STDS: Final = 12
+"""Standard deviations of a pixel: a segment of a smoothed line is longer, so that its direction is known."""
+_BIAS_CORRECTION_LIMIT: Final = 0.2
+"""Standard deviations: a smaller bias of a line's length by pixel noise is not corrected."""
+_MIN_ELLIPSE_RATIO: Final = 5e-3
+"""Smallest ratio of an ellipse's axes when draws are compared with first order."""
+_GRAZING_RAD: Final = math.radians(15)  # depression below which reasons name it: small angles become large errors
 _NO_DIRECTIONS: Final = np.empty((0, 3))
 
 ReasonsOf: TypeAlias = Callable[[IntArray, IntArray], Iterable[str]]
-"""A sentence for each refused request: of images ``(r,)`` and requests ``(r,)``."""
+"""Function that gives a reason for each refused request, by images ``(r,)`` and requests ``(r,)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbedPixels:
-    """``k`` pixels of each of ``n`` images, and the ground that they show.
+class ProjectedPixels:
+    """``k`` pixels of each of ``n`` images, projected to the ground.
 
     Attributes:
-        setup: What all share.
+        setup: Camera, model and ground.
         poses: The images' ``(n,)`` poses, all of which are ok.
         pixels_px: ``(k, 2)`` that all images share, or ``(n, k, 2)``.
         elevation_m: ``(n, k)`` of the measured surface.
-        elevation_std_m: ``(k,)``, in addition to what ``shared_cov`` says.
+        elevation_std_m: ``(k,)``, in addition to that in ``shared_cov``.
         std_px: ``(k,)`` of each pixel coordinate.
         shared_cov: ``(n, s, s)``, see ``shared_covariance``.
         ground: The ``(n, k)`` points.
@@ -120,16 +119,16 @@ class ProbedPixels:
         elevation_m: FloatArray,
         stds: tuple[FloatArray, FloatArray],
         shared_cov: FloatArray | None = None,
-    ) -> "ProbedPixels":
-        """The ground that pixels show.
+    ) -> "ProjectedPixels":
+        """Project pixels to the ground.
 
         Args:
-            setup: What all share.
-            poses: The images'.
+            setup: Camera, model and ground.
+            poses: The images' ``(n,)`` poses.
             pixels_px: ``(k, 2)`` or ``(n, k, 2)``.
             elevation_m: ``(k,)`` or ``(n, k)``.
             stds: ``(k,)`` of the elevations (m) and of the pixels (px).
-            shared_cov: ``(n, s, s)`` where it is not that of the poses and the camera alone.
+            shared_cov: ``(n, s, s)``; None for that of the poses and the camera.
         """
         is_unknown = np.isnan(poses.zoom)
         zoom = None if is_unknown.all() else np.where(is_unknown, [1.0, 0.0], poses.zoom)
@@ -139,17 +138,17 @@ class ProbedPixels:
         ground = project(setup.camera, poses.pose, pixels_px, elevation_m, setup.model, setup.ground, magnification)
         elevation_m = np.broadcast_to(elevation_m, ground.status.shape)
         rays = pixel_rays(setup.camera, pixels_px, magnification)
-        return ProbedPixels(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays)
+        return ProjectedPixels(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays)
 
 
 class Answers:
-    """What requests of one kind come to in all images of a view.
+    """Values, intervals and statuses of requests of one kind in all images of a view.
 
     Attributes:
         kind: The kind.
-        code: ``(n, g)`` indices into ``CODES``.
-        reasons: Of each request, by image, where they are not those of the image's pose.
-        is_blocked: ``(n, g)`` whether there can be no answer, however small the errors.
+        code: ``(n, g)`` statuses as indices into ``CODES``.
+        reasons: Of each request, by image, where they differ from those of the image's pose.
+        is_undefined: ``(n, g)`` whether there is no value, however small the errors.
         value: ``(n, g)`` in SI units; NaN for a position.
         by_shared: ``(n, g, s)`` derivatives of the values.
         by_px: ``(n, g, q, 2)`` derivatives of the values by the pixels.
@@ -158,51 +157,51 @@ class Answers:
     Args:
         view: The view.
         kind: What is measured.
-        columns: ``(g, q)`` which of the view's pixels.
+        columns: ``(g, q)`` indices of the view's pixels.
     """
 
-    def __init__(self, view: ProbedPixels, kind: ProbeKind, columns: IntArray) -> None:
+    def __init__(self, view: ProjectedPixels, kind: ProbeKind, columns: IntArray) -> None:
         self.kind = kind
         self._kind = PROBE_KINDS[kind]
         self._view, self._columns = view, columns
         first = columns[:, 0]
         self._elevation_std_m, self.std_px = view.elevation_std_m[first], view.std_px[first]
         self._vars = np.square(self._elevation_std_m), np.square(self.std_px)
-        self._ground = view.ground.of_images(columns)
+        self._ground = view.ground.take(columns)
         self._camera_m = view.poses.pose.position_enu_m[:, None]
         count = columns.shape[1]
         self.is_pinhole = view.setup.model is ProjectionModel.PINHOLE
         self._on_ground = self._kind.on_ground(count) if self.is_pinhole else count
         self.code = np.full(self._ground.status.shape[:2], _OK, dtype=np.int64)
         self.reasons: list[dict[int, tuple[str, ...]]] = [{} for _ in columns]
-        self._find_ranges()
-        self._block()
-        self.is_blocked = self.code != _OK
+        self._compute_ranges()
+        self._refuse_undefined()
+        self.is_undefined = self.code != _OK
         self._measure()
-        self._draw()
+        self._refine_by_draws()
         for refusal in self._kind.refusals(self):
-            self._refuse(refusal.where, refusal.status, _saying(refusal.sentence, refusal.number))
+            self._refuse(refusal.where, refusal.status, _reason(refusal.sentence, refusal.number))
 
     @property
     def is_open(self) -> BoolArray:
-        """``(n, g)`` where nothing was refused so far."""
+        """Requests ``(n, g)`` not refused so far."""
         return np.asarray(self.code == _OK)
 
     @property
-    def highest(self) -> FloatArray:
-        """``(n, g)`` upper ends of the 95 % intervals of the values."""
+    def upper_limit(self) -> FloatArray:
+        """Upper limits ``(n, g)`` of the 95 % intervals of the values."""
         return self._ends.high
 
     def std_of(self, by: Gradient) -> FloatArray:
-        """Standard deviations ``(n, g)`` of scalars with these derivatives."""
+        """First-order standard deviations ``(n, g)`` of scalars from their gradients."""
         return self._std(*scalar_jacobians(by, self._ground, self._rays))
 
-    def shown_enu_m(self) -> FloatArray:
-        """``(n, g, q, 3)`` the points in ENU that come with the values; none of a ray's bearing."""
-        return self._kind.shown(self._ground.points_enu_m, self.value)
+    def reported_points_enu_m(self) -> FloatArray:
+        """Points ``(n, g, q, 3)`` in ENU reported with the values; none for the bearing of a ray."""
+        return self._kind.reported_points(self._ground.points_enu_m, self.value)
 
     def numbers(self, places: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        """The numbers of a ``MeasurementColumn``, ``(n, g, ...)``, with those of the places of ``shown_enu_m``."""
+        """Numbers of a ``MeasurementColumn``, ``(n, g, ...)``, with those of ``reported_points_enu_m``."""
         numbers: dict[str, FloatArray] = {}
         if self._kind.scalar is not None:
             ends = np.stack([self._ends.low, self._ends.high], axis=-1)
@@ -219,18 +218,18 @@ class Answers:
         return numbers
 
     def variance_terms(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What one request's variance in each image follows from: ``by_shared``, what pixels add, the covariance."""
+        """One request's variance in each image as ``by_shared``, the pixels' part, and the shared covariance."""
         pixel_var = self._vars[1][member] * np.sum(np.square(self.by_px[:, member]), axis=(1, 2))
         rows = np.arange(len(self.code))
         return self.by_shared[:, member], pixel_var, self._cov_of(rows, np.full(len(rows), member))
 
     def base_elevation(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Height of one request's first point ``(n,)``; by the shared errors ``(n, s)``; by its pixel ``(n, 2)``."""
+        """Height of a request's first point ``(n,)``; Jacobians by shared errors ``(n, s)``, its pixel ``(n, 2)``."""
         ground = self._ground
         return ground.points_enu_m[:, member, 0, 2], ground.jac_shared[:, member, 0, 2], ground.jac_px[:, member, 0, 2]
 
-    def _find_ranges(self) -> None:
-        """Slant ranges ``(n, g, k)`` of the points that have to lie on the ground, and how well each is known."""
+    def _compute_ranges(self) -> None:
+        """Slant ranges ``(n, g, k)`` of points that must lie on the ground, with first-order standard deviations."""
         ground = self._ground[:, :, : self._on_ground]
         away = ground.points_enu_m - self._camera_m[:, :, None]
         self._range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
@@ -243,27 +242,27 @@ class Answers:
         by = [each.reshape(shape[0], -1, each.shape[-1]) for each in (self._range_by_shared, self._range_by_px)]
         self._range_std_m = standard_deviations(by[0], by[1], self._view.shared_cov, *vars_).reshape(shape)
 
-    def _block(self) -> None:
-        """Refuse what can have no answer, whatever the uncertainty."""
+    def _refuse_undefined(self) -> None:
+        """Refuse requests that have no value however small the errors."""
         status = self._ground.status
-        bad = np.logical_or.reduce([status == code for code in _NO_RAY])
-        bad[..., : self._on_ground] |= status[..., : self._on_ground] != _OK
-        if bad.any():
-            first = np.argmax(bad, axis=-1)
+        is_miss = np.logical_or.reduce([status == code for code in _NO_RAY_CODES])
+        is_miss[..., : self._on_ground] |= status[..., : self._on_ground] != _OK
+        if is_miss.any():
+            first = np.argmax(is_miss, axis=-1)
             codes = np.take_along_axis(status, first[..., None], axis=-1)[..., 0]
-            self._refuse(np.any(bad, axis=-1), codes, lambda *rows: self._say_no_ground(first, *rows))
+            self._refuse(np.any(is_miss, axis=-1), codes, lambda *rows: self._say_no_ground(first, *rows))
         limit = self._view.setup.max_range_m
         if limit is not None:
             self._refuse(np.any(self._range_m > limit, axis=-1), Status.BEYOND_RANGE, self._say_beyond)
         is_open = self.is_open
-        blocked = self._kind.blocked(self._ground.points_enu_m[is_open])
-        if blocked is not None:
-            is_blocked = np.zeros(self.code.shape, dtype=np.bool_)
-            is_blocked[is_open], status_of_blocked, sentence = blocked
-            self._refuse(is_blocked, status_of_blocked, _saying(sentence))
+        undefined = self._kind.undefined(self._ground.points_enu_m[is_open])
+        if undefined is not None:
+            is_undefined = np.zeros(self.code.shape, dtype=np.bool_)
+            is_undefined[is_open], undefined_status, sentence = undefined
+            self._refuse(is_undefined, undefined_status, _reason(sentence))
 
     def _measure(self) -> None:
-        """Values, standard deviations and 95 % by first order."""
+        """Values, standard deviations and 95 % intervals by first order."""
         shape = self.code.shape
         self._rays: Directions | None = None
         self.geometry = RayGeometry(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
@@ -285,33 +284,33 @@ class Answers:
         self._ends = Interval(low if self._kind.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
 
     def _std(self, by_shared: FloatArray, by_px: FloatArray) -> FloatArray:
-        own = by_px.reshape(*by_px.shape[:2], -1)
-        return standard_deviations(by_shared, own, self._view.shared_cov, *self._vars)
+        px = by_px.reshape(*by_px.shape[:2], -1)
+        return standard_deviations(by_shared, px, self._view.shared_cov, *self._vars)
 
-    def _draw(self) -> None:
-        """Draw what first order is not enough for; refuse what is not known well enough for an answer."""
+    def _refine_by_draws(self) -> None:
+        """Replace first order by draws where it is not enough; refuse requests whose ranges are too uncertain."""
         worst = np.max(self._range_std_m / self._range_m, axis=-1, initial=0.0)
         if not self.is_pinhole:
             half = Z95 * self._range_std_m
             self._refuse(worst > MAX_RELATIVE_RANGE_STD, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
             return
-        needed = self.is_open & (worst > FIRST_ORDER_LIMIT)
-        is_longer = self._is_longer() & self.is_open
-        needed |= is_longer
-        needed |= self._is_bent(self.is_open & ~needed)
+        needs_draws = self.is_open & (worst > FIRST_ORDER_LIMIT)
+        has_length_bias = self._has_length_bias() & self.is_open
+        needs_draws |= has_length_bias
+        needs_draws |= self._is_nonlinear(self.is_open & ~needs_draws)
         surface = self._view.setup.ground
         if surface is not None and surface.has_edges and self._on_ground:
-            needed |= self._has_edge(self.is_open & ~needed)
-        if needed.any():
-            self._redo(*np.nonzero(needed))
-        if is_longer.any():
-            self._shorten(*np.nonzero(is_longer & self.is_open))
+            needs_draws |= self._has_edge(self.is_open & ~needs_draws)
+        if needs_draws.any():
+            self._draw_intervals(*np.nonzero(needs_draws))
+        if has_length_bias.any():
+            self._subtract_noise_length(*np.nonzero(has_length_bias & self.is_open))
 
-    def _redo(self, rows: IntArray, members: IntArray) -> None:
-        """Answer from drawn errors, or refuse as they justify."""
+    def _draw_intervals(self, rows: IntArray, members: IntArray) -> None:
+        """Intervals from Monte-Carlo draws; refuse requests whose ranges are too uncertain by these."""
         first_m = self._ground.points_enu_m[rows, members, 0]
-        most_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[rows, members]
-        found: Drawn = draw(self._uncertain(rows, members), most_half_m, self.value[rows, members], first_m)
+        max_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[rows, members]
+        found: DrawResult = draw(self._draw_input(rows, members), max_half_m, self.value[rows, members], first_m)
         half = np.full(self._range_m.shape, np.nan)
         half[rows, members] = found.ranges.half
         refused = np.zeros(self.code.shape, dtype=np.bool_)
@@ -322,13 +321,13 @@ class Answers:
         self._cov[rows, members] = found.cov_enu_m2
         if self._kind.scalar is not None:
             low, high = found.scalar.low, found.scalar.high
-            if not self._kind.is_signed:  # what cannot be told from nothing may be nothing
+            if not self._kind.is_signed:  # a value not significantly above 0 may be 0
                 low = np.where(self.value[rows, members] <= math.sqrt(CHI2_2D_95) * self.std[rows, members], 0.0, low)
             self._ends.low[rows, members], self._ends.high[rows, members] = low, high
             self.std[rows, members] = (high - low) / (2 * Z95)
 
-    def _is_longer(self) -> BoolArray:
-        """Whether the pixels' noise makes a line of several steps longer, by second order."""
+    def _has_length_bias(self) -> BoolArray:
+        """Whether pixel noise makes a line of several segments significantly longer, by second order."""
         points_m = self._ground.points_enu_m[..., :2]
         if self.kind is not ProbeKind.LENGTH or points_m.shape[2] <= 2:  # noqa: PLR2004 - one step has its interval
             return np.zeros(self.code.shape, dtype=np.bool_)
@@ -338,10 +337,10 @@ class Answers:
         by_px = self._ground.jac_px[..., :2, :]
         ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (by_px[:, :, :-1], by_px[:, :, 1:])]
         across_var = np.sum(np.square(ends), axis=(0, -1)) * self._vars[1][:, None]
-        return np.asarray(~(np.sum(across_var / (2 * length), axis=-1) <= _LONGER * self.std))
+        return np.asarray(~(np.sum(across_var / (2 * length), axis=-1) <= _BIAS_CORRECTION_LIMIT * self.std))
 
-    def _shorten(self, rows: IntArray, members: IntArray) -> None:
-        """Take off what noise adds to the lengths of lines."""
+    def _subtract_noise_length(self, rows: IntArray, members: IntArray) -> None:
+        """Subtract the bias by pixel noise from the lengths of lines."""
         if not len(rows):
             return
         view, columns = self._view, self._columns[members]
@@ -349,76 +348,76 @@ class Answers:
         pixels = view.pixels_px[columns] if is_shared else view.pixels_px[rows[:, None], columns]
         zoom = view.poses.zoom[rows, 0]
         rays = pixel_rays(view.setup.camera, _smooth(pixels, self.std_px[members]), np.where(np.isnan(zoom), 1.0, zoom))
-        found = draw_lengths(replace(self._uncertain(rows, members), rays=rays))
-        value = np.maximum(self.value[rows, members] - found.longer_m, 0.0)
-        low, high = np.minimum(found.interval.low, 0.0), np.maximum(found.interval.high, 0.0)
+        result = draw_lengths(replace(self._draw_input(rows, members), rays=rays))
+        value = np.maximum(self.value[rows, members] - result.bias_m, 0.0)
+        low, high = np.minimum(result.interval.low, 0.0), np.maximum(result.interval.high, 0.0)
         self.value[rows, members] = value
         self._ends.low[rows, members], self._ends.high[rows, members] = np.maximum(value + low, 0.0), value + high
         self.std[rows, members] = std = (high - low) / (2 * Z95)
-        for row, member, longer_m, own in zip(rows, members, found.longer_m, std, strict=True):
-            if longer_m > own:
-                sentence = f"noise of the pixels made the line longer: {longer_m:.2g} m are taken off"
+        for row, member, bias_m, own_std in zip(rows, members, result.bias_m, std, strict=True):
+            if bias_m > own_std:
+                sentence = f"noise of the pixels made the line longer: {bias_m:.2g} m are taken off"
                 sample = view.poses.variants[view.poses.variant_index[row]]
                 self.reasons[int(member)][int(row)] = (sentence, *sample.reasons)
 
-    def _is_bent(self, asked: BoolArray) -> BoolArray:
-        """Whether what errors do is no straight line."""
-        view, found = self._view, np.zeros(self.code.shape, dtype=np.bool_)
+    def _is_nonlinear(self, candidates: BoolArray) -> BoolArray:
+        """Whether values depend on the errors too nonlinearly for first order."""
+        view, is_nonlinear = self._view, np.zeros(self.code.shape, dtype=np.bool_)
         if view.setup.ground is None:
             camera, rotation = view.setup.camera, view.shared_cov[:, ROTATION, ROTATION]
             up_cam = matrix(view.poses.pose.wxyz)[:, 2]
-            lean_var = np.trace(rotation, axis1=1, axis2=2) - np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)
+            tilt_var = np.trace(rotation, axis1=1, axis2=2) - np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)
             lens = slice(FOCAL.start, PRINCIPAL_POINT.stop)
             lens_var = np.trace(view.shared_cov[:, lens, lens], axis1=1, axis2=2) / camera.fx_px**2
-            self.ray_std_rad = np.sqrt((lean_var + lens_var)[:, None] + self._vars[1] / camera.fx_px**2)
+            self.ray_std_rad = np.sqrt((tilt_var + lens_var)[:, None] + self._vars[1] / camera.fx_px**2)
             ground_m = self._ground.points_enu_m[:, :, : self._on_ground, 2]
             slant = self._range_m / (self._camera_m[..., None, 2] - ground_m)
             self.slant = np.max(slant, axis=-1, initial=1.0)
             self.noise_m = np.max(self._range_m * slant, axis=-1, initial=0.0) * self.std_px / camera.fx_px
             if self._kind.scalar is None:
-                turn_var = np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)[:, None]
-                second = self._range_m[..., 0] * (np.square(self.ray_std_rad * self.slant) + turn_var / 2)
+                vertical_var = np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)[:, None]
+                second = self._range_m[..., 0] * (np.square(self.ray_std_rad * self.slant) + vertical_var / 2)
                 axes = ellipses95(self._cov) / math.sqrt(CHI2_2D_95)
-                first = np.maximum(axes[..., 1], _NARROW * axes[..., 0])
+                first = np.maximum(axes[..., 1], _MIN_ELLIPSE_RATIO * axes[..., 0])
             else:
                 second, first = self._kind.second_order(self), self.std
-            asked = asked & ~(second <= _BOUND * first)
-        rows, members = np.nonzero(asked)
+            candidates = candidates & ~(second <= _SECOND_ORDER_LIMIT * first)
+        rows, members = np.nonzero(candidates)
         if len(rows):
-            found[rows, members] = self._draws_differ(rows, members)
-        return found
+            is_nonlinear[rows, members] = self._draws_differ(rows, members)
+        return is_nonlinear
 
     def _draws_differ(self, rows: IntArray, members: IntArray) -> BoolArray:
-        """``(p,)`` whether a few draws of requests are not where first order has them."""
+        """Requests ``(p,)`` of which a few draws differ from first order."""
         at = rows, members
-        uncertain = self._uncertain(rows, members)
+        uncertain = self._draw_input(rows, members)
         if self._kind.scalar is not None:
             by = self.by_shared[at][:, None], self.by_px[at][:, None]
-            apart = beyond_first_order(uncertain, *by, self.value[at][:, None])[:, 0]
-            return np.asarray(~(np.sqrt(np.mean(np.square(apart), axis=-1)) <= _NONLINEAR * self.std[at]))
+            errors = linearity_errors(uncertain, *by, self.value[at][:, None])[:, 0]
+            return np.asarray(~(np.sqrt(np.mean(np.square(errors), axis=-1)) <= _NONLINEARITY_LIMIT * self.std[at]))
         east_north = (*at, 0, slice(2))
         by = self._ground.jac_shared[east_north], self._ground.jac_px[east_north][:, :, None]
-        apart = beyond_first_order(uncertain, *by, self._ground.points_enu_m[east_north])
+        errors = linearity_errors(uncertain, *by, self._ground.points_enu_m[east_north])
         cov = self._cov[at][:, :2, :2]
-        least_var = _NARROW**2 * np.trace(cov, axis1=1, axis2=2)
-        least = _NONLINEAR**2 * cov + least_var[:, None, None] * np.eye(2)
-        least -= apart @ apart.swapaxes(-1, -2) / apart.shape[-1]
-        det = least[:, 0, 0] * least[:, 1, 1] - least[:, 0, 1] * least[:, 1, 0]
-        return np.asarray(~((least[:, 0, 0] >= 0) & (least[:, 1, 1] >= 0) & (det >= 0)))  # in every direction
+        min_var = _MIN_ELLIPSE_RATIO**2 * np.trace(cov, axis1=1, axis2=2)
+        bound_cov = _NONLINEARITY_LIMIT**2 * cov + min_var[:, None, None] * np.eye(2)
+        bound_cov -= errors @ errors.swapaxes(-1, -2) / errors.shape[-1]
+        det = bound_cov[:, 0, 0] * bound_cov[:, 1, 1] - bound_cov[:, 0, 1] * bound_cov[:, 1, 0]
+        return np.asarray(~((bound_cov[:, 0, 0] >= 0) & (bound_cov[:, 1, 1] >= 0) & (det >= 0)))  # semidefinite
 
-    def _has_edge(self, asked: BoolArray) -> BoolArray:
-        """Whether the ground's shape makes more, or less, of the errors than its slope where it is met says."""
-        found = np.zeros(self.code.shape, dtype=np.bool_)
-        rows, members = np.nonzero(asked)
+    def _has_edge(self, candidates: BoolArray) -> BoolArray:
+        """Whether draws over the actual ground give other range intervals than its slope at the point (first order)."""
+        has_edge = np.zeros(self.code.shape, dtype=np.bool_)
+        rows, members = np.nonzero(candidates)
         if len(rows):
-            ranges = draw_ranges(self._uncertain(rows, members), self._on_ground, _QUICK)
-            wanted = 2 * Z95 * self._range_std_m[rows, members]
-            found[rows, members] = np.any(np.abs(2 * ranges.half - wanted) > _EDGE * wanted, axis=-1)
-        return found
+            ranges = draw_ranges(self._draw_input(rows, members), self._on_ground, _DRAW_STEP)
+            width = 2 * Z95 * self._range_std_m[rows, members]
+            has_edge[rows, members] = np.any(np.abs(2 * ranges.half - width) > _MAX_WIDTH_CHANGE * width, axis=-1)
+        return has_edge
 
-    def _uncertain(self, rows: IntArray, members: IntArray) -> Uncertain:
+    def _draw_input(self, rows: IntArray, members: IntArray) -> DrawInput:
         view = self._view
-        return Uncertain(
+        return DrawInput(
             kind=self.kind,
             pose=view.poses.pose,
             shared_cov=view.shared_cov,
@@ -430,14 +429,14 @@ class Answers:
             std_px=self.std_px[members],
         )
 
-    def _refuse(self, where: BoolArray, code: Status | Codes, say: ReasonsOf) -> None:
-        """There is no answer ``where`` it was not refused before."""
-        rows, members = np.nonzero(where & self.is_open)
+    def _refuse(self, selection: BoolArray, code: Status | Codes, reasons_of: ReasonsOf) -> None:
+        """Set status and reasons of selected requests that are still open."""
+        rows, members = np.nonzero(selection & self.is_open)
         if not len(rows):
             return
         self.code[rows, members] = CODE_OF[code] if isinstance(code, Status) else code[rows, members]
         variants, variant_index = self._view.poses.variants, self._view.poses.variant_index
-        for row, member, sentence in zip(rows.tolist(), members.tolist(), say(rows, members), strict=True):
+        for row, member, sentence in zip(rows.tolist(), members.tolist(), reasons_of(rows, members), strict=True):
             self.reasons[member][row] = (sentence, *variants[variant_index[row]].reasons)
 
     def _say_no_ground(self, first: IntArray, rows: IntArray, members: IntArray) -> Iterable[str]:
@@ -445,10 +444,10 @@ class Answers:
             index = int(first[row, member])
             column = int(self._columns[member, index])
             u, v = self._view.pixels_px[column] if self._view.pixels_px.ndim == 2 else self._view.pixels_px[row, column]  # noqa: PLR2004
-            yield f"pixel {index} ({u:g}, {v:g}) {self._why(row, column)}"
+            yield f"pixel {index} ({u:g}, {v:g}) {self._describe_miss(row, column)}"
 
-    def _why(self, row: int, column: int) -> str:
-        """Why a pixel of an image shows no ground."""
+    def _describe_miss(self, row: int, column: int) -> str:
+        """Why a pixel shows no ground, as the end of a sentence."""
         view = self._view
         camera, surface, position = view.setup.camera, view.setup.ground, view.poses.pose.position_enu_m[row]
         status = CODES[view.ground.status[row, column]]
@@ -476,12 +475,12 @@ class Answers:
             yield f"point {farthest} is {ranges[farthest]:.1f} m away, the limit is {limit:g} m"
 
     def _say_range(self, half_m: FloatArray, rows: IntArray, members: IntArray) -> Iterable[str]:
-        """How badly the worst point is known, and why.
+        """Reasons that name the most uncertain point, its range and the main cause.
 
         Args:
-            half_m: ``(n, g, k)`` half of the 95 % intervals of the slant ranges.
-            rows: Which images.
-            members: Which requests in each.
+            half_m: ``(n, g, k)`` half widths of the slant ranges' 95 % intervals.
+            rows: Images ``(r,)``.
+            members: Requests ``(r,)``.
         """
         index = np.argmax(half_m[rows, members] / self._range_m[rows, members], axis=-1)
         worst = rows, members, index
@@ -493,36 +492,36 @@ class Answers:
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):
             spread = f"+- {half:.0f} m (95 %)" if math.isfinite(half) else "and may be anything"
             where = f" is {math.degrees(below_rad):.1f} deg below the horizon" if below_rad < _GRAZING_RAD else ""
-            cause = _cause(budget[0], poses.variants[variant], stds) if budget else "its error is not known"
+            cause = _main_cause(budget[0], poses.variants[variant], stds) if budget else "its error is not known"
             yield f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}"
 
     def _cov_of(self, rows: IntArray, members: IntArray) -> FloatArray:
-        """``(r, s, s)`` of the errors that all points of a request share."""
+        """Covariances ``(r, s, s)`` of the errors that all points of a request share."""
         cov = self._view.shared_cov[rows]
         cov[:, ELEVATION, ELEVATION] += self._vars[0][members]
         return cov
 
 
-def _saying(sentence: str, number: FloatArray | None = None) -> ReasonsOf:
-    """One sentence, with a number ``(n, g)`` of each request where there is one."""
+def _reason(sentence: str, number: FloatArray | None = None) -> ReasonsOf:
+    """Reasons by one sentence, formatted with a number ``(n, g)`` of each request if given."""
     if number is None:
         return lambda rows, _: [sentence] * len(rows)
     return lambda rows, members: [sentence.format(each) for each in number[rows, members].tolist()]
 
 
-def _cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
-    """The largest part of the variance, how well its input is known, and what to do about it."""
-    known = ""
-    if first.source in _STATED:
-        known = f" (std {math.degrees(stds[STD_NAMES.index(_STATED[first.source])]):.1f} deg)"
+def _main_cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
+    """Text on the largest part of the variance: its fraction, its input's standard deviation, and a remedy."""
+    accuracy = ""
+    if first.source in _STD_FIELDS:
+        accuracy = f" (std {math.degrees(stds[STD_NAMES.index(_STD_FIELDS[first.source])]):.1f} deg)"
     elif first.source == "height":
         of = "" if sample.height_source is None else f" of {sample.height_source}"
-        known = f"{of} (std {stds[STD_NAMES.index('height_agl_m')]:.1f} m)"
-    return f"{100 * first.share:.0f} % of the variance is from {first.source}{known}; {first.remedy}"
+        accuracy = f"{of} (std {stds[STD_NAMES.index('height_agl_m')]:.1f} m)"
+    return f"{100 * first.share:.0f} % of the variance is from {first.source}{accuracy}; {first.remedy}"
 
 
 def _select_rays(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> PixelRays:
-    """Rays of some columns of pixels, in those images where each has pixels of its own."""
+    """Rays of columns of pixels, in the images ``rows`` where each image has its own pixels."""
     parts = rays.rays_cam, rays.by_px, rays.by_intrinsics
     if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
         return PixelRays(*(part[columns] for part in parts))
@@ -530,25 +529,25 @@ def _select_rays(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> 
 
 
 def _smooth(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
-    """Lines ``(p, q, 2)`` with vertices as means of so many that their steps are longer than noise.
+    """Lines ``(p, q, 2)`` smoothed by moving averages so wide that segments are longer than the pixels' noise.
 
-    A line stays as it is where that would take away more than noise of these standard deviations ``(p,)``: a zigzag.
+    A line is kept as it is where smoothing would remove more than noise of ``std_px (p,)``: a real zigzag.
     """
     squares = np.sum(np.square(np.diff(pixels_px, axis=1)), axis=-1)
     step_px = np.sqrt(np.maximum(np.mean(squares, axis=-1) - 4 * std_px**2, std_px**2 / 4))
     vertex, last = np.arange(pixels_px.shape[1]), pixels_px.shape[1] - 1
-    wanted = np.floor(_STEADY * std_px / step_px + 0.5).astype(np.int64)[:, None]
-    half = np.minimum(wanted, np.minimum(vertex, last - vertex))
+    half_window = np.floor(_MIN_SEGMENT_STDS * std_px / step_px + 0.5).astype(np.int64)[:, None]
+    half = np.minimum(half_window, np.minimum(vertex, last - vertex))
     line, sums = np.arange(len(pixels_px))[:, None], np.pad(np.cumsum(pixels_px, axis=1), ((0, 0), (1, 0), (0, 0)))
     counts = 2 * half + 1
     smooth = (sums[line, vertex + half + 1] - sums[line, vertex - half]) / counts[..., None]
     noise = np.sum(np.square(pixels_px - smooth), axis=(1, 2))
-    most = 2 * std_px**2 * (np.sum(1 - 1 / counts, axis=1) + 2 * np.sqrt(last))
-    return np.where((noise <= most)[:, None, None], smooth, pixels_px)
+    max_noise = 2 * std_px**2 * (np.sum(1 - 1 / counts, axis=1) + 2 * np.sqrt(last))
+    return np.where((noise <= max_noise)[:, None, None], smooth, pixels_px)
 
 
 def _directions(rays: PixelRays, columns: IntArray, poses: PoseBatch) -> Directions:
-    """Directions ``(n, g, q)`` in ENU of the rays of some of a view's pixels."""
-    found = pixel_directions(_select_rays(rays, slice(None), columns.ravel()), poses.pose)
-    parts = (found.directions_enu, found.jac_shared, found.jac_px)
+    """Directions ``(n, g, q)`` in ENU of the rays of columns of pixels."""
+    directions = pixel_directions(_select_rays(rays, slice(None), columns.ravel()), poses.pose)
+    parts = (directions.directions_enu, directions.jac_shared, directions.jac_px)
     return Directions(*(part.reshape(len(poses), *columns.shape, *part.shape[2:]) for part in parts))

@@ -1,6 +1,6 @@
-"""Where a measurement's standard deviation comes from: first order, jointly, and input by input.
+"""First-order covariances and standard deviations of measurements, and their budget by input.
 
-All points of one measurement share the errors of pose, lens and elevation; each pixel has its own.
+Points of one measurement share the errors of pose, lens and elevation; each pixel has its own.
 
 ``n`` images, ``g`` scalars or points in each, ``s`` shared errors as in ``projection``.
 """
@@ -32,8 +32,8 @@ Z95 = 1.959963984540054
 
 CHI2_2D_95 = 5.991464547107979
 """95 % quantile of chi-square with two degrees of freedom."""
-_ROUNDING = 1e-12
-_ADVICE = {
+_NEGLIGIBLE_FRACTION = 1e-12
+_REMEDIES = {
     "height": "measure the height better: a rangefinder, or a surveyed point",
     "position": "a better position fix",
     "tilt": "add a landmark, look more steeply down, or fly higher",
@@ -49,27 +49,26 @@ _ADVICE = {
     "time": "align the clocks of images and telemetry, or hold still",
     "pixels": "pick the pixels more precisely, come closer, or use more resolution",
 }
-_UNSETTLED_RAD: Final = math.radians(2)  # no gimbal that holds still is known worse
-_ANGLES: Final = ("tilt", "pan", "roll", "attitude")
-_INTRINSICS: Final = {"focal": FOCAL, "principal point": PRINCIPAL_POINT, "distortion": DISTORTION}
-_TURNS: Final = np.arange(ROTATION.start, ROTATION.stop)
+_MAX_SETTLED_STD_RAD: Final = math.radians(2)  # larger standard deviations than this only while a gimbal moves
+_ATTITUDE_SOURCES: Final = ("tilt", "pan", "roll", "attitude")
+_INTRINSIC_SLICES: Final = {"focal": FOCAL, "principal point": PRINCIPAL_POINT, "distortion": DISTORTION}
+_ROTATION_AXES: Final = np.arange(ROTATION.start, ROTATION.stop)
 STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
-_STATED: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
-_UNSETTLED: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
+_ATTITUDE_STDS: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+_UNSETTLED_REMEDY: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
 
 
 def shared_covariance(
     camera: Camera, pose: Pose, elevation_std_m: FloatLike, zoom: FloatArray | None = None
 ) -> FloatArray:
-    """``(..., s, s)`` covariance of the errors that all points have in common, ordered as in ``projection``.
+    """Covariance ``(..., s, s)`` of the errors that all points share, ordered as in ``projection``.
 
-    A stamp that is off by ``dt`` is a pose that is off by ``dt`` times the camera's motion. Where pose and lens were
-    calibrated together, the covariance of their errors is in pixels of the camera's focal lengths: it is turned into
-    pixels of the zoomed ones.
+    An error ``dt`` of the stamp moves the pose by ``dt`` times the camera's velocity and angular rate. The covariance
+    of pose and lens errors, where calibrated together, is scaled from the camera's focal lengths to the zoomed ones.
 
     Args:
         camera: The camera.
-        pose: One pose, or as many as elevations.
+        pose: One pose, or ``(...)``.
         elevation_std_m: ``(...)``.
         zoom: ``(n, 2)`` magnification of each of ``(n,)`` poses' images, and its standard deviation; None for 1.
     """
@@ -81,7 +80,7 @@ def shared_covariance(
     cov[..., ELEVATION, ELEVATION] = np.square(elevation_std_m)
     intrinsics, lens_cov = intrinsics_covariance(camera), pose.lens_cov
     if zoom is not None:
-        scales, intrinsics = _zoomed(camera, zoom, intrinsics)
+        scales, intrinsics = _zoom_intrinsics(camera, zoom, intrinsics)
         lens_cov = lens_cov * scales[:, None] if lens_cov.shape[-1] == scales.shape[-1] else lens_cov
     cov[..., INTRINSICS, INTRINSICS] = intrinsics
     if lens_cov.shape[-1] == count - INTRINSICS.start:
@@ -90,49 +89,49 @@ def shared_covariance(
     return cov
 
 
-def _zoomed(camera: Camera, zoom: FloatArray, intrinsics_cov: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What errors of the intrinsics ``(n, m)`` grow by in zoomed images, and their covariances ``(n, m, m)``.
+def _zoom_intrinsics(camera: Camera, zoom: FloatArray, intrinsics_cov: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Scale factors ``(n, m)`` of errors of the intrinsics in zoomed images, and their covariances ``(n, m, m)``.
 
-    As of ``Camera.zoomed``, to the last bit: of equal variances the axes, and with these the draws, turn on that.
+    Bit-identical to ``Camera.zoomed``: with equal variances the principal axes, and so the draws, depend on it.
     """
-    scales, moved = np.ones((len(zoom), len(intrinsics_cov))), np.zeros((len(zoom), len(intrinsics_cov)))
-    scales[:, :2], moved[:, :2] = zoom[:, :1], zoom[:, 1:] * [camera.fx_px, camera.fy_px]
+    scales, std = np.ones((len(zoom), len(intrinsics_cov))), np.zeros((len(zoom), len(intrinsics_cov)))
+    scales[:, :2], std[:, :2] = zoom[:, :1], zoom[:, 1:] * [camera.fx_px, camera.fy_px]
     if camera.covariance:
-        return scales, scales[:, :, None] * scales[:, None] * intrinsics_cov + moved[:, :, None] * moved[:, None]
+        return scales, scales[:, :, None] * scales[:, None] * intrinsics_cov + std[:, :, None] * std[:, None]
     cov = np.broadcast_to(intrinsics_cov, (len(zoom), *intrinsics_cov.shape)).copy()
     magnification = zoom[:, 0]
     focal_px = np.stack([np.ones(len(zoom)), magnification * camera.fy_px / (magnification * camera.fx_px)], axis=-1)
-    focal_px *= np.hypot(magnification * camera.std.focal_px, moved[:, 0])[:, None]
+    focal_px *= np.hypot(magnification * camera.std.focal_px, std[:, 0])[:, None]
     cov[:, :2, :2] = focal_px[:, :, None] * focal_px[:, None]
     return scales, cov
 
 
 def scalar_jacobians(by: Gradient, ground: GroundPoints, rays: Directions | None) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of scalars ``(...)`` by the shared errors ``(..., s)`` and by the pixels ``(..., q, 2)``.
+    """Derivatives of scalars ``(...)`` by the shared errors ``(..., s)`` and by their pixels ``(..., q, 2)``.
 
     Args:
-        by: Of each scalar by its camera, points and directions.
+        by: Gradient of each scalar by camera, points and directions.
         ground: The points ``(..., q)``.
-        rays: Their directions ``(..., q)``; None for scalars that do not depend on these.
+        rays: Directions ``(..., q)``; None for scalars that do not depend on directions.
     """
     is_used = np.any(by.by_points != 0.0, axis=-1)
     jac_shared, jac_px = ground.jac_shared, ground.jac_px
-    if not is_used.all():  # a ray that is not used may miss the ground, with infinite derivatives
+    if not is_used.all():  # an unused ray may miss the ground, with infinite derivatives
         jac_shared = np.where(is_used[..., None, None], jac_shared, 0.0)
         jac_px = np.where(is_used[..., None, None], jac_px, 0.0)
     shared = np.einsum("...qi,...qis->...s", by.by_points, jac_shared)
     shared[..., POSITION] += by.by_camera
-    own = np.einsum("...qi,...qij->...qj", by.by_points, jac_px)
+    px = np.einsum("...qi,...qij->...qj", by.by_points, jac_px)
     if rays is not None:
         shared += np.einsum("...qi,...qis->...s", by.by_directions, rays.jac_shared)
-        own += np.einsum("...qi,...qij->...qj", by.by_directions, rays.jac_px)
-    return shared, own
+        px += np.einsum("...qi,...qij->...qj", by.by_directions, rays.jac_px)
+    return shared, px
 
 
 def standard_deviations(
     by_shared: FloatArray, by_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
 ) -> FloatArray:
-    """Standard deviations ``(n, g)`` of scalars: shared errors add up over points before they are squared.
+    """First-order standard deviations ``(n, g)`` of scalars.
 
     Args:
         by_shared: ``(n, g, s)`` derivatives of the scalars.
@@ -150,7 +149,7 @@ def standard_deviations(
 def point_covariances(
     jac_shared: FloatArray, jac_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
 ) -> FloatArray:
-    """``(n, g, 3, 3)`` of points.
+    """First-order covariances ``(n, g, 3, 3)`` of points.
 
     Args:
         jac_shared: ``(n, g, 3, s)``.
@@ -169,27 +168,27 @@ def point_covariances(
 
 
 def ellipses95(cov_enu_m2: FloatArray) -> FloatArray:
-    """Semi-major, semi-minor axis (m) and azimuth (rad) ``(..., 3)`` of the 95 % ellipses of the horizontal parts.
+    """95 % ellipses ``(..., 3)`` of horizontal positions: semi-major, semi-minor axis (m) and azimuth (rad).
 
-    The azimuth is that of the major axis, clockwise from north, in [0, pi).
+    The azimuth is of the major axis, clockwise from north, in [0, pi).
     """
-    east, north, both = cov_enu_m2[..., 0, 0], cov_enu_m2[..., 1, 1], cov_enu_m2[..., 0, 1]
-    middle, off = (east + north) / 2, np.hypot((east - north) / 2, both)
-    axes = np.sqrt(CHI2_2D_95 * np.clip(np.stack([middle + off, middle - off], axis=-1), 0.0, None))
-    azimuth = np.arctan2(2 * both, north - east) / 2 % np.pi
+    east, north, cross = cov_enu_m2[..., 0, 0], cov_enu_m2[..., 1, 1], cov_enu_m2[..., 0, 1]
+    mean, radius = (east + north) / 2, np.hypot((east - north) / 2, cross)
+    axes = np.sqrt(CHI2_2D_95 * np.clip(np.stack([mean + radius, mean - radius], axis=-1), 0.0, None))
+    azimuth = np.arctan2(2 * cross, north - east) / 2 % np.pi
     return np.concatenate([axes, azimuth[..., None]], axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One input's part of a measurement's variance.
+    """One input's part of the variance of a measurement.
 
     Attributes:
         source: The input.
-        std: What the measurement's standard deviation would be if this input alone were uncertain; negative where
-            correlations make the measurement more certain.
-        share: Of the variance. What inputs that vary together add, or take away, stands under ``correlations``.
-        remedy: What to do about it.
+        std: Standard deviation of the measurement if this input alone were uncertain; negative where correlations
+            reduce the variance.
+        share: Fraction of the variance. Covariances between inputs are under ``correlations``.
+        remedy: How to reduce it.
     """
 
     source: str
@@ -201,43 +200,43 @@ class Share:
 def variance_budgets(
     by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray
 ) -> list[tuple[Share, ...]]:
-    """The parts of the variances of scalars in ``r`` images, the largest first; empty where nothing is uncertain.
+    """Variance budgets of scalars in ``r`` images, largest part first; empty where nothing is uncertain.
 
     Args:
         by_shared: ``(r, s)`` derivatives of the scalars.
-        pixel_var: ``(r,)`` what pixels add to their variances.
-        poses: The ``(r,)`` poses. Where a stated standard deviation does not reproduce the covariance (a calibration's
-            full one), tilt, pan, roll and heading are given as one ``attitude``.
+        pixel_var: ``(r,)`` the pixels' part of the variances.
+        poses: The ``(r,)`` poses. Where the standard deviations do not reproduce the covariance (a calibration's full
+            one), tilt, pan, roll and heading become one ``attitude``.
         shared_cov: ``(r, s, s)``.
     """
     pose_cov = poses.pose.cov
     motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
     motion = np.broadcast_to(motion, (len(by_shared), 6))
 
-    def part(of: slice, cov: FloatArray) -> FloatArray:
-        return np.asarray(np.einsum("ri,rij,rj->r", by_shared[:, of], cov, by_shared[:, of]))
+    def part(columns: slice, cov: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("ri,rij,rj->r", by_shared[:, columns], cov, by_shared[:, columns]))
 
     by_motion = np.sum(by_shared[:, :6] * motion, axis=-1)
-    columns = {
+    variances_by_source = {
         "height": by_shared[:, 2] ** 2 * pose_cov[:, 2, 2],
         "position": part(slice(2), pose_cov[:, :2, :2]),
-        **_attitude(by_shared[:, ROTATION], poses),
+        **_attitude_variances(by_shared[:, ROTATION], poses),
         "time": np.square(by_motion * poses.pose.time_std_s),
-        **{name: part(of, shared_cov[:, of, of]) for name, of in _INTRINSICS.items()},
+        **{name: part(columns, shared_cov[:, columns, columns]) for name, columns in _INTRINSIC_SLICES.items()},
         "elevation": by_shared[:, ELEVATION] ** 2 * shared_cov[:, ELEVATION, ELEVATION],
         "pixels": pixel_var,
     }
     total = part(slice(None), shared_cov) + pixel_var
-    columns["correlations"] = total - np.sum(list(columns.values()), axis=0)
-    is_settled = np.sqrt(pose_cov[:, _TURNS, _TURNS]).max(axis=-1) <= _UNSETTLED_RAD
-    variances = np.stack(list(columns.values()), axis=-1)
+    variances_by_source["correlations"] = total - np.sum(list(variances_by_source.values()), axis=0)
+    is_settled = np.sqrt(pose_cov[:, _ROTATION_AXES, _ROTATION_AXES]).max(axis=-1) <= _MAX_SETTLED_STD_RAD
+    variances = np.stack(list(variances_by_source.values()), axis=-1)
     return [
-        _shares(dict(zip(columns, row, strict=True)), whole, is_settled=settled)
-        for row, whole, settled in zip(variances.tolist(), total.tolist(), is_settled.tolist(), strict=True)
+        _sorted_shares(dict(zip(variances_by_source, row, strict=True)), total_var, is_settled=settled)
+        for row, total_var, settled in zip(variances.tolist(), total.tolist(), is_settled.tolist(), strict=True)
     ]
 
 
-def _shares(variances: dict[str, float], total: float, *, is_settled: bool) -> tuple[Share, ...]:
+def _sorted_shares(variances: dict[str, float], total: float, *, is_settled: bool) -> tuple[Share, ...]:
     if not total > 0:
         return ()
     parts = [
@@ -245,25 +244,25 @@ def _shares(variances: dict[str, float], total: float, *, is_settled: bool) -> t
             source,
             math.copysign(math.sqrt(abs(variance)), variance),
             variance / total,
-            _ADVICE[source] if is_settled or source not in _ANGLES else _UNSETTLED,
+            _REMEDIES[source] if is_settled or source not in _ATTITUDE_SOURCES else _UNSETTLED_REMEDY,
         )
         for source, variance in variances.items()
-        if abs(variance) > _ROUNDING * total
+        if abs(variance) > _NEGLIGIBLE_FRACTION * total
     ]
     return tuple(sorted(parts, key=lambda part: -part.share))
 
 
 def advice(budget: tuple[Share, ...]) -> str:
-    """One sentence on what to improve first; empty where nothing is uncertain."""
+    """Sentence on the largest part of a budget and its remedy; empty where nothing is uncertain."""
     if not budget:
         return ""
     first = budget[0]
     return f"{100 * first.share:.0f} % from {first.source}: {first.remedy}"
 
 
-def _attitude(by_rotation: FloatArray, poses: PoseBatch) -> dict[str, FloatArray]:
+def _attitude_variances(by_rotation: FloatArray, poses: PoseBatch) -> dict[str, FloatArray]:
     up_cam = matrix(poses.pose.wxyz)[:, 2]
-    tilt, pan, roll, heading = (poses.std[:, STD_NAMES.index(name)] for name in _STATED)
+    tilt, pan, roll, heading = (poses.std[:, STD_NAMES.index(name)] for name in _ATTITUDE_STDS)
     stated = pose_covariance(poses.pose.wxyz, poses.std)[:, ROTATION, ROTATION]
     actual = poses.pose.cov[:, ROTATION, ROTATION]
     is_stated = np.all(np.abs(stated - actual) <= 1e-15 + 1e-6 * np.abs(actual), axis=(1, 2))

@@ -1,4 +1,4 @@
-"""Requests to measurements: any number of images, any number of probes, one projection."""
+"""The engine's interface: measure requests in images, explain an uncertainty, compare both projection models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerodft.dft import equations
-from aerodft.dft.answer import Answers, ProbedPixels
+from aerodft.dft.answer import Answers, ProjectedPixels
 from aerodft.dft.covariance import Share, variance_budgets
 from aerodft.dft.measurement_batch import NO_IMAGE, NUMBERS, MeasurementBatch, MeasurementColumn
 from aerodft.dft.probe_kinds import PROBE_KINDS
-from aerodft.dft.projection import ELEVATION, place_columns
+from aerodft.dft.projection import ELEVATION, position_columns
 from aerodft.dft.request import Request, Setup
 from aerodft.geometry import camera_angles
 from aerodft.model import (
@@ -28,25 +28,25 @@ from aerodft.model import (
 
 __all__ = ["Request", "Setup", "explain", "measure"]
 
-_AT_ONCE = 512  # images: their derivatives stay in the cache
+_IMAGES_PER_CHUNK = 512  # keeps their derivatives in the cache
 
-_Part = tuple[IntArray, MeasurementColumn]
-"""What a request came to in some of the images ``(m,)``, by their indices."""
+_PartialColumn = tuple[IntArray, MeasurementColumn]
+"""Indices ``(m,)`` of some images, and a request's measurements in them."""
 
 
 def measure(
     setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], images: IntArray | None = None
 ) -> MeasurementBatch:
-    """Measure the same requests in every image; what an image's come to does not depend on the other images.
+    """Measure the same requests in every image, each image independently of the others.
 
     Args:
-        setup: What all share.
+        setup: Camera, model and ground.
         poses: The images' ``(n,)`` poses.
-        requests: What is measured in each.
-        images: ``(n,)`` their running numbers; None where no image has one.
+        requests: Probes with pixels.
+        images: ``(n,)`` running numbers of the images; None where they have none.
 
     Returns:
-        A column for each request; without a number, but with a status and its reasons, where there is none.
+        A column for each request; NaN with a status and reasons where there is no value.
     """
     for request in requests:
         kind = PROBE_KINDS[request.probe.kind]
@@ -54,18 +54,18 @@ def measure(
             wanted = f"{kind.name} needs {kind.pixels_wanted}"
             raise ValueError(f"probe {request.probe.name}: {request.count} pixels, {wanted}")
     rows = np.flatnonzero(poses.is_ok)
-    parts: list[list[_Part]] = [[] for _ in requests]
-    for first in range(0, len(rows), _AT_ONCE):
-        own = rows[first : first + _AT_ONCE]
-        for found, column in zip(parts, _columns_of_rows(setup, poses, requests, own), strict=True):
-            found.append((own, column))
+    parts: list[list[_PartialColumn]] = [[] for _ in requests]
+    for first in range(0, len(rows), _IMAGES_PER_CHUNK):
+        chunk = rows[first : first + _IMAGES_PER_CHUNK]
+        for pieces, column in zip(parts, _measure_rows(setup, poses, requests, chunk), strict=True):
+            pieces.append((chunk, column))
     return MeasurementBatch(
         requests=requests,
         poses=poses,
         images=np.full(len(poses), NO_IMAGE) if images is None else images,
         columns=tuple(
-            _join_parts(MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, poses.status, {}, {}), found)
-            for request, found in zip(requests, parts, strict=True)
+            _merge_parts(MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, poses.status, {}, {}), pieces)
+            for request, pieces in zip(requests, parts, strict=True)
         ),
         model=setup.model,
         camera=setup.camera.name,
@@ -74,7 +74,7 @@ def measure(
 
 
 def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, ...]:
-    """Where one request's uncertainty comes from, the largest part first; empty where it has no scalar or no ground."""
+    """Variance budget of one request, largest part first; empty where it has no scalar or no ground."""
     kind = PROBE_KINDS[request.probe.kind]
     if sample.pose is None or kind.scalar is None:
         return ()
@@ -84,12 +84,12 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
             support = _supporting_object(setup, poses, request.on_top_of)
             if not support.is_open[0, 0]:
                 return ()
-            top = _Top.from_object(support)
-            view = top.view(setup, poses, (request,))
+            top = _Tops.from_object(support)
+            view = top.project(setup, poses, (request,))
         else:
-            view = _view(setup, poses, (request,))
+            view = _project(setup, poses, (request,))
         answers = Answers(view, request.probe.kind, np.arange(request.count)[None])
-        if answers.is_blocked[0, 0]:
+        if answers.is_undefined[0, 0]:
             return ()
         by_shared, pixel_var, cov = answers.variance_terms(0)
         if top is not None:
@@ -100,14 +100,14 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Top:
-    """The tops of an upright object in ``n`` images (the paper's Section 5.4), and what their elevations depend on.
+class _Tops:
+    """Tops of an upright object in ``n`` images (the paper's Section 5.4), and the errors of their elevations.
 
     Attributes:
         elevation_m: ``(n,)``.
-        follows: ``(n, s, s)`` from the ground's errors to those that have the top's elevation in place of the ground's.
-        own_std_m: ``(n,)`` what the pixels of base and top alone make of the elevations' standard deviations.
-        ground_cov: ``(n, s, s)`` of the errors of the ground that the object stands on.
+        top_from_ground: ``(n, s, s)`` shared errors with the ground's elevation to those with the top's elevation.
+        own_std_m: ``(n,)`` standard deviations of the elevations by the pixels of base and top.
+        ground_cov: ``(n, s, s)`` covariance of the shared errors with the ground's elevation.
     """
 
     elevation_m: FloatArray
@@ -116,8 +116,8 @@ class _Top:
     ground_cov: FloatArray
 
     @staticmethod
-    def from_object(support: Answers) -> "_Top":
-        """The tops of the one object that was judged."""
+    def from_object(support: Answers) -> "_Tops":
+        """Tops of the one object measured in ``support``."""
         base_m, shared, own = support.base_elevation(0)
         by_shared, _, cov = support.variance_terms(0)
         by_px = support.by_px[:, 0].copy()
@@ -126,72 +126,72 @@ class _Top:
         top_from_ground[:] = np.eye(cov.shape[-1])
         top_from_ground[:, ELEVATION] = by_shared + shared
         own_std = support.std_px[0] * np.sqrt(np.sum(np.square(by_px), axis=(1, 2)))
-        return _Top(base_m + support.value[:, 0], top_from_ground, own_std, cov)
+        return _Tops(base_m + support.value[:, 0], top_from_ground, own_std, cov)
 
-    def view(self, setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProbedPixels:
-        """What is seen in the level planes through the tops, instead of on the ground."""
+    def project(self, setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProjectedPixels:
+        """Project requests to the level planes through the tops."""
         cov = self.top_from_ground @ self.ground_cov @ self.top_from_ground.swapaxes(-1, -2)
         cov[:, ELEVATION, ELEVATION] += np.square(self.own_std_m)
         counts = [request.count for request in requests]
         elevation = np.repeat(self.elevation_m[:, None], sum(counts), axis=1)
         stds = np.zeros(sum(counts)), np.repeat([request.std_px for request in requests], counts)
-        return ProbedPixels.project(
+        return ProjectedPixels.project(
             replace(setup, ground=None), poses, _pixels(requests, len(poses)), elevation, stds, cov
         )
 
-    def rows(self, rows: IntArray) -> "_Top":
-        """Those in some images."""
-        return _Top(self.elevation_m[rows], self.top_from_ground[rows], self.own_std_m[rows], self.ground_cov[rows])
+    def rows(self, rows: IntArray) -> "_Tops":
+        """Tops in images ``(m,)`` by their indices."""
+        return _Tops(self.elevation_m[rows], self.top_from_ground[rows], self.own_std_m[rows], self.ground_cov[rows])
 
 
-def _columns_of_rows(
+def _measure_rows(
     setup: Setup, poses: PoseBatch, requests: tuple[Request, ...], rows: IntArray
 ) -> list[MeasurementColumn]:
-    """What requests come to in some images, all of whose poses are ok."""
-    own = tuple(request.rows(rows) for request in requests)
+    """Columns of requests in the images ``rows``, all of whose poses are ok."""
+    selected = tuple(request.rows(rows) for request in requests)
     poses = poses.rows(rows) if len(rows) < len(poses) else poses
     on_ground = [member for member, request in enumerate(requests) if request.on_top_of is None]
-    on_top: dict[int, list[int]] = {}
+    by_support: dict[int, list[int]] = {}
     for member, request in enumerate(requests):
         if request.on_top_of is not None:
-            on_top.setdefault(id(request.on_top_of), []).append(member)
+            by_support.setdefault(id(request.on_top_of), []).append(member)
     columns: dict[int, MeasurementColumn] = {}
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # misses
         if on_ground:
-            standing = [own[member] for member in on_ground]
-            columns |= zip(on_ground, _columns(_view(setup, poses, standing), standing), strict=True)
-        for members in on_top.values():
-            lying = [own[member] for member in members]
-            columns |= zip(members, _measure_on_top(setup, poses, lying), strict=True)
+            grounded = [selected[member] for member in on_ground]
+            columns |= zip(on_ground, _columns(_project(setup, poses, grounded), grounded), strict=True)
+        for members in by_support.values():
+            on_top = [selected[member] for member in members]
+            columns |= zip(members, _measure_on_top(setup, poses, on_top), strict=True)
     return [columns[member] for member in range(len(requests))]
 
 
 def _measure_on_top(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> list[MeasurementColumn]:
-    """What requests come to that all lie on top of one object, of which base and top are seen in the same image."""
-    under = requests[0].on_top_of
-    assert under is not None  # noqa: S101 - the caller's own condition, for the type checker
-    support = _supporting_object(setup, poses, under)
+    """Columns of requests that all lie on top of one object, whose base and top are in the same image."""
+    height = requests[0].on_top_of
+    assert height is not None  # noqa: S101 - the caller's own condition, for the type checker
+    support = _supporting_object(setup, poses, height)
     rows = np.flatnonzero(support.is_open[:, 0])
-    found: list[MeasurementColumn] = []
+    measured: list[MeasurementColumn] = []
     if len(rows):
-        own = [request.rows(rows) for request in requests]
-        found = _columns(_Top.from_object(support).rows(rows).view(setup, poses.rows(rows), own), own)
+        selected = [request.rows(rows) for request in requests]
+        measured = _columns(_Tops.from_object(support).rows(rows).project(setup, poses.rows(rows), selected), selected)
     columns = []
     for member, request in enumerate(requests):
         prefix = f"it lies on top of {request.probe.on_top_of}: "
         reasons = {row: tuple(prefix + reason for reason in why) for row, why in support.reasons[0].items()}
-        missed = MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, support.code[:, 0], reasons, {})
-        columns.append(_join_parts(missed, [(rows, found[member])] if found else []))
+        refused = MeasurementColumn(PROBE_KINDS[request.probe.kind].unit, support.code[:, 0], reasons, {})
+        columns.append(_merge_parts(refused, [(rows, measured[member])] if measured else []))
     return columns
 
 
-def _supporting_object(setup: Setup, poses: PoseBatch, under: Request) -> Answers:
-    """An object that something lies on top of."""
-    return Answers(_view(setup, poses, (under,)), ProbeKind.HEIGHT, np.arange(under.count)[None])
+def _supporting_object(setup: Setup, poses: PoseBatch, height: Request) -> Answers:
+    """The object, measured by a ``height`` request, that other requests lie on top of."""
+    return Answers(_project(setup, poses, (height,)), ProbeKind.HEIGHT, np.arange(height.count)[None])
 
 
-def _columns(view: ProbedPixels, requests: Sequence[Request]) -> list[MeasurementColumn]:
-    """A column for each of the requests that have a view's pixels, one after the other."""
+def _columns(view: ProjectedPixels, requests: Sequence[Request]) -> list[MeasurementColumn]:
+    """Columns of requests whose pixels are those of the view, in order."""
     members_by_kind: dict[tuple[ProbeKind, int], list[int]] = {}
     for member, request in enumerate(requests):
         members_by_kind.setdefault((request.probe.kind, request.count), []).append(member)
@@ -201,8 +201,8 @@ def _columns(view: ProbedPixels, requests: Sequence[Request]) -> list[Measuremen
         for (kind, count), members in members_by_kind.items()
     ]
     columns: dict[int, MeasurementColumn] = {}
-    where = place_columns(view.poses, [each.shown_enu_m() for each in answers])
-    for each, members, own in zip(answers, members_by_kind.values(), where, strict=True):
+    positions = position_columns(view.poses, [each.reported_points_enu_m() for each in answers])
+    for each, members, own in zip(answers, members_by_kind.values(), positions, strict=True):
         numbers = each.numbers(own)
         ordered = {name: numbers[name] for name in NUMBERS if name in numbers}
         for at, member in enumerate(members):
@@ -212,13 +212,13 @@ def _columns(view: ProbedPixels, requests: Sequence[Request]) -> list[Measuremen
     return [columns[member] for member in range(len(requests))]
 
 
-def _view(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProbedPixels:
-    """What requests see on the ground."""
+def _project(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProjectedPixels:
+    """Requests' pixels projected to the ground."""
     counts = [request.count for request in requests]
     elevation, elevation_std, std_px = (
         np.repeat([each(request) for request in requests], counts) for each in (_elevation_m, _elevation_std_m, _std_px)
     )
-    return ProbedPixels.project(setup, poses, _pixels(requests, len(poses)), elevation, (elevation_std, std_px))
+    return ProjectedPixels.project(setup, poses, _pixels(requests, len(poses)), elevation, (elevation_std, std_px))
 
 
 def _elevation_m(request: Request) -> float:
@@ -234,19 +234,19 @@ def _std_px(request: Request) -> float:
 
 
 def _pixels(requests: Sequence[Request], count: int) -> FloatArray:
-    """``(k, 2)`` of all requests one after the other, or ``(n, k, 2)`` where images have their own."""
+    """Pixels ``(k, 2)`` of all requests in order, or ``(n, k, 2)`` where images have their own."""
     pixels = [request.pixels_px for request in requests]
     if all(each.ndim == 2 for each in pixels):  # noqa: PLR2004
         return np.concatenate(pixels)
     return np.concatenate([np.broadcast_to(each, (count, *each.shape[-2:])) for each in pixels], axis=1)
 
 
-def _join_parts(elsewhere: MeasurementColumn, parts: Sequence[_Part]) -> MeasurementColumn:
-    """A column whose rows stand in parts, with the status and the reasons of ``elsewhere`` in all others."""
-    count = len(elsewhere.status)
+def _merge_parts(default: MeasurementColumn, parts: Sequence[_PartialColumn]) -> MeasurementColumn:
+    """Column with the rows of partial columns, and status and reasons of ``default`` in the other rows."""
+    count = len(default.status)
     if len(parts) == 1 and len(parts[0][0]) == count:
         return parts[0][1]
-    status, reasons = elsewhere.status.copy(), dict(elsewhere.reasons)
+    status, reasons = default.status.copy(), dict(default.reasons)
     shapes = {name: values.shape[1:] for _, column in parts for name, values in column.numbers.items()}
     numbers = {name: np.full((count, *shapes[name]), np.nan) for name in NUMBERS if name in shapes}
     for rows, column in parts:
@@ -254,22 +254,22 @@ def _join_parts(elsewhere: MeasurementColumn, parts: Sequence[_Part]) -> Measure
         reasons |= {int(rows[row]): why for row, why in column.reasons.items()}
         for name, values in column.numbers.items():
             numbers[name][rows] = values
-    return MeasurementColumn(elsewhere.unit, status, reasons, numbers)
+    return MeasurementColumn(default.unit, status, reasons, numbers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelDifference:
-    """One probe under both models; differences are ``dft`` minus ``pinhole``, None where either has no answer.
+    """One probe under both models; differences are ``dft`` minus ``pinhole``, None where either has no value.
 
     Attributes:
         pinhole: The measurement with intrinsics, lens and any attitude.
-        dft: The paper's.
+        dft: The measurement by the paper's equations.
         value: Difference of the values; None also for kinds without a value.
-        percent: That in percent of the pinhole's value; None also where that is 0.
+        percent: The difference in percent of the pinhole's value; None also where that is 0.
         ground_m: ``(n, 2)`` difference of X and Y of every ground point, in the ground frame.
-        equation_5_m: ``(n,)`` the part of X that Eq. 5 makes; None also where not every point is on the probe's plane.
-        angles_m: ``(n, 2)`` the rest of X, and all of Y: angles linear in pixels instead of a pinhole's (and with that
-            lens distortion, an off-centre principal point and roll, of which the paper knows nothing).
+        equation_5_m: ``(n,)`` part of X due to Eq. 5; None also where not every point is on the probe's plane.
+        angles_m: ``(n, 2)`` rest of X, and all of Y: due to angles linear in pixels (and to lens distortion, an
+            off-centre principal point and roll, which the paper does not model).
     """
 
     pinhole: Measurement
@@ -282,7 +282,7 @@ class ModelDifference:
 
 
 def right_by_geometry(height_m: FloatLike, tilt_rad: FloatLike, psi_rad: FloatLike, phi_rad: FloatLike) -> FloatArray:
-    """X (m) that the angles of Eq. 2 and 3 mean for a camera at ``tilt_rad``, where Eq. 5 puts ``Y tan(phi)``.
+    """X (m) from the angles of Eq. 2 and 3 by exact geometry, where Eq. 5 has ``Y tan(phi)``.
 
     A ray at ``phi`` from the image's middle column, seen from the optical axis, leaves it at
     ``h cos(psi - theta) / cos(psi)`` of distance along the axis: ``X = h tan(phi) cos(psi - theta) / cos(psi)``. Eq. 5
@@ -298,7 +298,7 @@ def right_by_geometry(height_m: FloatLike, tilt_rad: FloatLike, psi_rad: FloatLi
 
 
 def compare_models(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> list[ModelDifference]:
-    """Measure every request at one pose under both models; the model of ``setup`` does not matter."""
+    """Measure every request at one pose under both models; ``setup.model`` is ignored."""
     poses = PoseBatch.of([sample])
     pinhole, dft = (
         measure(replace(setup, model=model), poses, requests)[0]
@@ -312,18 +312,18 @@ def _difference(
 ) -> ModelDifference:
     if sample.pose is None or pinhole.ground_m is None or dft.ground_m is None:
         return ModelDifference(pinhole=pinhole, dft=dft)
-    there, here = np.array(pinhole.ground_m), np.array(dft.ground_m)
+    pinhole_m, dft_m = np.array(pinhole.ground_m), np.array(dft.ground_m)
     value = None if pinhole.value is None or dft.value is None else dft.value - pinhole.value
     found = ModelDifference(
         pinhole=pinhole,
         dft=dft,
         value=value,
         percent=None if value is None or not pinhole.value else 100 * value / pinhole.value,
-        ground_m=here[:, :2] - there[:, :2],
+        ground_m=dft_m[:, :2] - pinhole_m[:, :2],
     )
     on_plane = [
         len(points) == request.count and np.allclose(points[:, 2], request.probe.elevation_m)
-        for points in (there, here)
+        for points in (pinhole_m, dft_m)
     ]
     return _split(found, setup.camera, sample.pose, request) if all(on_plane) else found
 

@@ -1,4 +1,4 @@
-"""What the same requests came to in many images, as arrays; a ``Measurement`` is one entry of it."""
+"""Measurements of the same requests in many images, as columns of arrays."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -36,20 +36,20 @@ NUMBERS: Final[tuple[str, ...]] = (
 """The fields of a ``Measurement`` that hold numbers, in their order."""
 
 NO_IMAGE: Final = -1
-"""Stands for the running number of an image that has none."""
+"""Running number of a stamp without an image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasurementColumn:
-    """What one request came to in ``n`` images.
+    """Measurements of one request in ``n`` images.
 
     Attributes:
-        unit: Of its value.
+        unit: Unit of the values.
         status: ``(n,)`` indices into ``CODES``.
-        reasons: The reasons of images, by row, where they are not those of the image's pose.
-        numbers: ``(n, ...)`` by the names of ``NUMBERS``, in that order; a name that no image has is left out. A row
-            that is NaN altogether says that the image has none. Of ``ellipse95`` semi-major, semi-minor axis (m) and
-            azimuth (rad), of ``geo (n, q, 3)`` latitude, longitude (rad) and altitude (m MSL, NaN where unknown).
+        reasons: Reasons by row, where they differ from those of the image's pose.
+        numbers: ``(n, ...)`` by the names of ``NUMBERS``, in that order, without names that no image has; an all-NaN
+            row is none. ``ellipse95`` is semi-major, semi-minor axis (m) and azimuth (rad), ``geo (n, q, 3)``
+            latitude, longitude (rad) and altitude (m MSL, NaN where unknown).
     """
 
     unit: str
@@ -58,15 +58,15 @@ class MeasurementColumn:
     numbers: Mapping[str, FloatArray]
 
     @staticmethod
-    def of_one(
+    def single(
         unit: str, status: Status, reasons: tuple[str, ...], numbers: Mapping[str, FloatArray] | None = None
     ) -> "MeasurementColumn":
-        """What one request came to in one image, numbers without the axis of images."""
+        """The column of a single image, from numbers without the axis of images."""
         in_order = {name: numbers[name][None] for name in NUMBERS if name in numbers} if numbers else {}
         return MeasurementColumn(unit, np.array([CODE_OF[status]]), {0: reasons}, in_order)
 
     def rows(self, rows: IntArray) -> "MeasurementColumn":
-        """The images ``(m,)`` by their indices."""
+        """Images ``(m,)`` by their indices."""
         reasons = {new: self.reasons[old] for new, old in enumerate(rows.tolist()) if old in self.reasons}
         numbers = {name: values[rows] for name, values in self.numbers.items()}
         return MeasurementColumn(self.unit, self.status[rows], reasons, numbers)
@@ -74,12 +74,12 @@ class MeasurementColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasurementBatch(Sequence[list[Measurement]]):
-    """What ``k`` requests came to in ``n`` images: a list of measurements for each image, in the requests' order.
+    """Measurements of ``k`` requests in ``n`` images; as a sequence, the ``k`` measurements of each image.
 
     Attributes:
         requests: The requests, with pixels ``(q, 2)`` that all images share, or ``(n, q, 2)``.
         poses: The images' ``(n,)`` poses.
-        images: ``(n,)`` their running numbers, ``NO_IMAGE`` for a stamp alone.
+        images: ``(n,)`` running numbers of the images, ``NO_IMAGE`` for a stamp without one.
         columns: One for each request.
         model: Projection model.
         camera: Name of the camera.
@@ -112,7 +112,7 @@ class MeasurementBatch(Sequence[list[Measurement]]):
         return [self._measurement(row, sample, request, column) for request, column in pairs]
 
     def rows(self, rows: IntArray) -> "MeasurementBatch":
-        """The images ``(m,)`` by their indices."""
+        """Images ``(m,)`` by their indices."""
         return MeasurementBatch(
             requests=tuple(request.rows(rows) for request in self.requests),
             poses=self.poses.rows(rows),
@@ -124,7 +124,7 @@ class MeasurementBatch(Sequence[list[Measurement]]):
         )
 
     def _measurement(self, row: int, sample: PoseSample, request: Request, column: MeasurementColumn) -> Measurement:
-        numbers = {name: _known(values[row]) for name, values in column.numbers.items()}
+        numbers = {name: _none_if_nan(values[row]) for name, values in column.numbers.items()}
         value, std, ci95 = (numbers.get(name) for name in ("value", "std", "ci95"))
         ellipse, geo, range_m = (numbers.get(name) for name in ("ellipse95", "geo", "range_m"))
         return Measurement(
@@ -154,14 +154,14 @@ class MeasurementBatch(Sequence[list[Measurement]]):
         )
 
 
-def of_one_image(
+def single_image_batch(
     setup: Setup,
     sample: PoseSample,
     image: int | None,
     requests: tuple[Request, ...],
     columns: tuple[MeasurementColumn, ...],
 ) -> MeasurementBatch:
-    """What was found in one image by somebody else than the engine."""
+    """The batch of a single image, of columns found elsewhere than in the engine."""
     return MeasurementBatch(
         requests=requests,
         poses=PoseBatch.of([sample]),
@@ -173,7 +173,7 @@ def of_one_image(
     )
 
 
-def _known(values: FloatArray) -> FloatArray | None:
+def _none_if_nan(values: FloatArray) -> FloatArray | None:
     return None if np.isnan(values).all() else values
 
 

@@ -1,6 +1,6 @@
-"""Pixels to ground points under both projection models, with everything that they depend on.
+"""Projection of pixels to ground points under both models, with Jacobians.
 
-Columns of ``jac_shared`` (one error that all points of an image have in common)::
+Columns of ``jac_shared``, by errors that all points of an image share::
 
     0:3  camera position, ENU (m)          7:9   focal lengths fx, fy (px)
     3:6  small rotation, camera axes (rad) 9:11  principal point (px)
@@ -36,7 +36,7 @@ from aerodft.model import CODE_OF, Camera, FloatArray, GeoOrigin, IntArray, Pose
 def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
     """ENU points ``(..., 3)`` in the camera's ground frame: X right, Y ahead, Z up, origin at its foot.
 
-    Of several poses ``(n,)`` each has its own points ``(n, k, 3)``.
+    Poses ``(n,)`` take points ``(n, k, 3)``.
     """
     _, _, heading = camera_angles(pose.wxyz)
     foot = pose.position_enu_m[..., :2]
@@ -48,90 +48,90 @@ def to_ground_frame(pose: Pose, points_enu_m: FloatArray) -> FloatArray:
 
 
 def ground_frame_pose(pose: Pose) -> Pose:
-    """One pose as it is in its own ground frame: above the origin, heading 0."""
+    """One pose in its own ground frame: above the origin, heading 0."""
     _, _, heading = camera_angles(pose.wxyz)
-    turn = from_rotation_vector(np.array([0.0, 0.0, heading]))
-    axes = matrix(turn)
-    both = np.eye(6)
-    both[:3, :3] = axes
+    rotation = from_rotation_vector(np.array([0.0, 0.0, heading]))
+    axes = matrix(rotation)
+    enu_from_axes = np.eye(6)
+    enu_from_axes[:3, :3] = axes
     return replace(
         pose,
         position_enu_m=pose.position_enu_m * [0.0, 0.0, 1.0],
-        wxyz=multiply(turn, pose.wxyz),
-        cov=both @ pose.cov @ both.T,
-        lens_cov=both @ pose.lens_cov,
+        wxyz=multiply(rotation, pose.wxyz),
+        cov=enu_from_axes @ pose.cov @ enu_from_axes.T,
+        lens_cov=enu_from_axes @ pose.lens_cov,
         velocity_enu_mps=axes @ pose.velocity_enu_mps,
     )
 
 
 def lat_lon_alt(origin: GeoOrigin, points_enu_m: FloatArray) -> FloatArray:
-    """Latitude, longitude (rad) and altitude (m MSL) of ENU points, ``(..., 3)``; NaN where the plane's is unknown."""
+    """Latitude, longitude (rad) and altitude (m MSL) ``(..., 3)`` of ENU points; NaN where the origin's is unknown."""
     plane = np.nan if origin.alt_msl_m is None else origin.alt_msl_m
-    place_columns = lat_lon(origin, points_enu_m[..., :2])
-    return np.concatenate([place_columns, (plane + points_enu_m[..., 2])[..., None]], axis=-1)
+    lat_lon_rad = lat_lon(origin, points_enu_m[..., :2])
+    return np.concatenate([lat_lon_rad, (plane + points_enu_m[..., 2])[..., None]], axis=-1)
 
 
-def place_columns(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, FloatArray]]:
-    """The numbers of a ``MeasurementColumn`` that say where points are, those of several groups in one go.
+def position_columns(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, FloatArray]]:
+    """Position numbers of a ``MeasurementColumn`` for each group of points: ground frame, ENU, WGS84, range.
 
     Args:
-        poses: The ``(n,)`` poses that points are seen from.
+        poses: The ``(n,)`` poses of the points' images.
         groups: ENU points ``(n, g, q, 3)``.
     """
     count = len(poses)
     enu_m = np.concatenate([each.reshape(count, -1, 3) for each in groups], axis=1)
-    away = enu_m - poses.pose.position_enu_m[:, None]
+    sight = enu_m - poses.pose.position_enu_m[:, None]
     numbers = {"ground_m": to_ground_frame(poses.pose, enu_m), "enu_m": enu_m}
     origins = [variant.origin for variant in poses.variants]
     if any(origin is not None for origin in origins):
-        numbers["geo"] = _geo(poses, origins, enu_m)
-    numbers["range_m"] = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
+        numbers["geo"] = _lat_lon_alt_columns(poses, origins, enu_m)
+    numbers["range_m"] = np.sqrt(sight[..., 0] ** 2 + sight[..., 1] ** 2 + sight[..., 2] ** 2)
     ends = np.cumsum([each.shape[1] * each.shape[2] for each in groups])[:-1]
     split = {name: np.split(values, ends, axis=1) for name, values in numbers.items()}
     return [
-        {name: own[at].reshape(*each.shape[:3], *own[at].shape[2:]) for name, own in split.items()}
-        for at, each in enumerate(groups)
+        {name: own[index].reshape(*each.shape[:3], *own[index].shape[2:]) for name, own in split.items()}
+        for index, each in enumerate(groups)
     ]
 
 
-def _geo(poses: PoseBatch, origins: Sequence[GeoOrigin | None], enu_m: FloatArray) -> FloatArray:
-    """``(n, k, 3)``; NaN where the origin of an image's ENU is not known."""
+def _lat_lon_alt_columns(poses: PoseBatch, origins: Sequence[GeoOrigin | None], enu_m: FloatArray) -> FloatArray:
+    """WGS84 columns ``(n, k, 3)`` as in ``lat_lon_alt``; NaN where an image's ENU origin is unknown."""
     variants_by_origin: dict[GeoOrigin, list[int]] = {}
     for index, origin in enumerate(origins):
         if origin is not None:
             variants_by_origin.setdefault(origin, []).append(index)
-    found = np.full(enu_m.shape, np.nan)
+    lat_lon_alts = np.full(enu_m.shape, np.nan)
     for origin, variants in variants_by_origin.items():
         rows = np.isin(poses.variant_index, variants)
-        found[rows] = lat_lon_alt(origin, enu_m[rows])
-    return found
+        lat_lon_alts[rows] = lat_lon_alt(origin, enu_m[rows])
+    return lat_lon_alts
 
 
 POSITION, ROTATION, ELEVATION = slice(0, 3), slice(3, 6), 6
 INTRINSICS = slice(7, None)
 FOCAL, PRINCIPAL_POINT, DISTORTION = slice(7, 9), slice(9, 11), slice(11, None)
 
-_LEVEL = 1e-9  # rad: what comes down by less, comes down nowhere
+_MIN_DEPRESSION_RAD = 1e-9  # rays closer to the horizontal never reach the ground
 
 Codes = npt.NDArray[np.uint8]
 Rows = int | slice | tuple[int | slice | IntArray, ...]
 
 
 def shared_count(camera: Camera) -> int:
-    """How many errors all points of an image have in common."""
+    """Number of errors that all points of an image share."""
     return INTRINSICS.start + len(intrinsics_covariance(camera))
 
 
 @dataclass(frozen=True, slots=True)
 class GroundPoints:
-    """Ground points of pixels.
+    """Ground points of pixels with their Jacobians.
 
     Attributes:
         points_enu_m: ``(..., 3)``; NaN where ``status`` is not ok.
         jac_shared: ``(..., 3, s)``, see the module.
         jac_px: ``(..., 3, 2)`` by the point's own pixel.
         status: ``(...)`` indices into ``CODES``.
-        depression_rad: ``(...)`` of the ray below the horizon; negative above it.
+        depression_rad: ``(...)`` angle of the ray below the horizon; negative above it.
     """
 
     points_enu_m: FloatArray
@@ -140,14 +140,14 @@ class GroundPoints:
     status: Codes
     depression_rad: FloatArray
 
-    def of_images(self, columns: IntArray) -> "GroundPoints":
-        """Points ``(n, *columns.shape)`` of those ``(n, k)`` of several images; no copies where all are in order."""
-        wanted = columns.ravel()
-        if np.array_equal(wanted, np.arange(wanted[0], wanted[0] + len(wanted))):
-            some = self[:, wanted[0] : wanted[0] + len(wanted)]
+    def take(self, columns: IntArray) -> "GroundPoints":
+        """Points ``(n, *columns.shape)`` of ``(n, k)`` by their columns; a view where these are consecutive."""
+        indices = columns.ravel()
+        if np.array_equal(indices, np.arange(indices[0], indices[0] + len(indices))):
+            selected = self[:, indices[0] : indices[0] + len(indices)]
         else:
-            some = self[:, wanted]
-        parts = (getattr(some, each.name) for each in fields(some))
+            selected = self[:, indices]
+        parts = (getattr(selected, each.name) for each in fields(selected))
         return GroundPoints(*(part.reshape(len(part), *columns.shape, *part.shape[2:]) for part in parts))
 
     def __getitem__(self, rows: Rows | None) -> "GroundPoints":
@@ -162,7 +162,7 @@ class GroundPoints:
 
 @dataclass(frozen=True, slots=True)
 class _GroundContact:
-    """Where rays meet the ground, and what that depends on; as ``ground.GroundHits`` and ``GroundJacobians``."""
+    """Ground points of rays and their Jacobians, as ``ground.GroundHits`` and ``GroundJacobians``."""
 
     points_enu_m: FloatArray
     by_direction: FloatArray
@@ -173,7 +173,7 @@ class _GroundContact:
 
 @dataclass(frozen=True, slots=True)
 class PixelRays:
-    """Rays of pixels in camera axes, and what they depend on.
+    """Rays of pixels in camera axes with their Jacobians.
 
     Attributes:
         rays_cam: ``(..., 3)``, see ``lens.Rays``.
@@ -188,7 +188,7 @@ class PixelRays:
 
 @dataclass(frozen=True, slots=True)
 class Directions:
-    """Ray directions in ENU ``(..., 3)``, and derivatives by the shared errors and by the pixels."""
+    """Ray directions in ENU ``(..., 3)`` with Jacobians by the shared errors and by the pixels."""
 
     directions_enu: FloatArray
     jac_shared: FloatArray
@@ -204,17 +204,17 @@ def project(
     ground: Ground | None = None,
     magnification: FloatArray | None = None,
 ) -> GroundPoints:
-    """Meet the rays of pixels with the surface that lies ``elevation_m`` above the ground.
+    """Intersect the rays of pixels with the surface ``elevation_m`` above the ground.
 
     Args:
         camera: The camera.
         pose: One pose, or ``(n,)``. Its position's third component is the height above the elevation 0.
-        pixels_px: ``(..., 2)`` of one pose; of several ``(k, 2)`` that all share, or ``(n, k, 2)``. Anything outside
-            the image is ``OUT_OF_IMAGE``.
+        pixels_px: ``(..., 2)`` of one pose; ``(k, 2)`` or ``(n, k, 2)`` of ``(n,)``. Outside the image:
+            ``OUT_OF_IMAGE``.
         elevation_m: Height of the measured surface, ``(...)``, ``(k,)`` or ``(n, k)``.
-        model: ``pinhole`` or the paper's ``dft``, which knows level ground only.
-        ground: What the elevation is counted from; None for the level plane at 0.
-        magnification: ``(n,)`` focal lengths of several poses' images over those of the camera; None for 1.
+        model: ``pinhole``, or the paper's ``dft``, which is for level ground only.
+        ground: Ground below the elevation; None for the level plane at 0.
+        magnification: ``(n,)`` focal lengths of the images over the camera's; None for 1.
 
     Returns:
         The points, in ENU, with Jacobians, ``(...)`` or ``(n, k)``; misses are NaN with a status.
@@ -224,35 +224,35 @@ def project(
     elevation = np.broadcast_to(np.asarray(elevation_m, dtype=np.float64), shape)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         if model is ProjectionModel.PINHOLE:
-            found = _pinhole(pixel_rays(camera, pixels, magnification), pose, elevation, ground)
+            projected = _pinhole(pixel_rays(camera, pixels, magnification), pose, elevation, ground)
         else:
-            found = _dft(camera, pose, pixels, elevation, magnification)
+            projected = _dft(camera, pose, pixels, elevation, magnification)
     size = np.array([camera.width_px, camera.height_px])
     inside = np.all((pixels >= -PIXEL_CENTRE_OFFSET_PX) & (pixels <= size - PIXEL_CENTRE_OFFSET_PX), axis=-1)
-    status = np.where(inside, found.status, CODE_OF[Status.OUT_OF_IMAGE]).astype(np.uint8)
-    points = np.where((status == CODE_OF[Status.OK])[..., None], found.points_enu_m, np.nan)
-    return GroundPoints(points, found.jac_shared, found.jac_px, status, found.depression_rad)
+    status = np.where(inside, projected.status, CODE_OF[Status.OUT_OF_IMAGE]).astype(np.uint8)
+    points = np.where((status == CODE_OF[Status.OK])[..., None], projected.points_enu_m, np.nan)
+    return GroundPoints(points, projected.jac_shared, projected.jac_px, status, projected.depression_rad)
 
 
 def pixel_rays(camera: Camera, pixels_px: FloatArray, magnification: FloatArray | None = None) -> PixelRays:
-    """Rays of ``pixels_px (..., 2)``; of ``(k, 2)`` or ``(n, k, 2)`` where each of ``n`` images has a magnification."""
+    """Rays of ``pixels_px (..., 2)``; ``(k, 2)`` or ``(n, k, 2)`` with the magnifications ``(n,)`` of images."""
     if magnification is None:
         rays = rays_with_jacobian(camera, pixels_px)
         return PixelRays(rays.rays_cam, rays.jac_px, rays_by_intrinsics(camera, pixels_px))
-    # Seen with longer focal lengths, a pixel has the ray that one nearer to the principal point has without.
-    centre, nearer = np.array([camera.cx_px, camera.cy_px]), magnification[:, None, None]
-    moved_px = np.where(nearer == 1.0, pixels_px, centre + (pixels_px - centre) / nearer)
-    rays, by_intrinsics = rays_with_jacobian(camera, moved_px), rays_by_intrinsics(camera, moved_px).copy()
-    by_intrinsics[..., :PINHOLE_PARAMETERS] /= nearer[..., None]
-    return PixelRays(rays.rays_cam, rays.jac_px / nearer[..., None], by_intrinsics)
+    # A pixel of a zoomed image has the ray of the pixel nearer to the principal point in an unzoomed one.
+    centre, scale = np.array([camera.cx_px, camera.cy_px]), magnification[:, None, None]
+    unzoomed_px = np.where(scale == 1.0, pixels_px, centre + (pixels_px - centre) / scale)
+    rays, by_intrinsics = rays_with_jacobian(camera, unzoomed_px), rays_by_intrinsics(camera, unzoomed_px).copy()
+    by_intrinsics[..., :PINHOLE_PARAMETERS] /= scale[..., None]
+    return PixelRays(rays.rays_cam, rays.jac_px / scale[..., None], by_intrinsics)
 
 
 def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
-    """Rays ``(..., 3)`` of one pose, or ``(k, 3)`` or ``(n, k, 3)`` of ``(n,)`` poses, in ENU."""
+    """Directions in ENU ``(..., 3)`` of rays of one pose; ``(k, 3)`` or ``(n, k, 3)`` of poses ``(n,)``."""
     rotation = _per_point(pose, matrix(pose.wxyz))
     directions = rotate(rotation, rays.rays_cam)
-    itself, none = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
-    by = itself, none, np.zeros(directions.shape)
+    by_direction, by_position = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
+    by = by_direction, by_position, np.zeros(directions.shape)
     return Directions(directions, *_ground_jacobians(rotation, rays, by))
 
 
@@ -263,40 +263,40 @@ def _pinhole(rays: PixelRays, pose: Pose, elevation: FloatArray, ground: Ground 
     contact = (
         _level(position, direction, elevation) if ground is None else _uneven(position, direction, elevation, ground)
     )
-    shared, own = _ground_jacobians(rotation, rays, (contact.by_direction, contact.by_position, contact.by_elevation))
-    return GroundPoints(contact.points_enu_m, shared, own, contact.status, depression)
+    shared, by_px = _ground_jacobians(rotation, rays, (contact.by_direction, contact.by_position, contact.by_elevation))
+    return GroundPoints(contact.points_enu_m, shared, by_px, contact.status, depression)
 
 
 def _per_point(pose: Pose, values: FloatArray) -> FloatArray:
-    """What there is one of for each pose, over all points of its image."""
+    """Values of each pose with an axis for the points of its image."""
     return values if pose.wxyz.ndim == 1 else values[:, None]
 
 
 def _ground_jacobians(
     rotation: FloatArray, rays: PixelRays, by: tuple[FloatArray, FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """``GroundPoints.jac_shared`` and ``jac_px`` of what depends on rays.
+    """``jac_shared`` and ``jac_px`` of points that depend on rays.
 
     Args:
         rotation: ``(..., 3, 3)`` from the camera's axes to ENU.
         rays: The rays.
-        by: What depends on them, by their direction, the camera's position ``(..., 3, 3)``, and elevation ``(..., 3)``.
+        by: Derivatives of the points by direction and position ``(..., 3, 3)`` and by elevation ``(..., 3)``.
     """
     by_direction, by_position, by_elevation = by
-    # To a small rotation in its axes, a ray answers with the rows of its cross-product matrix.
+    # A small rotation w in camera axes moves a ray r by w x r = -skew(r) w.
     by_errors = np.concatenate([-skew(rays.rays_cam), rays.by_intrinsics, rays.by_px], axis=-1)
-    turn = rotation if rotation.ndim == 2 else rotation[:, 0]  # noqa: PLR2004 - one for each image
-    by_ray = (by_direction.reshape(*turn.shape[:-2], -1, 3) @ turn).reshape(by_direction.shape)
-    found = by_ray @ by_errors
+    image_rotation = rotation if rotation.ndim == 2 else rotation[:, 0]  # noqa: PLR2004 - one for each image
+    by_ray = (by_direction.reshape(*image_rotation.shape[:-2], -1, 3) @ image_rotation).reshape(by_direction.shape)
+    by_all = by_ray @ by_errors
     intrinsics = slice(3, by_errors.shape[-1] - 2)
     shared = np.empty((*by_elevation.shape, INTRINSICS.start + rays.by_intrinsics.shape[-1]))
-    shared[..., POSITION], shared[..., ROTATION] = by_position, found[..., :3]
-    shared[..., ELEVATION], shared[..., INTRINSICS] = by_elevation, found[..., intrinsics]
-    return shared, np.ascontiguousarray(found[..., intrinsics.stop :])
+    shared[..., POSITION], shared[..., ROTATION] = by_position, by_all[..., :3]
+    shared[..., ELEVATION], shared[..., INTRINSICS] = by_elevation, by_all[..., intrinsics]
+    return shared, np.ascontiguousarray(by_all[..., intrinsics.stop :])
 
 
 def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -> _GroundContact:
-    """Where rays meet level ground, and the Jacobians of that; derivatives also where the ray goes up."""
+    """Intersection of rays with level ground, and its Jacobians, finite also for rays that go up."""
     down = direction[..., 2]
     reach = (elevation - position[..., 2]) / down
     points = position + reach[..., None] * direction
@@ -320,8 +320,8 @@ def _dft(
 ) -> GroundPoints:
     tilt, _, heading = (_per_point(pose, angle) for angle in camera_angles(pose.wxyz))
     position = _per_point(pose, pose.position_enu_m)
-    nearer = 1.0 if magnification is None else magnification[:, None]
-    fx_px, fy_px = nearer * camera.fx_px, nearer * camera.fy_px
+    scale = 1.0 if magnification is None else magnification[:, None]
+    fx_px, fy_px = scale * camera.fx_px, scale * camera.fy_px
     hfov, vfov = 2 * np.arctan(camera.width_px / 2 / fx_px), 2 * np.arctan(camera.height_px / 2 / fy_px)
     height = position[..., 2] - elevation
     step_h, step_v = hfov / camera.width_px, vfov / camera.height_px
@@ -344,16 +344,16 @@ def _dft(
     shared[..., :2, 0:2] = np.eye(2)
     shared[..., :2, 2] = by_height
     shared[..., :2, 3], shared[..., :2, 4] = by_psi, by_phi
-    across, up = phi / step_h, (psi - tilt) / step_v  # pixel offsets from the image's centre
-    shared[..., :2, 5] = by_phi * (up * step_h)[..., None] - by_psi * (across * step_v)[..., None]
-    # Turned about the vertical, clockwise, points go round the foot: exactly, whatever the equations make of a pixel.
+    columns, rows = phi / step_h, (psi - tilt) / step_v  # pixel offsets from the image's centre
+    shared[..., :2, 5] = by_phi * (rows * step_h)[..., None] - by_psi * (columns * step_v)[..., None]
+    # A clockwise rotation about the vertical moves points around the foot exactly, whatever the paper's approximations.
     down = -_per_point(pose, matrix(pose.wxyz)[..., 2, :])
     by_heading = np.stack([from_foot[..., 1], -from_foot[..., 0]], axis=-1)
     by_heading -= (shared[..., :2, ROTATION] @ down[..., None])[..., 0]
     shared[..., :2, ROTATION] += by_heading[..., None] * down[..., None, :]
-    # Angles are in proportion to the field of view, 2 atan(width / 2 f).
-    shared[..., :2, 7] = -by_phi * (across / (fx_px**2 + (camera.width_px / 2) ** 2))[..., None]
-    shared[..., :2, 8] = -by_psi * (up / (fy_px**2 + (camera.height_px / 2) ** 2))[..., None]
+    # The paper's angles are proportional to the field of view, 2 atan(width / 2 f).
+    shared[..., :2, 7] = -by_phi * (columns / (fx_px**2 + (camera.width_px / 2) ** 2))[..., None]
+    shared[..., :2, 8] = -by_psi * (rows / (fy_px**2 + (camera.height_px / 2) ** 2))[..., None]
     shared[..., :2, ELEVATION] = -by_height
     shared[..., 2, ELEVATION] = 1.0
     jac_px = np.zeros((*elevation.shape, 3, 2))
@@ -365,9 +365,9 @@ def _dft(
 
 
 def _level_status(camera_up_m: FloatArray, elevation: FloatArray, down: FloatArray) -> Codes:
-    """By anything that is positive for rays that go down, and NaN where there is no ray."""
+    """Statuses on level ground; ``down`` is positive for rays that go down, NaN without a ray."""
     return np.select(
-        np.broadcast_arrays(np.isnan(down), elevation >= camera_up_m, down <= _LEVEL),
+        np.broadcast_arrays(np.isnan(down), elevation >= camera_up_m, down <= _MIN_DEPRESSION_RAD),
         [CODE_OF[status] for status in (Status.BEYOND_LENS_MODEL, Status.BELOW_SURFACE, Status.ABOVE_HORIZON)],
         default=CODE_OF[Status.OK],
     ).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What is asked of the engine: the station's circumstances, and one probe with its pixels."""
+"""Input of the engine: a station's setup, and requests, each a probe with its pixels."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -12,13 +12,13 @@ from aerodft.model import Camera, FloatArray, IntArray, PoseSample, Probe, Probe
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What all measurements of a station share.
+    """Camera, model, ground and limits, common to all measurements of a station.
 
     Attributes:
         camera: The camera.
         model: Projection model.
-        ground: What probes' elevations are counted from; None for the level plane at 0. The dft model knows no other.
-        elevation_m: Height of the measured surface above the ground for what is no probe: whole images.
+        ground: Ground below the probes' elevations; None for the level plane at 0, the dft model's only one.
+        elevation_m: Height of the measured surface above the ground for whole images (probes have their own).
         elevation_std_m: Its standard deviation.
         max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
         config_id: Named in every measurement.
@@ -35,11 +35,11 @@ class Setup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """One probe with the pixels that it has in this image.
+    """A probe with its pixels in an image or in each of ``n`` images.
 
     Attributes:
         probe: The probe.
-        pixels: ``(q, 2)`` its pixels; ``(n, q, 2)`` where each of ``n`` images has its own.
+        pixels: ``(q, 2)``, or ``(n, q, 2)`` where each image has its own.
         std_px: Of each pixel coordinate.
         on_top_of: A ``height`` in the same image: the probe lies in the level plane through that object's top.
     """
@@ -51,23 +51,23 @@ class Request:
 
     @property
     def pixels_px(self) -> FloatArray:
-        """The pixels as an array."""
+        """The pixels as an array ``(q, 2)`` or ``(n, q, 2)``."""
         return np.asarray(self.pixels, dtype=np.float64)
 
     @property
     def count(self) -> int:
-        """How many pixels it has in each image."""
+        """Number of pixels in each image."""
         return len(self.pixels) if isinstance(self.pixels, tuple) else self.pixels.shape[-2]
 
     def rows(self, rows: IntArray) -> "Request":
-        """The request in some of its images ``(m,)``, by their indices."""
-        below = None if self.on_top_of is None else self.on_top_of.rows(rows)
+        """The request in images ``(m,)`` by their indices."""
+        support = None if self.on_top_of is None else self.on_top_of.rows(rows)
         if isinstance(self.pixels, np.ndarray) and self.pixels.ndim > 2:  # noqa: PLR2004 - each image has its own
-            return replace(self, pixels=self.pixels[rows], on_top_of=below)
-        return self if below is self.on_top_of else replace(self, on_top_of=below)
+            return replace(self, pixels=self.pixels[rows], on_top_of=support)
+        return self if support is self.on_top_of else replace(self, on_top_of=support)
 
     def pixels_of(self, row: int) -> tuple[tuple[float, float], ...]:
-        """Its pixels in one image."""
+        """The pixels in one image."""
         if isinstance(self.pixels, tuple):
             return self.pixels
         pixels = self.pixels.reshape(-1, *self.pixels.shape[-2:])
@@ -75,10 +75,10 @@ class Request:
 
 
 def zoomed(setup: Setup, sample: PoseSample) -> tuple[Setup, PoseSample]:
-    """A setup with the camera as it was at a sample's stamp, and the sample; for what looks at whole images.
+    """Setup and sample with the camera zoomed as at the sample's stamp, for work on whole images.
 
-    Where pose and lens were calibrated together, the covariance of their errors is in pixels of the file's focal
-    lengths: it is turned into pixels of the zoomed ones.
+    The covariance of pose and lens errors, where calibrated together, is scaled from the camera file's focal lengths to
+    the zoomed ones.
     """
     zoom, pose = sample.zoom, sample.pose
     if zoom is None:
@@ -92,14 +92,14 @@ def zoomed(setup: Setup, sample: PoseSample) -> tuple[Setup, PoseSample]:
 
 
 def link_requests(requests: Iterable[Request], heights: Iterable[Request] = ()) -> tuple[Request, ...]:
-    """The requests, each with what its probe says that it lies on top of.
+    """Requests with ``on_top_of`` set to the ``height`` requests that their probes name.
 
     Args:
-        requests: Of one image.
-        heights: More of the same image, to lie on top of.
+        requests: Requests of one image.
+        heights: Further ``height`` requests of that image.
 
     Raises:
-        ValueError: There is no such ``height`` in the image, or it lies on top of something itself.
+        ValueError: There is no such ``height`` in the image, or it is itself on top of another object.
     """
     requests = tuple(requests)
     heights_by_name = {

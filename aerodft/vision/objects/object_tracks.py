@@ -23,8 +23,8 @@ from aerodft.dft import (
     Setup,
     ellipses95,
     lat_lon_alt,
-    of_one_image,
     shared_covariance,
+    single_image_batch,
     to_ground_frame,
     zoomed,
 )
@@ -85,7 +85,7 @@ class ObjectTracks:
         """
         pose = sample.pose
         if pose is None or sample.status is not Status.OK:
-            nothing = MeasurementColumn.of_one("m/s", sample.status, sample.reasons)
+            nothing = MeasurementColumn.single("m/s", sample.status, sample.reasons)
             missed = [(_request(track.name, ProbeKind.TRACK, ()), nothing) for track in self._tracks.confirmed]
             return self._answers(setup, sample, image, missed)
         setup, sample = zoomed(setup, sample)
@@ -115,7 +115,7 @@ class ObjectTracks:
         if not found:
             return None
         requests = tuple(request for request, _ in found)
-        return of_one_image(setup, sample, image, requests, tuple(column for _, column in found))
+        return single_image_batch(setup, sample, image, requests, tuple(column for _, column in found))
 
 
 def _request(name: str, kind: ProbeKind, pixels: tuple[FloatArray, ...], std_px: float = 1.0) -> Request:
@@ -164,7 +164,7 @@ def _track_answer(at: _PlacedTrack, sample: PoseSample, pose: Pose, shared: Floa
     range_m = float(np.linalg.norm(at.enu_m - pose.position_enu_m))
     if not math.sqrt(max(np.linalg.eigvalsh(cov_enu))) <= MAX_RELATIVE_RANGE_STD * range_m:
         sentence = f"{at.track.name} is {range_m:.1f} m away: too near the horizon for a place"
-        return MeasurementColumn.of_one("m/s", Status.ILL_CONDITIONED, (sentence,))
+        return MeasurementColumn.single("m/s", Status.ILL_CONDITIONED, (sentence,))
     numbers = {"ellipse95": ellipses95(cov_enu), **_places(sample, pose, at.enu_m[None], cov_enu)}
     return _column("m/s", sample, at.track, numbers, (speed, std))
 
@@ -197,11 +197,11 @@ def _column(
     if track.hidden:
         since_s = (sample.stamp_ns - track.seen_ns) / SECOND_NS
         reasons = (f"{track.name}: {track.hidden} for {since_s:.1f} s", *sample.reasons)
-        return MeasurementColumn.of_one(unit, Status.OCCLUDED, reasons, numbers)
+        return MeasurementColumn.single(unit, Status.OCCLUDED, reasons, numbers)
     value, std = scalar
     ends = np.array([max(value - Z95 * std, 0.0), value + Z95 * std])
     numbers |= {"value": np.array(value), "std": np.array(std), "ci95": ends}
-    return MeasurementColumn.of_one(unit, Status.OK, sample.reasons, numbers)
+    return MeasurementColumn.single(unit, Status.OK, sample.reasons, numbers)
 
 
 def _places(sample: PoseSample, pose: Pose, enu_m: FloatArray, cov_enu_m2: FloatArray) -> dict[str, FloatArray]:

@@ -2,18 +2,22 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
 import orjson
+from pydantic import model_validator
 
-from aerodft.adapters.config.tables import impossible
+from aerodft.adapters.config.reading import validated
+from aerodft.adapters.config.tables import Many, Real, SiAttribute, Table, impossible
 from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
-from aerodft.conventions import LARGEST
-from aerodft.errors import ConfigError, InputError
+from aerodft.errors import InputError, located
 from aerodft.model import FloatArray
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...]
+
+POSE_ROWS: Final = "east, north, up, then rotation about the camera's x, y, z"
+"""What the rows of a pose's covariance are about."""
 
 _ROUNDING = 1e-6
 """Of the correlations: rows that were printed with seven digits still pass."""
@@ -21,46 +25,43 @@ _ROUNDING = 1e-6
 _ROWS = "a JSON list of rows, each a list of numbers"
 
 
-def checked_covariance(
-    rows: Sequence[Sequence[float]] | FloatArray, size: int, *, where: object, key: str = "covariance", of: str = ""
-) -> FloatArray:
-    """A stated covariance as a matrix that is finite, symmetric and positive semidefinite.
+def check_covariance(rows: Rows | None, size: int, of: str, key: str = "covariance") -> None:
+    """Refuse a covariance that is not symmetric and positive semidefinite (for validators).
 
     Singular ones are fine: something is known exactly.
 
     Args:
-        rows: The covariance as it was stated.
+        rows: The covariance as it was stated, of finite numbers; None passes.
         size: How many rows of how many numbers it must have.
-        where: File that it was stated in, for messages.
-        key: What the covariance is called there.
         of: What its rows are about, for messages.
-
-    Returns:
-        ``(size, size)``, exactly symmetric; unchanged where it was that already.
-
-    Raises:
-        ConfigError: The rows are no covariance; names the entry.
+        key: What the covariance is called.
     """
-    shape = f"{size} rows of {size} numbers" + (f" ({of})" if of else "")
+    if rows is None:
+        return
     lengths = [len(row) for row in rows]
     if lengths != [size] * size:
         wrong = next((i for i, length in enumerate(lengths) if length != size), None)
         got = f"{len(lengths)} rows" if len(lengths) != size or wrong is None else f"{lengths[wrong]} in [{wrong}]"
-        raise ConfigError(key, where=where, got=got, expected=shape)
+        raise impossible(key, got=got, expected=f"{size} rows of {size} numbers ({of})")
     cov = np.array(rows, dtype=np.float64)
-    sound = np.abs(cov) <= LARGEST  # no number is not
-    if not np.all(sound):
-        raise ConfigError(key, where=where, got=_entry(cov, ~sound), expected=f"numbers up to {LARGEST:g}")
     if np.any(np.diag(cov) < 0):
         got = _entry(cov, np.diag(np.diag(cov) < 0))
-        raise ConfigError(key, where=where, got=got, expected="variances of 0 or more on its diagonal")
+        raise impossible(key, got=got, expected="variances of 0 or more on its diagonal")
     stds = np.sqrt(np.diag(cov))
     uneven = np.abs(cov - cov.T) > _ROUNDING * np.outer(stds, stds)
     if np.any(uneven):
         got = f"{_entry(cov, uneven)} and {_entry(cov.T, uneven, mirrored=True)}"
-        raise ConfigError(key, where=where, got=got, expected="the same number twice: it is symmetric")
-    _check_definite(cov, stds, where, key)
-    return np.asarray((cov + cov.T) / 2)
+        raise impossible(key, got=got, expected="the same number twice: it is symmetric")
+    exact = stds == 0
+    tied = (exact[:, None] | exact) & (cov != 0)
+    if np.any(tied):
+        expected = "0 in the rows and columns of what has no variance"
+        raise impossible(key, got=_entry(cov, tied), expected=expected)
+    scale = np.where(exact, 1.0, stds)
+    lowest = float(np.linalg.eigvalsh(cov / np.outer(scale, scale))[0])
+    if lowest < -_ROUNDING:
+        expected = "none below 0: no combination of errors has a negative variance"
+        raise impossible(key, got=f"correlations with an eigenvalue of {lowest:.4g}", expected=expected)
 
 
 def check_lens_covariance(covariance: Rows | None, lens: Rows | None, count: int = 6) -> None:
@@ -74,26 +75,19 @@ def check_lens_covariance(covariance: Rows | None, lens: Rows | None, count: int
         raise impossible("lens_covariance", got=f"{len(lens)} rows", expected=expected)
 
 
+def symmetric(rows: Sequence[Sequence[float]]) -> FloatArray:
+    """A checked covariance ``(n, n)``, exactly symmetric; unchanged where it was that already."""
+    cov = np.array(rows, dtype=np.float64)
+    return np.asarray((cov + cov.T) / 2)
+
+
 def as_rows(cov: FloatArray) -> Rows:
     """A covariance ``(n, n)`` as rows of plain numbers."""
     return tuple(tuple(row) for row in cov.tolist())
 
 
-def _check_definite(cov: FloatArray, stds: FloatArray, where: object, key: str) -> None:
-    exact = stds == 0
-    tied = (exact[:, None] | exact) & (cov != 0)
-    if np.any(tied):
-        expected = "0 in the rows and columns of what has no variance"
-        raise ConfigError(key, where=where, got=_entry(cov, tied), expected=expected)
-    scale = np.where(exact, 1.0, stds)
-    lowest = float(np.linalg.eigvalsh(cov / np.outer(scale, scale))[0])
-    if lowest < -_ROUNDING:
-        raise ConfigError(
-            key,
-            where=where,
-            got=f"correlations with an eigenvalue of {lowest:.4g}",
-            expected="none below 0: no combination of errors has a negative variance",
-        )
+COVARIANCE: Final = SiAttribute(into=lambda rows: as_rows(symmetric(rows or ())), out=lambda rows: rows or None)
+"""Of a key: its rows exactly symmetric, none where it is left out."""
 
 
 def _entry(cov: FloatArray, bad: np.ndarray, *, mirrored: bool = False) -> str:
@@ -103,11 +97,20 @@ def _entry(cov: FloatArray, bad: np.ndarray, *, mirrored: bool = False) -> str:
     return f"{place} = {float(cov[row, column])!r}"
 
 
+class _PoseCovariance(Table):
+    covariance: Many[Many[Real]]
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Self:
+        check_covariance(self.covariance, 6, POSE_ROWS)
+        return self
+
+
 def load_covariance(path: Path) -> FloatArray:
     """Read a pose's covariance ``(6, 6)`` from a JSON file: a list of rows.
 
     Raises:
-        InputError: Missing, unreadable, or none; see ``checked_covariance``.
+        InputError: Missing, unreadable, or none; see ``check_covariance``.
     """
     try:
         check_is_no_pipe(path)
@@ -115,13 +118,8 @@ def load_covariance(path: Path) -> FloatArray:
     except OSError:
         raise InputError("the covariance cannot be read", where=path, got=looks_like(path), expected=_ROWS) from None
     try:
-        rows = orjson.loads(data)
+        rows: Any = orjson.loads(data)
     except orjson.JSONDecodeError:
         raise InputError("not JSON", where=path, got=content_looks_like(data[:512]), expected=_ROWS) from None
-    if not (isinstance(rows, list) and rows and all(isinstance(row, list) and row for row in rows)):
-        raise InputError("holds no covariance", where=path, got=content_looks_like(data[:512]), expected=_ROWS)
-    for i, row in enumerate(rows):
-        for j, value in enumerate(row):
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise InputError(f"[{i}][{j}]", where=path, got=orjson.dumps(value).decode(), expected="a number")
-    return checked_covariance(rows, 6, where=path)
+    with located(path):
+        return symmetric(validated(_PoseCovariance, {"covariance": rows}).covariance)

@@ -73,12 +73,11 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def parse_toml(data: bytes, where: str) -> dict[str, Any]:
+def parse_toml(data: bytes) -> dict[str, Any]:
     """TOML to plain values.
 
     Args:
         data: The file's bytes.
-        where: The file's name in messages.
 
     Raises:
         ConfigError: Not UTF-8 text, empty, or a syntax error (with its line).
@@ -86,17 +85,17 @@ def parse_toml(data: bytes, where: str) -> dict[str, Any]:
     try:
         document = tomllib.loads(data.decode())
     except UnicodeDecodeError:
-        raise ConfigError("not a text file", where=where, got=content_looks_like(data), expected="TOML") from None
+        raise ConfigError("not a text file", got=content_looks_like(data), expected="TOML") from None
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"TOML syntax: {error}", where=where, hint="correct that line") from None
+        raise ConfigError(f"TOML syntax: {error}", hint="correct that line") from None
     except ValueError:  # more digits than Python converts
-        raise ConfigError("TOML syntax: an integer of too many digits", where=where, expected=_INTEGERS) from None
+        raise ConfigError("TOML syntax: an integer of too many digits", expected=_INTEGERS) from None
     except RecursionError:
-        raise ConfigError("TOML syntax: too many brackets within each other", where=where) from None
+        raise ConfigError("TOML syntax: too many brackets within each other") from None
     if _has_huge_integer(document):
-        raise ConfigError("TOML: an integer that is too large", where=where, expected=_INTEGERS)
+        raise ConfigError("TOML: an integer that is too large", expected=_INTEGERS)
     if not document:
-        raise ConfigError("holds no keys", where=where, got=content_looks_like(data), expected="TOML tables and keys")
+        raise ConfigError("holds no keys", got=content_looks_like(data), expected="TOML tables and keys")
     return document
 
 
@@ -109,13 +108,12 @@ def _has_huge_integer(value: object) -> bool:
     return isinstance(value, int) and value.bit_length() >= _INTEGER_BITS
 
 
-def validated(model: type[TableT], document: object, where: str, prefix: str = "") -> TableT:
+def validated(model: type[TableT], document: object, prefix: str = "") -> TableT:
     """``document`` as a ``model``.
 
     Args:
         model: The table's class.
         document: Plain values from TOML.
-        where: The file's name in messages.
         prefix: Key path of the table in its file, with a trailing dot; empty for the file's root.
 
     Raises:
@@ -129,20 +127,16 @@ def validated(model: type[TableT], document: object, where: str, prefix: str = "
     problem = min(found, key=lambda each: each["type"] != "extra_forbidden")
     loc = problem["loc"]
     if problem["type"] == "extra_forbidden":
-        raise _unknown_key(model, loc, f"{where}: {prefix}")
+        raise _unknown_key(model, loc, prefix)
     context: dict[str, Any] = problem.get("ctx", {})
     key = prefix + dotted((*loc, *([context["key"]] if context.get("key") else [])))
     if problem["type"] == "impossible":
         raise ConfigError(
-            key.rstrip(".") or "its keys",
-            where=where,
-            got=context["got"],
-            expected=context["expected"],
-            hint=context["hint"],
+            key.rstrip(".") or "its keys", got=context["got"], expected=context["expected"], hint=context["hint"]
         )
     expected = _EXPECTED[problem["type"]].format(**context) if problem["type"] in _EXPECTED else problem["msg"]
     got = "nothing" if problem["type"] == "missing" else shown(problem["input"])
-    raise ConfigError(key, where=where, got=got, expected=expected)
+    raise ConfigError(key, got=got, expected=expected)
 
 
 def dotted(loc: tuple[int | str, ...]) -> str:
@@ -164,17 +158,17 @@ def shown(value: object) -> str:
     return repr(value)
 
 
-def _unknown_key(model: type[BaseModel], loc: tuple[int | str, ...], where: str) -> ConfigError:
+def _unknown_key(model: type[BaseModel], loc: tuple[int | str, ...], prefix: str) -> ConfigError:
     names = _names_at(model, loc[:-1])
     key = str(loc[-1])
-    full = where + dotted(loc)
+    what = f"{prefix}{dotted(loc)}: unknown key"
     meant = _same_quantity(key, names)
     if meant and _split_unit(key)[1]:
         unit = _UNITS[_split_unit(meant)[1]]
-        return ConfigError("unknown key", where=full, expected=f"{meant} (in {unit})", hint=f"write {meant}")
+        return ConfigError(what, expected=f"{meant} (in {unit})", hint=f"write {meant}")
     close = meant or next(iter(difflib.get_close_matches(key, names, n=1, cutoff=0.6)), "")
     hint = f"did you mean {close}?" if close else f"known keys here are {', '.join(names)}"
-    return ConfigError("unknown key", where=full, hint=hint)
+    return ConfigError(what, hint=hint)
 
 
 def _same_quantity(key: str, names: list[str]) -> str:

@@ -106,6 +106,32 @@ class Table(BaseModel):
         return found | {key: value for key, value in document.items() if key not in cls.model_fields}
 
 
+class FromFile(Table):
+    """A table that names a file, or has in its place all that such a file would hold."""
+
+    model_config = ConfigDict(extra="allow")
+
+    file: Annotated[str, Field(min_length=1)] | None = None
+
+    @property
+    def contents(self) -> dict[str, Any]:
+        """Plain values from TOML, as such a file has them."""
+        return self.model_extra or {}
+
+    @classmethod
+    def from_contents(cls, contents: dict[str, Any], **keys: object) -> Self:
+        """The table that has in it what a file would hold, beside keys of its own."""
+        return cls.model_validate(keys | contents)
+
+    @model_validator(mode="after")
+    def _file_alone(self) -> Self:
+        if self.file is not None and self.model_extra:
+            own = " and ".join(type(self).model_fields)
+            key = next(iter(self.model_extra))
+            raise impossible(key, got="it beside file", expected=f"{own} alone, or what such a file holds")
+        return self
+
+
 class Uncertain(Table, Generic[Quantity]):
     """A quantity with its standard deviation in the same unit; a bare number is one without."""
 

@@ -22,12 +22,11 @@ def default_outputs() -> dict[str, Table]:
     return {kind.TABLE: kind.DEFAULT for kind in OUTPUTS if kind.DEFAULT is not None}
 
 
-def outputs_from(document: dict[str, Any], where: str) -> dict[str, Table]:
+def outputs_from(document: dict[str, Any]) -> dict[str, Table]:
     """Take the tables of outputs out of a configuration.
 
     Args:
         document: The configuration as TOML keys; loses these tables.
-        where: The file's name in messages.
 
     Returns:
         The settings of each output, by its table.
@@ -36,7 +35,7 @@ def outputs_from(document: dict[str, Any], where: str) -> dict[str, Table]:
         ConfigError: Unknown key, or impossible value.
     """
     stated = {
-        kind.TABLE: validated(kind.MODEL, document.pop(kind.TABLE), where, f"{kind.TABLE}.")
+        kind.TABLE: validated(kind.MODEL, document.pop(kind.TABLE), f"{kind.TABLE}.")
         for kind in OUTPUTS
         if kind.TABLE in document
     }

@@ -11,7 +11,7 @@ from aerodft import model
 from aerodft.adapters.config.camera import CalibrationFile, load_calibration, pose_sample
 from aerodft.conventions import LARGEST
 from aerodft.dft import Setup
-from aerodft.errors import InputError, UsageError
+from aerodft.errors import InputError, UsageError, located
 from aerodft.geometry import Ground, Plane, camera_pose
 from aerodft.model import (
     Camera,
@@ -367,7 +367,8 @@ def _calibrated(
         raise UsageError("a calibration without a lens", where=path, expected="a camera beside it")
     flat = pose_sample(known.pose, None)
     surface, origin = _ground(ground, flat.origin)
-    sample = flat if surface is None else pose_sample(known.pose, origin, surface, str(path))
+    with located(path):
+        sample = flat if surface is None else pose_sample(known.pose, origin, surface)
     return Setup(camera=lens, model=known.model, ground=surface), sample
 
 

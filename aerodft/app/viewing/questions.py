@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from aerodft.adapters.config.evidence import GEO_KEYS, LOCAL, landmark_tables
 from aerodft.app.measure import PROBES, ImageProbe
-from aerodft.errors import UsageError
+from aerodft.errors import UsageError, located
 from aerodft.model import ProbeKind
 from aerodft.vision.river import RiverHints
 
@@ -103,7 +103,8 @@ def landmarks_in(text: object) -> dict[str, Any]:
     """
     if not isinstance(text, str):
         raise UsageError("a list of landmarks", got=repr(text)[:80], expected="the text of a CSV file or gcp_list.txt")
-    crs, tables = landmark_tables(text, "the list")
+    with located("the list"):
+        crs, tables = landmark_tables(text)
     places = [[row[key] for key in GEO_KEYS] if "position_m" not in row else row["position_m"] for row in tables]
     named = [
         {"name": str(row.get("name") or f"landmark-{number}").replace(" ", "-"), "pixel": row["pixel"], "place": place}

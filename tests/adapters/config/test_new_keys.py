@@ -36,13 +36,13 @@ class ToyTable(CameraMotionTable):
 @given(st.floats(-90, 90), st.integers(0, 10**9).map(lambda ms: ms / 1000))
 def test_a_new_key_is_read_in_si_and_written_with_its_unit(rate_dps, settle_s) -> None:
     text = f'limit_deg = 0.7\npan_rate_dps = {rate_dps!r}\nsettle_s = {settle_s}\nlabel = "a"\n'
-    table = validated(ToyTable, parse_toml(text.encode(), "toy"), "toy")
+    table = validated(ToyTable, parse_toml(text.encode()))
     settings = si_value(ToySettings, table)
     assert settings.pan_rate_radps == math.radians(rate_dps)
     assert settings.settle_ns == round(settle_s * 1e9)
     assert settings.nickname == "a"
     written = ToyTable.from_si(settings, stds=ToySettings()).to_toml()
-    again = validated(ToyTable, parse_toml(tomli_w.dumps(written).encode(), "toy"), "toy")
+    again = validated(ToyTable, parse_toml(tomli_w.dumps(written).encode()))
     assert si_value(ToySettings, again) == settings
     assert list(written)[-4:] == ["pan_rate_dps", "settle_s", "label", "sag_deg"]
 

@@ -10,9 +10,9 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from aerodft.adapters.atomic_file import write_whole
-from aerodft.adapters.config.camera.camera_file import CameraTable, camera_document, camera_from
+from aerodft.adapters.config.camera.camera_file import camera_document, camera_from
 from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
-from aerodft.adapters.config.covariance import as_rows, check_lens_covariance, checked_covariance
+from aerodft.adapters.config.covariance import as_rows, check_covariance, check_lens_covariance, symmetric
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import (
     BiasDeg,
@@ -26,8 +26,8 @@ from aerodft.adapters.config.tables import (
     impossible,
     si_value,
 )
-from aerodft.errors import InputError
-from aerodft.model import BIASES, BiasValues, Calibration, Camera, FloatArray, PoseStd, ProjectionModel
+from aerodft.errors import InputError, located
+from aerodft.model import BIASES, BiasValues, Calibration, Camera, PoseStd, ProjectionModel
 
 _IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east_m", "north_m", "time_s")
 """Attributes of ``BiasValues`` in the order of ``BIASES``."""
@@ -65,6 +65,7 @@ class BiasTable(Table):
 
     @model_validator(mode="after")
     def _covariances_fit(self) -> Self:
+        check_covariance(self.covariance, len(BIASES), ", ".join(BIASES))
         check_lens_covariance(self.covariance, self.lens_covariance, len(BIASES))
         return self
 
@@ -72,35 +73,22 @@ class BiasTable(Table):
 BiasTableT = TypeVar("BiasTableT", bound=BiasTable)
 
 
-def biases_from(bias: BiasTable, identity: str, where: str) -> Calibration:
+def biases_from(bias: BiasTable, identity: str) -> Calibration:
     """The calibration that a validated table describes.
 
     Args:
         bias: The table.
         identity: The calibration's id.
-        where: The file's name in messages.
-
-    Raises:
-        ConfigError: Its covariance is none.
     """
-    cov = _covariance(bias, where)
-    lens_cov = None if bias.lens_covariance is None else np.array(bias.lens_covariance)
+    stds = si_value(BiasValues, bias, part="std")
+    variances = np.diag(np.square([getattr(stds, attribute) for attribute in _IN_ORDER]))
     return Calibration(
         id=identity,
         bias=si_value(BiasValues, bias),
-        bias_cov=cov,
-        lens_cov=lens_cov,
+        bias_cov=variances if bias.covariance is None else symmetric(bias.covariance),
+        lens_cov=None if bias.lens_covariance is None else np.array(bias.lens_covariance),
         noise=si_value(PoseStd, bias.noise),
     )
-
-
-def _covariance(bias: BiasTable, where: str) -> FloatArray:
-    if bias.covariance is not None:
-        return checked_covariance(
-            bias.covariance, len(BIASES), where=where, key="bias.covariance", of=", ".join(BIASES)
-        )
-    stds = si_value(BiasValues, bias, part="std")
-    return np.diag(np.square([getattr(stds, attribute) for attribute in _IN_ORDER]))
 
 
 def bias_table(calibration: Calibration, kind: type[BiasTableT], **keys: str) -> BiasTableT:
@@ -172,14 +160,15 @@ def load_calibration(path: Path) -> CalibrationFile:
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
     """
-    where, data = str(path), read_bytes(path)
-    table = validated(CalibrationTable, parse_toml(data, where), where)
+    data = read_bytes(path)
     identity = f"sha256:{hashlib.sha256(data).hexdigest()}"
-    lens = None if table.camera is None else validated(CameraTable, table.camera, where, "camera.")
+    with located(path):
+        table = validated(CalibrationTable, parse_toml(data))
+        camera = None if table.camera is None else camera_from(table.camera, "camera.")
     return CalibrationFile(
-        biases=biases_from(table.bias or BiasTable(), identity, where),
-        pose=calibrated_pose_from(table.pose, identity, where) if table.pose else None,
-        camera=None if lens is None else camera_from(lens, where, "camera."),
+        biases=biases_from(table.bias or BiasTable(), identity),
+        pose=calibrated_pose_from(table.pose, identity) if table.pose else None,
+        camera=camera,
         model=table.model,
     )
 

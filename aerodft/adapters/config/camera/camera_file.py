@@ -7,10 +7,9 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.camera.library import known_cameras
-from aerodft.adapters.config.covariance import as_rows, checked_covariance
+from aerodft.adapters.config.covariance import COVARIANCE, check_covariance
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import (
-    ROWS,
     Count,
     FieldOfViewDeg,
     Focal,
@@ -24,6 +23,7 @@ from aerodft.adapters.config.tables import (
     impossible,
     si_value,
 )
+from aerodft.errors import located
 from aerodft.model import Camera, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -60,7 +60,7 @@ class CameraTable(Table):
     focal_std_px: Annotated[NonNegative, SiAttribute("std.focal_px")] = 0.0
     principal_point_std_px: Annotated[NonNegative, SiAttribute("std.principal_point_px")] = 0.0
     distortion_std: Annotated[Many[NonNegative], SiAttribute("std.distortion", out=lambda stds: stds or None)] = ()
-    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    covariance: Annotated[Many[Many[Real]] | None, COVARIANCE] = None
     mode: ModeTable | None = None
 
     @model_validator(mode="after")
@@ -87,6 +87,8 @@ class CameraTable(Table):
                 expected="intrinsics",
                 hint="a distorted lens needs fx_px, fy_px, cx_px, cy_px from a lens calibration",
             )
+        size = len(_INTRINSICS) + len(self.distortion)
+        check_covariance(self.covariance, size, "fx, fy, cx, cy, distortion")
         return self
 
     def _check_intrinsics(self) -> None:
@@ -129,23 +131,23 @@ def load_camera(path: str | Path) -> Camera:
         size_px, mode = image_size_and_mode(path)
         known = [each.camera for each in known_cameras() if each.shows(size_px, mode)]
         return known[0] if len(known) == 1 else camera_of_still(path)
-    return camera_from(validated(CameraTable, parse_toml(read_bytes(path), str(path)), str(path)), str(path))
+    with located(path):
+        return camera_from(parse_toml(read_bytes(path)))
 
 
-def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
-    """The camera that a validated table describes.
+def camera_from(document: dict[str, Any], prefix: str = "") -> Camera:
+    """The camera that a camera file's keys describe.
 
     Args:
-        table: The table.
-        where: The file's name in messages.
+        document: Plain values from TOML.
         prefix: Key path of the table in its file, with a trailing dot; empty for the file's root.
 
     Raises:
-        ConfigError: Its covariance is none.
+        ConfigError: Unknown key, impossible value.
     """
-    covariance = _covariance(table, where, prefix)
+    table = validated(CameraTable, document, prefix)
     if table.hfov_deg is None:
-        return si_value(Camera, table, covariance=covariance)
+        return si_value(Camera, table)
     width, height, hfov_rad = table.width_px, table.height_px, math.radians(table.hfov_deg)
     vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
     camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
@@ -156,15 +158,7 @@ def camera_from(table: CameraTable, where: str, prefix: str = "") -> Camera:
         fy_px=camera.fx_px if table.vfov_deg is None else camera.fy_px,
         cx_px=camera.cx_px,
         cy_px=camera.cy_px,
-        covariance=covariance,
     )
-
-
-def _covariance(table: CameraTable, where: str, prefix: str) -> tuple[tuple[float, ...], ...]:
-    if table.covariance is None:
-        return ()
-    size, of = len(_INTRINSICS) + len(table.distortion), "fx, fy, cx, cy, distortion"
-    return as_rows(checked_covariance(table.covariance, size, where=where, key=f"{prefix}covariance", of=of))
 
 
 def camera_document(camera: Camera) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from aerodft.adapters.config.covariance import as_rows, check_lens_covariance, checked_covariance
+from aerodft.adapters.config.covariance import COVARIANCE, POSE_ROWS, check_covariance, check_lens_covariance, symmetric
 from aerodft.adapters.config.tables import (
     ROWS,
     UNLESS_ZERO,
@@ -93,16 +93,13 @@ def std_of(cov: FloatArray) -> PoseStd:
     )
 
 
-def pose_sample(
-    fixed: FixedPose, origin: GeoOrigin | None, ground: Ground | None = None, where: str = ""
-) -> PoseSample:
+def pose_sample(fixed: FixedPose, origin: GeoOrigin | None, ground: Ground | None = None) -> PoseSample:
     """A fixed camera's pose as the pipeline takes it.
 
     Args:
         fixed: The pose.
         origin: The station's ENU origin; without one, the camera's foot is the origin.
         ground: What the height is counted from, right below the camera; None for the level plane at 0.
-        where: File that the pose is from, for messages.
 
     Returns:
         A sample with stamp 0, in ENU of ``origin`` where the camera's position is known, else above its own foot.
@@ -113,7 +110,7 @@ def pose_sample(
     origin, east_m, north_m = place_in_enu(fixed, origin)
     pose = fixed.pose_on_level_ground(east_m, north_m)
     if ground is not None:
-        pose = _on_ground(pose, ground, where)
+        pose = _on_ground(pose, ground)
     datum_m = float(pose.position_enu_m[2]) - fixed.height_agl_m
     if fixed.covariance:
         pose = replace(pose, cov=np.array(fixed.covariance))
@@ -136,11 +133,11 @@ def pose_sample(
     )
 
 
-def _on_ground(pose: Pose, ground: Ground, where: str) -> Pose:
+def _on_ground(pose: Pose, ground: Ground) -> Pose:
     below = ground_below(ground, pose.position_enu_m[None, :2])
     if below.status[0] != CODE_OF[Status.OK]:
         hint = "check the position, or set fill_msl_m or radius_m in [ground]"
-        raise ConfigError("below the pose", where=where, got=below.what(below.status[0]), expected="ground", hint=hint)
+        raise ConfigError("below the pose", got=below.what(below.status[0]), expected="ground", hint=hint)
     return raised_by_ground(Pose.joined([pose]), below.height_m, below.slope).rows(0)
 
 
@@ -203,7 +200,7 @@ class PoseTable(Table):
     east_m: Annotated[Real, UNLESS_ZERO] = 0.0
     north_m: Annotated[Real, UNLESS_ZERO] = 0.0
     std: PoseStdTable = PoseStdTable()
-    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    covariance: Annotated[Many[Many[Real]] | None, COVARIANCE] = None
     lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
 
     @model_validator(mode="after")
@@ -230,7 +227,7 @@ class CalibratedPoseTable(Table):
     alt_msl_m: Real | None = None
     east_m: Real = 0.0
     north_m: Real = 0.0
-    covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    covariance: Annotated[Many[Many[Real]] | None, COVARIANCE] = None
     lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
 
     @model_validator(mode="after")
@@ -240,25 +237,18 @@ class CalibratedPoseTable(Table):
 
 
 def _check_place(table: PoseTable | CalibratedPoseTable) -> None:
-    """Refuse half of a position, and covariances that do not fit (for validators)."""
+    """Refuse half of a position, and covariances that are none or do not fit (for validators)."""
     if (table.lat_deg is None) != (table.lon_deg is None):
         missing = "lat_deg" if table.lat_deg is None else "lon_deg"
         raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
+    check_covariance(table.covariance, 6, POSE_ROWS)
     check_lens_covariance(table.covariance, table.lens_covariance)
 
 
-def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
-    """A fixed camera's stated pose.
-
-    Raises:
-        ConfigError: Height or tilt is not stated, or the covariance is none.
-    """
-    if table.height_agl_m is None or table.tilt_deg is None:
-        raise ConfigError("pose", where=where, got="a calibration", expected="height_agl_m and tilt_deg")
+def fixed_pose_from(table: PoseTable) -> FixedPose:
+    """A fixed camera's stated pose."""
     if table.covariance is not None:
-        of = "east, north, up, then rotation about the camera's x, y, z"
-        cov = checked_covariance(table.covariance, 6, where=where, key="pose.covariance", of=of)
-        return si_value(FixedPose, table, covariance=as_rows(cov), std=std_of(cov))
+        return si_value(FixedPose, table, std=std_of(symmetric(table.covariance)))
     horizontal_m, heading_deg = table.std.horizontal_m, table.std.heading_deg
     if horizontal_m is None:
         horizontal_m = 0.0 if table.lat_deg is None else _POSITION_STD_M
@@ -268,14 +258,6 @@ def fixed_pose_from(table: PoseTable, where: str) -> FixedPose:
     return si_value(FixedPose, table, std=std)
 
 
-def calibrated_pose_from(table: CalibratedPoseTable, identity: str, where: str) -> FixedPose:
-    """The pose that a calibration found.
-
-    Raises:
-        ConfigError: Its covariance is none.
-    """
-    covariance: tuple[tuple[float, ...], ...] = ()
-    if table.covariance is not None:
-        covariance = as_rows(checked_covariance(table.covariance, 6, where=where, key="pose.covariance"))
-    std = si_value(PoseStd, table, part="std")
-    return si_value(FixedPose, table, std=std, covariance=covariance, calibration=identity)
+def calibrated_pose_from(table: CalibratedPoseTable, identity: str) -> FixedPose:
+    """The pose that a calibration found."""
+    return si_value(FixedPose, table, std=si_value(PoseStd, table, part="std"), calibration=identity)

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.config.evidence.evidence_tables import SPACE, CameraPriorTable, EvidenceTable
+from aerodft.adapters.config.evidence.evidence_tables import (
+    SPACE,
+    CameraPriorTable,
+    EvidenceTable,
+    ObservationTable,
+    Place,
+)
 from aerodft.adapters.config.evidence.local_frame import (
     LocalFrame,
     check_on_map,
@@ -19,8 +25,6 @@ from aerodft.adapters.config.tables import LOCAL
 from aerodft.errors import ConfigError
 from aerodft.geometry import rays_from_pixels
 from aerodft.model import BoolArray, Camera, EvidenceSet, GroundPoint, Horizon, Landmark, Px, SlantRange
-
-Place = tuple[float | None, ...]
 
 _LARGER = (1.5, 2.0, 3.0, 4.0)
 _LARGEST_PX = 1e5
@@ -53,14 +57,19 @@ class Stated:
     may_be_outside: bool = False
     image: str | None = None
 
+    @staticmethod
+    def of(label: str, table: ObservationTable) -> "Stated":
+        """The observation of a table."""
+        place, outside = table.place, table.may_be_outside
+        return Stated(label, table.all_pixels, place, is_geo=table.is_geo, may_be_outside=outside, image=table.image)
 
-def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None, where: str) -> None:
+
+def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None) -> None:
     """Refuse pixels that are outside of the image, or that no image has where its size is not known.
 
     Args:
         stated: The observations.
         size_px: Width and height of the image.
-        where: The file's name in messages.
 
     Raises:
         ConfigError: Which, and whether pixels and places, or u and v, look swapped.
@@ -84,12 +93,12 @@ def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None, wher
     if 2 * len(wrong) > len(placed) and is_placed_inside and _are_places_wider(placed):
         got = f"{_list(pixel)}, and a place {_list(first.place or ())} that would be one"
         hint = "swap pixels and places: they look interchanged"
-        raise ConfigError(f"{first.label}: pixel", where=where, got=got, expected=expected, hint=hint)
+        raise ConfigError(f"{first.label}: pixel", got=got, expected=expected, hint=hint)
     is_turned = size_px is not None and all(is_inside(v, u) for _, (u, v) in outside)
     hint = "give u (across) before v (down): they look swapped" if is_turned else ""
     if size_px is not None and not is_turned:
         hint = _larger_image(outside, size_px)
-    raise ConfigError(f"{first.label}: pixel", where=where, got=_list(pixel), expected=expected, hint=hint)
+    raise ConfigError(f"{first.label}: pixel", got=_list(pixel), expected=expected, hint=hint)
 
 
 def _are_places_wider(placed: Sequence[Stated]) -> bool:
@@ -115,7 +124,7 @@ def _list(values: Sequence[float | None]) -> str:
     return f"[{', '.join('?' if value is None else f'{value:.10g}' for value in values)}]"
 
 
-def check_duplicates(stated: Sequence[Stated], where: str) -> None:
+def check_duplicates(stated: Sequence[Stated]) -> None:
     """Refuse one pixel at two places, one place at two pixels, and a landmark that is there twice, in one image.
 
     Raises:
@@ -132,14 +141,14 @@ def check_duplicates(stated: Sequence[Stated], where: str) -> None:
             what = "the same place" if is_same else f"another place, {_list(other.place or ())}"
             got = f"{_list(each.pixels[0])}, which {other.label} has with {what}"
             hint = "remove one of the two" if is_same else ""
-            raise ConfigError(f"{each.label}: pixel", where=where, got=got, expected="a pixel of its own", hint=hint)
+            raise ConfigError(f"{each.label}: pixel", got=got, expected="a pixel of its own", hint=hint)
         other = each if None in each.place else by_place.setdefault((each.image, each.place), each)
         if other is not each:
             got = f"{_list(each.place)}, which {other.label} has with another pixel, {_list(other.pixels[0])}"
-            raise ConfigError(f"{each.label}: place", where=where, got=got, expected="a place of its own")
+            raise ConfigError(f"{each.label}: place", got=got, expected="a place of its own")
 
 
-def check_names(names: Sequence[str], stated: Sequence[Stated], where: str) -> None:
+def check_names(names: Sequence[str], stated: Sequence[Stated]) -> None:
     """Refuse a name that two observations have.
 
     Raises:
@@ -149,11 +158,11 @@ def check_names(names: Sequence[str], stated: Sequence[Stated], where: str) -> N
     for name, each in zip(names, stated, strict=True):
         if name in seen:
             got = f'"{name}", which {seen[name]} has'
-            raise ConfigError(f"{each.label}: name", where=where, got=got, expected="a name of its own")
+            raise ConfigError(f"{each.label}: name", got=got, expected="a name of its own")
         seen[name] = each.label
 
 
-def check_together(stated: Sequence[Stated], frame: LocalFrame, where: str) -> None:
+def check_together(stated: Sequence[Stated], frame: LocalFrame) -> None:
     """Refuse a landmark that is nowhere near the others.
 
     Raises:
@@ -172,14 +181,13 @@ def check_together(stated: Sequence[Stated], frame: LocalFrame, where: str) -> N
     hint = "check whether latitude and longitude are swapped, or digits missing"
     raise ConfigError(
         f"{each.label}: place",
-        where=where,
         got=got,
         expected=f"{_FARTHEST_M / 1000:.0f} km at most",
         hint=hint if takes_degrees(frame.crs) else "check its digits",
     )
 
 
-def check_degrees(stated: Sequence[Stated], where: str) -> None:
+def check_degrees(stated: Sequence[Stated]) -> None:
     """Refuse latitudes and longitudes that are radians: read as degrees, all of them lie in the Gulf of Guinea.
 
     Raises:
@@ -192,7 +200,7 @@ def check_degrees(stated: Sequence[Stated], where: str) -> None:
         lat, lon = lat_lon[0]
         got = f"{lat:.6g} and {lon:.6g}, in the open sea off Africa"
         hint = "convert them from radians"
-        raise ConfigError("latitudes and longitudes", where=where, got=got, expected="degrees", hint=hint)
+        raise ConfigError("latitudes and longitudes", got=got, expected="degrees", hint=hint)
 
 
 def check_tilt(known: EvidenceSet, camera: Camera, path: Path) -> None:
@@ -242,7 +250,7 @@ def _seen_at(known: EvidenceSet) -> Iterator[tuple[Px, float]]:
                 continue
 
 
-def check_datums(stated: Sequence[Stated], camera: CameraPriorTable, crs: str, where: str) -> None:
+def check_datums(stated: Sequence[Stated], camera: CameraPriorTable, crs: str) -> None:
     """Refuse a file in which some places are in degrees and others in metres, or all are not what ``crs`` says.
 
     Raises:
@@ -259,10 +267,10 @@ def check_datums(stated: Sequence[Stated], camera: CameraPriorTable, crs: str, w
         expected = "lat_deg, lon_deg and alt_m" if in_degrees else "position_m"
         is_mixed = len({each for _, each in placed}) > 1
         hint = "all places of a file are of one kind" if is_mixed else 'degrees need crs = "geo"'
-        raise ConfigError(f"{label}: place", where=where, got=got, expected=expected, hint=hint)
+        raise ConfigError(f"{label}: place", got=got, expected=expected, hint=hint)
 
 
-def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where: str) -> LocalFrame:
+def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str) -> LocalFrame:
     """The frame to compute in.
 
     Local coordinates stay as they are, unless they are beyond 100 km, which is somebody's projection. The zero of
@@ -273,7 +281,6 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
         stated: The observations.
         table: The file.
         crs: Its coordinate reference system.
-        where: Its name in messages.
 
     Raises:
         ConfigError: A place is not where the projection is used, or there is none at all.
@@ -283,19 +290,19 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str, where
     hint = _own_metres(stated, crs)
     for label, (first, second, *_) in [*placed, *([] if camera is None else [("camera", camera)])]:
         if first is not None and second is not None:
-            check_on_map(crs, (first, second), f"{label}: place", where, hint)
+            check_on_map(crs, (first, second), f"{label}: place", hint)
     places = [place for _, place in placed]
     middle = [_middle(_known(places, axis) or _known([camera or ()], axis), crs, axis) for axis in (0, 1)]
     zero_m = None if table.elevation_m is None else table.elevation_m.value
     if table.elevation_m is not None:
-        _check_elevation(table.elevation_m.value, table.elevation_m.std or 0.0, _known(places, 2), where)
+        _check_elevation(table.elevation_m.value, table.elevation_m.std or 0.0, _known(places, 2))
     if crs == LOCAL and max(abs(each or 0.0) for each in middle) <= _LARGE_M:
         return LocalFrame(crs, (0.0, 0.0, zero_m or 0.0))
     x, y = middle if crs != LOCAL else (each or 0.0 for each in middle)
     if x is None or y is None:
         got, hint = f'"{crs}" and no place in it', 'without any place on the map, write crs = "local"'
-        raise ConfigError("crs", where=where, got=got, expected="a landmark, or the camera's position", hint=hint)
-    return LocalFrame(crs, (x, y, _zero(places, camera, where) if zero_m is None else zero_m))
+        raise ConfigError("crs", got=got, expected="a landmark, or the camera's position", hint=hint)
+    return LocalFrame(crs, (x, y, _zero(places, camera) if zero_m is None else zero_m))
 
 
 def _own_metres(stated: Sequence[Stated], crs: str) -> str:
@@ -319,13 +326,12 @@ def check_is_map(stated: Sequence[Stated], crs: str) -> Iterator[str]:
         yield f'all places are near the zero of {crs}: if they are metres of your own, write crs = "local"'
 
 
-def _check_elevation(ground_m: float, std_m: float, heights_m: Sequence[float], where: str) -> None:
+def _check_elevation(ground_m: float, std_m: float, heights_m: Sequence[float]) -> None:
     """Refuse a ground that lies far above everything that is seen on it."""
     if not heights_m or ground_m - max(heights_m) <= _DATUM_M + _STDS * std_m:
         return
     raise ConfigError(
         "elevation_m",
-        where=where,
         got=f"{ground_m:g}, {ground_m - max(heights_m):.1f} m above the highest landmark",
         expected="the height of the ground or water in the heights of the landmarks",
         hint="are heights of two datums mixed, above the ellipsoid and above the sea?",
@@ -346,7 +352,7 @@ def _middle(values: list[float], crs: str, axis: int) -> float | None:
     return round(first + statistics.fmean(around), _DEGREE_DIGITS)
 
 
-def _zero(places: Sequence[Place], camera: Place | None, where: str) -> float:
+def _zero(places: Sequence[Place], camera: Place | None) -> float:
     """The ground's height, as far as landmarks tell: most of them lie on it."""
     heights_m = _known(places, 2)
     if heights_m:
@@ -354,5 +360,5 @@ def _zero(places: Sequence[Place], camera: Place | None, where: str) -> float:
     if camera is not None and len(camera) == SPACE:
         hint = "the camera's height cannot be told from its position alone"
         expected = "the height of the ground or water, as no landmark has one"
-        raise ConfigError("elevation_m", where=where, got="nothing", expected=expected, hint=hint)
+        raise ConfigError("elevation_m", got="nothing", expected=expected, hint=hint)
     return 0.0

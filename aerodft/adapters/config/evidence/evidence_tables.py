@@ -3,6 +3,7 @@
 import math
 from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
@@ -31,11 +32,14 @@ from aerodft.model import (
     Horizon,
     KnownHeight,
     KnownLength,
+    Landmark,
     Prior,
     Px,
     SlantRange,
     Vertical,
 )
+
+Place = tuple[float | None, ...]
 
 UNKNOWN = "?"
 """What stands for a component of a place that nobody knows."""
@@ -111,16 +115,49 @@ def check_geo(table: InDegrees, *, needs_alt: bool) -> None:
         raise impossible("lon_deg", got=f"{lon_deg:.10g}", expected="-180 to 360")
 
 
-class LandmarkTable(InDegrees):
+class ObservationTable(Table):
+    """What is known of an image.
+
+    Attributes:
+        makes: The observation that the table describes.
+        may_be_outside: Its pixels need not be in the image.
+    """
+
+    makes: ClassVar[type[Evidence]]
+    may_be_outside: ClassVar = False
+    name: Text | None = None
+    image: Text | None = None
+    std_px: StdPx = 1.0
+
+    @property
+    def place(self) -> Place | None:
+        """Its place in the file's coordinates; None where it has none."""
+        return None
+
+    @property
+    def is_geo(self) -> bool:
+        """Its place is in degrees."""
+        return False
+
+    @property
+    def all_pixels(self) -> tuple[Px, ...]:
+        """All of its pixels."""
+        stated = (getattr(self, key, ()) for key in ("pixel", "pixels", "base", "top", "lines"))
+        return tuple((float(u), float(v)) for each in stated for u, v in np.reshape(each, (-1, 2)))
+
+    def observation(self, name: str, frame: LocalFrame) -> Evidence:  # noqa: ARG002 - for places
+        """The observation, under a name, in metres of a frame."""
+        return si_value(self.makes, self, name=name)
+
+
+class LandmarkTable(ObservationTable, InDegrees):
     """A pixel and its place, by ``position_m`` or by latitude, longitude and altitude."""
 
     INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
 
-    name: Text | None = None
-    image: Text | None = None
+    makes = Landmark
     pixel: Pixel
     position_m: Position | None = None
-    std_px: StdPx = 1.0
     std_m: StdM = (0.0, 0.0, 0.0)
 
     @property
@@ -129,8 +166,8 @@ class LandmarkTable(InDegrees):
         return self.position_m is None
 
     @property
-    def place(self) -> tuple[float | None, float | None, float | None]:
-        """Its place in the file's coordinates."""
+    def place(self) -> Place:
+        """Its place in the file's coordinates; None in it for an unknown component."""
         return self.position_m if self.position_m is not None else (self.lat_deg, self.lon_deg, self.alt_m)
 
     @model_validator(mode="after")
@@ -154,22 +191,14 @@ class LandmarkTable(InDegrees):
             hint = "swap pixels and places: they look interchanged"
             raise impossible("lat_deg", got=got, expected="-90 to 90", hint=hint)
 
-
-class ObservationTable(Table):
-    """What is known without a place in the world.
-
-    Attributes:
-        makes: The observation that the table describes.
-    """
-
-    makes: ClassVar[type[Evidence]]
-    name: Text | None = None
-    image: Text | None = None
-    std_px: StdPx = 1.0
-
-    def observation(self, name: str) -> Evidence:
-        """The observation, under a name."""
-        return si_value(self.makes, self, name=name)
+    def observation(self, name: str, frame: LocalFrame) -> Landmark:
+        """The landmark; on its way into the frame, the frame's zero stands in for what is not known."""
+        place = self.place
+        whole = [zero if value is None else value for value, zero in zip(place, frame.origin, strict=True)]
+        axes = (1, 0, 2) if self.is_geo else (0, 1, 2)
+        local_m = zip(axes, frame.local_m(whole).tolist(), strict=True)
+        east_m, north_m, up_m = (None if place[axis] is None else each_m for axis, each_m in local_m)
+        return si_value(Landmark, self, name=name, position_m=(east_m, north_m, up_m))
 
 
 class _MeasuredTable(ObservationTable):
@@ -236,7 +265,7 @@ class ParallelTable(ObservationTable):
             raise impossible("lines", got="one line twice", expected="two lines")
         return self
 
-    def observation(self, name: str) -> GroundLines:
+    def observation(self, name: str, frame: LocalFrame) -> GroundLines:  # noqa: ARG002 - for places
         """The observation, under a name."""
         first, second = self.lines
         return si_value(GroundLines, self, name=name, first=first, second=second, at_right_angle=self.at_right_angle)
@@ -252,6 +281,7 @@ class HorizonTable(ObservationTable):
     """Pixels on the horizon."""
 
     makes = Horizon
+    may_be_outside = True
     pixels: Annotated[tuple[Pixel, ...], Field(strict=False, min_length=PLANE), AfterValidator(_distinct)]
     sea: Annotated[bool, SiAttribute("is_sea")] = False
 

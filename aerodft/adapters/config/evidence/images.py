@@ -1,12 +1,14 @@
 """The tables of many images in one file of evidence: where telemetry says that each was taken, and how well."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config.evidence.cross_checks import Stated
 from aerodft.adapters.config.evidence.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.reading import validated
@@ -171,7 +173,7 @@ class FlightDocument:
         return tuple(entry.name for entry in self.entries)
 
 
-def read_flight(document: dict[str, Any], where: str) -> tuple[FlightDocument | None, dict[str, Any]]:
+def read_flight(document: dict[str, Any]) -> tuple[FlightDocument | None, dict[str, Any]]:
     """The tables of many images, and the rest of the document; None for a file of one image.
 
     Raises:
@@ -181,33 +183,36 @@ def read_flight(document: dict[str, Any], where: str) -> tuple[FlightDocument | 
     if not isinstance(rows, list):
         if "telemetry" in document:
             expected = "[[image]] tables, each with a name and utc or index"
-            raise ConfigError("telemetry", where=where, got="it without [[image]]", expected=expected)
+            raise ConfigError("telemetry", got="it without [[image]]", expected=expected)
         return None, document
-    entries = tuple(validated(ImageEntry, row, where, f"image[{index}].") for index, row in enumerate(rows))
+    entries = tuple(validated(ImageEntry, row, f"image[{index}].") for index, row in enumerate(rows))
     first: dict[str, int] = {}
     for index, entry in enumerate(entries):
         if first.setdefault(entry.name, index) != index:
             got = f'"{entry.name}", which image[{first[entry.name]}] has'
-            raise ConfigError(f"image[{index}].name", where=where, got=got, expected="a name of its own")
-    tables = FlightDocument(entries, validated(FlightTable, document.get("telemetry", {}), where, "telemetry."))
+            raise ConfigError(f"image[{index}].name", got=got, expected="a name of its own")
+    tables = FlightDocument(entries, validated(FlightTable, document.get("telemetry", {}), "telemetry."))
     if len(sizes := dict.fromkeys(tables.sizes_px)) > 1:
         (width, height), (other_width, other_height), *_ = sizes
         got = f"{width} x {height} and {other_width} x {other_height} pixels"
-        raise ConfigError("image", where=where, got=got, expected="images of one size: one camera in one mode")
+        raise ConfigError("image", got=got, expected="images of one size: one camera in one mode")
     rest = {key: value for key, value in document.items() if key not in ("image", "telemetry")}
     camera = rest.get("camera", {})
     more = [key for key in camera if key != "focal_px"] if isinstance(camera, dict) else []
     if more:
-        raise ConfigError(f"camera.{more[0]}", where=where, got="it beside [[image]]", expected="it in the images")
+        raise ConfigError(f"camera.{more[0]}", got="it beside [[image]]", expected="it in the images")
     return tables, rest
 
 
-def flight_from(tables: FlightDocument, evidence: dict[str, list[Evidence]], frame: LocalFrame, path: Path) -> Flight:
+def flight_from(
+    tables: FlightDocument, stated: Sequence[Stated], evidence: Sequence[Evidence], frame: LocalFrame, path: Path
+) -> Flight:
     """The images with their evidence.
 
     Args:
         tables: What the file says.
-        evidence: By image.
+        stated: The observations as they stand in the file.
+        evidence: What each of them is in the frame.
         frame: The frame that the evidence is in.
         path: The file; the log's path is relative to it.
 
@@ -215,13 +220,16 @@ def flight_from(tables: FlightDocument, evidence: dict[str, list[Evidence]], fra
         ConfigError: Nothing is known in an image.
     """
     telemetry = tables.telemetry
+    by_image: dict[str | None, list[Evidence]] = {}
+    for each, known in zip(stated, evidence, strict=True):
+        by_image.setdefault(each.image, []).append(known)
     for index, name in enumerate(tables.names):
-        if not evidence.get(name):
+        if name not in by_image:
             expected, hint = f'an observation with image = "{name}"', "or remove it"
-            raise ConfigError(f"image[{index}]", where=path, got="no observation in it", expected=expected, hint=hint)
+            raise ConfigError(f"image[{index}]", got="no observation in it", expected=expected, hint=hint)
     offset = telemetry.time_offset_s
     return Flight(
-        images=tuple(_image(entry, tuple(evidence[entry.name]), frame) for entry in tables.entries),
+        images=tuple(_image(entry, tuple(by_image[entry.name]), frame) for entry in tables.entries),
         log=None if telemetry.log is None else path.parent / telemetry.log,
         settings=telemetry_from(telemetry),
         says_settings=bool(telemetry.model_fields_set - set(_OWN)),

@@ -168,12 +168,11 @@ def takes_degrees(crs: str) -> bool:
     return crs == GEO or (crs != LOCAL and bool(_horizontal(crs).is_geographic))
 
 
-def checked_crs(crs: str, where: str) -> str:
+def checked_crs(crs: str) -> str:
     """``crs`` as a :class:`LocalFrame` has it.
 
     Args:
         crs: ``local``, ``geo`` or an EPSG code.
-        where: The file's name in messages.
 
     Raises:
         ConfigError: No such code, or one of another kind than metres east and north, or degrees.
@@ -183,39 +182,38 @@ def checked_crs(crs: str, where: str) -> str:
         return found.lower()
     authority, _, code = found.partition(":")
     if authority.upper() != "EPSG" or not (code.isascii() and code.isdigit()):
-        raise ConfigError("crs", where=where, got=stated, expected='"local", "geo" or an EPSG code', hint=_HINT)
+        raise ConfigError("crs", got=stated, expected='"local", "geo" or an EPSG code', hint=_HINT)
     name = f"EPSG:{code}"
     try:
         horizontal = _horizontal(name)
     except CRSError:
-        raise ConfigError("crs", where=where, got=f"{stated}, which is not in the EPSG register", hint=_HINT) from None
+        raise ConfigError("crs", got=f"{stated}, which is not in the EPSG register", hint=_HINT) from None
     if not horizontal.is_geographic:
-        _check_metric(horizontal, stated, where)
+        _check_metric(horizontal, stated)
     return name
 
 
-def _check_metric(horizontal: CRS, stated: str, where: str) -> None:
+def _check_metric(horizontal: CRS, stated: str) -> None:
     got = f"{stated} ({horizontal.name})"
     if not horizontal.is_projected:
         expected = "a projected or geographic coordinate reference system"
-        raise ConfigError("crs", where=where, got=f"{got}, {horizontal.type_name}", expected=expected, hint=_HINT)
+        raise ConfigError("crs", got=f"{got}, {horizontal.type_name}", expected=expected, hint=_HINT)
     unit = next((axis.unit_name for axis in horizontal.axis_info if axis.unit_conversion_factor != 1.0), None)
     if unit is not None:
         hint = "convert the coordinates to the same projection in metres"
-        raise ConfigError("crs", where=where, got=f"{got}, which counts in {unit}", expected="metres", hint=hint)
+        raise ConfigError("crs", got=f"{got}, which counts in {unit}", expected="metres", hint=hint)
     if {axis.direction.lower() for axis in horizontal.axis_info} != {"east", "north"}:
         expected = "axes to the east and to the north"
-        raise ConfigError("crs", where=where, got=got, expected=expected, hint="use another projection")
+        raise ConfigError("crs", got=got, expected=expected, hint="use another projection")
 
 
-def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: str, own_metres: str) -> None:
+def check_on_map(crs: str, coordinates: tuple[float, float], label: str, own_metres: str) -> None:
     """Refuse projected coordinates that are far from where their projection is used.
 
     Args:
         crs: A sound coordinate reference system.
         coordinates: Easting and northing, metres.
         label: Which key has them.
-        where: The file's name in messages.
         own_metres: What to do where all coordinates of the file look like somebody's own; empty where they do not.
 
     Raises:
@@ -241,7 +239,7 @@ def check_on_map(crs: str, coordinates: tuple[float, float], label: str, where: 
     elif max(abs(x), abs(y)) <= _TURN_DEG:
         hint = 'they look like degrees: write lat_deg, lon_deg and alt_m, with crs = "geo"'
     got = f"easting {x:.10g} and northing {y:.10g}"
-    raise ConfigError(label, where=where, got=got, expected=expected, hint=hint)
+    raise ConfigError(label, got=got, expected=expected, hint=hint)
 
 
 _ZONE_MARGIN_DEG = 3.0  # people stay in their zone a little beyond its edge

@@ -16,7 +16,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config.evidence.cross_checks import (
-    Place,
     Stated,
     check_datums,
     check_degrees,
@@ -24,11 +23,19 @@ from aerodft.adapters.config.evidence.cross_checks import (
     frame_around,
 )
 from aerodft.adapters.config.evidence.evidence_file import EvidenceFile, evidence_from
-from aerodft.adapters.config.evidence.evidence_tables import GEO_KEYS, EvidenceTable, InDegrees, Rows, StdM, check_geo
+from aerodft.adapters.config.evidence.evidence_tables import (
+    GEO_KEYS,
+    EvidenceTable,
+    InDegrees,
+    Place,
+    Rows,
+    StdM,
+    check_geo,
+)
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
 from aerodft.adapters.config.tables import Order, Positive, Real, Text, impossible
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, located
 from aerodft.model import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 
 _PREFIX = "DICT_"
@@ -161,7 +168,8 @@ def load_markers(path: Path) -> MarkersFile:
             dictionary, or places that cannot all be true.
     """
     data = read_bytes(path)
-    return markers_from(parse_toml(data, str(path)), path, hashlib.sha256(data).hexdigest())
+    with located(path):
+        return markers_from(parse_toml(data), path, hashlib.sha256(data).hexdigest())
 
 
 def markers_from(document: dict[str, Any], path: Path, sha256: str = "") -> MarkersFile:
@@ -176,18 +184,21 @@ def markers_from(document: dict[str, Any], path: Path, sha256: str = "") -> Mark
         ConfigError: An unknown key or dictionary, an id twice or beyond the dictionary, or places that
             cannot all be true.
     """
-    where = str(path)
-    table = validated(MarkersTable, document, where)
+    with located(path):
+        return _markers(validated(MarkersTable, document), document, path, sha256)
+
+
+def _markers(table: MarkersTable, document: dict[str, Any], path: Path, sha256: str) -> MarkersFile:
     if not table.marker:
-        raise ConfigError("marker", where=where, got="none", expected="[[marker]] tables with id and position_m")
-    dictionary, size = _dictionary(table.dictionary, where)
-    _check_ids(table, size, where)
-    crs = checked_crs(table.crs, where)
-    frame = _frame(table, crs, where)
+        raise ConfigError("marker", got="none", expected="[[marker]] tables with id and position_m")
+    dictionary, size = _dictionary(table.dictionary)
+    _check_ids(table, size)
+    crs = checked_crs(table.crs)
+    frame = _frame(table, crs)
     survey = MarkerSurvey(dictionary=dictionary, markers=tuple(_surveyed(each, table, frame) for each in table.marker))
-    _check_apart(survey, where)
+    _check_apart(survey)
     for index, each in enumerate(survey.markers):
-        _check_square(each, f"marker[{index}].corners_m", where)
+        _check_square(each, f"marker[{index}].corners_m")
     return MarkersFile(
         survey=survey,
         ignore=frozenset(table.ignore),
@@ -210,7 +221,7 @@ def _surveyed(table: MarkerTable, file: MarkersTable, frame: LocalFrame) -> Surv
     )
 
 
-def _dictionary(text: str, where: str) -> tuple[str, int]:
+def _dictionary(text: str) -> tuple[str, int]:
     """OpenCV's name of a dictionary, and how many markers it has."""
     import cv2  # noqa: PLC0415 - 18 MB, and few stations have markers
 
@@ -219,52 +230,52 @@ def _dictionary(text: str, where: str) -> tuple[str, int]:
     if wanted not in names:
         close = next(iter(difflib.get_close_matches(wanted, names, n=1, cutoff=0.6)), "")
         hint = f"did you mean {close}?" if close else ""
-        raise ConfigError("dictionary", where=where, got=shown(text), expected=f"one of {', '.join(names)}", hint=hint)
+        raise ConfigError("dictionary", got=shown(text), expected=f"one of {', '.join(names)}", hint=hint)
     known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, names[wanted]))
     return names[wanted].removeprefix(_PREFIX), len(known.bytesList)
 
 
-def _check_ids(table: MarkersTable, size: int, where: str) -> None:
+def _check_ids(table: MarkersTable, size: int) -> None:
     seen: dict[int, int] = {}
     for index, each in enumerate(table.marker):
         key = f"marker[{index}].id"
         if each.id >= size:
             expected = f"0 to {size - 1}, as {table.dictionary} has"
-            raise ConfigError(key, where=where, got=each.id, expected=expected)
+            raise ConfigError(key, got=each.id, expected=expected)
         if each.id in seen:
             hint = "an id can hang in one place only"
             got = f"{each.id}, which marker[{seen[each.id]}] has"
-            raise ConfigError(key, where=where, got=got, expected="an id of its own", hint=hint)
+            raise ConfigError(key, got=got, expected="an id of its own", hint=hint)
         seen[each.id] = index
     for index, marker in enumerate(table.ignore):
         if marker in seen:
             got = f"{marker}, which marker[{seen[marker]}] surveys"
-            raise ConfigError(f"ignore[{index}]", where=where, got=got, expected="an id that is not surveyed")
+            raise ConfigError(f"ignore[{index}]", got=got, expected="an id that is not surveyed")
 
 
-def _frame(table: MarkersTable, crs: str, where: str) -> LocalFrame:
+def _frame(table: MarkersTable, crs: str) -> LocalFrame:
     stated = [
         Stated(f"marker[{index}]", (), place, is_geo=each.is_geo)
         for index, each in enumerate(table.marker)
         for place in each.places
     ]
-    check_datums(stated, table.camera, crs, where)
+    check_datums(stated, table.camera, crs)
     if takes_degrees(crs):
-        check_degrees(stated, where)
-    frame = frame_around(stated, table, crs, where)
-    check_together(stated, frame, where)
+        check_degrees(stated)
+    frame = frame_around(stated, table, crs)
+    check_together(stated, frame)
     return frame
 
 
-def _check_apart(survey: MarkerSurvey, where: str) -> None:
+def _check_apart(survey: MarkerSurvey) -> None:
     centres_m = [np.mean(each.points_m, axis=0) for each in survey.markers]
     for (first, one_m), (second, other_m) in combinations(enumerate(centres_m), 2):
         if np.array_equal(one_m, other_m):
             got = f"that of marker[{first}]"
-            raise ConfigError(f"marker[{second}]: place", where=where, got=got, expected="a place of its own")
+            raise ConfigError(f"marker[{second}]: place", got=got, expected="a place of its own")
 
 
-def _check_square(marker: SurveyedMarker, label: str, where: str) -> None:
+def _check_square(marker: SurveyedMarker, label: str) -> None:
     """Refuse corners that no square has, and another side than the one that is stated."""
     if len(marker.points_m) == 1:
         return
@@ -277,7 +288,7 @@ def _check_square(marker: SurveyedMarker, label: str, where: str) -> None:
     got = f"sides of {', '.join(f'{side_m:.4g}' for side_m in sides_m)} m"
     if np.max(np.abs(lengths_m - typical_m)) > doubt_m:
         hint = "give them around the square: top left, top right, bottom right, bottom left, as it is printed"
-        raise ConfigError(label, where=where, got=got, expected="a square", hint=hint)
+        raise ConfigError(label, got=got, expected="a square", hint=hint)
     if marker.side_m is not None and abs(typical_m - marker.side_m) > doubt_m:
         expected = f"side_m, {marker.side_m:g} m, of the black square without the white around it"
-        raise ConfigError(label, where=where, got=got, expected=expected)
+        raise ConfigError(label, got=got, expected=expected)

@@ -123,12 +123,11 @@ class GroundTable(Table):
         return self
 
 
-def ground_from(table: GroundTable | None, where: str, folder: Path) -> GroundShape | None:
+def ground_from(table: GroundTable | None, folder: Path) -> GroundShape | None:
     """What a validated table says; an elevation model's bytes are hashed, its heights are not read yet.
 
     Args:
         table: The table; None for level ground.
-        where: The file's name in messages.
         folder: What relative paths in it start from.
 
     Raises:
@@ -138,10 +137,10 @@ def ground_from(table: GroundTable | None, where: str, folder: Path) -> GroundSh
         return None
     if table.terrain is None:
         return si_value(SlopedGround, table)
-    return _terrain_from(table, where, folder / table.terrain)
+    return _terrain_from(table, folder / table.terrain)
 
 
-def _terrain_from(table: GroundTable, where: str, path: Path) -> TerrainGround:
+def _terrain_from(table: GroundTable, path: Path) -> TerrainGround:
     """The defaults are written into it: what is recorded today means the same whatever they are by then."""
     from aerodft.adapters.terrain import RADIUS_M  # noqa: PLC0415 - compiled code, which few stations need
     from aerodft.geometry import STANDARD_REFRACTION  # noqa: PLC0415 - as above
@@ -149,13 +148,13 @@ def _terrain_from(table: GroundTable, where: str, path: Path) -> TerrainGround:
     radius_m = RADIUS_M if table.radius_m is None else table.radius_m
     if table.cell_m is not None and table.cell_m > radius_m:
         expected = f"at most radius_m, {radius_m:g}"
-        raise ConfigError("ground.cell_m", where=where, got=f"{table.cell_m:g}", expected=expected)
+        raise ConfigError("ground.cell_m", got=f"{table.cell_m:g}", expected=expected)
     refraction = STANDARD_REFRACTION if table.refraction is None else table.refraction
-    sha256 = _fingerprint(path, table.sha256, where)
+    sha256 = _fingerprint(path, table.sha256)
     return si_value(TerrainGround, table, path=path, sha256=sha256, radius_m=radius_m, refraction=refraction)
 
 
-def _fingerprint(path: Path, expected: str | None, where: str) -> str:
+def _fingerprint(path: Path, expected: str | None) -> str:
     """SHA-256 of a file, which is ``expected`` where something is."""
     wanted = "a GeoTIFF elevation model" if expected is None else f"the elevation model with sha256 {expected}"
     try:
@@ -165,11 +164,11 @@ def _fingerprint(path: Path, expected: str | None, where: str) -> str:
     except OSError:
         got = f"{looks_like(path)} at {path}" if path.exists() else f"nothing at {path}"
         hint = "check the path" if expected is None else "put it there, or say where it is"
-        raise ConfigError("ground.terrain", where=where, got=got, expected=wanted, hint=hint) from None
+        raise ConfigError("ground.terrain", got=got, expected=wanted, hint=hint) from None
     if expected is not None and found != expected:
         got = f"{looks_like(path)} with sha256 {found} at {path}"
         hint = "put the original there, or leave ground.sha256 out to compute with this one"
-        raise ConfigError("ground.terrain", where=where, got=got, expected=wanted, hint=hint)
+        raise ConfigError("ground.terrain", got=got, expected=wanted, hint=hint)
     return found
 
 

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from aerodft.adapters.config.station.station_config import MarkerSettings
 from aerodft.adapters.config.tables import (
     LOCAL,
     NOT_IN_CONFIG_ID,
     Duration,
+    FromFile,
     Latitude,
     Longitude,
     NonNegative,
@@ -21,7 +22,6 @@ from aerodft.adapters.config.tables import (
     SiAttribute,
     Slug,
     Table,
-    Text,
     impossible,
     repeated,
     si_value,
@@ -90,7 +90,6 @@ def live_from(
     landmarks: tuple[LandmarkTable, ...],
     markers: tuple[SurveyedLandmark, ...],
     origin: GeoOrigin | None,
-    where: str,
 ) -> LiveCalibration | None:
     """The live calibration; None without landmarks.
 
@@ -99,7 +98,6 @@ def live_from(
         landmarks: Those of the file itself.
         markers: Those that markers are.
         origin: The station's.
-        where: The file's name in messages.
 
     Raises:
         ConfigError: A name twice, or nobody knows where the landmarks are against the station.
@@ -109,19 +107,17 @@ def live_from(
     names, marker_names = [each.name for each in landmarks], {each.name for each in markers}
     for index, name in enumerate(names):
         if name in names[:index] or name in marker_names:
-            raise ConfigError(
-                f"landmark[{index}].name", where=where, got=f'"{name}" again', expected="a name of its own"
-            )
-    origin = needed_origin(origin, "[[landmark]]", where)
+            raise ConfigError(f"landmark[{index}].name", got=f'"{name}" again', expected="a name of its own")
+    origin = needed_origin(origin, "[[landmark]]")
     return si_value(
         LiveCalibration,
         table,
-        landmarks=(*(_landmark(each, origin, where) for each in landmarks), *markers),
+        landmarks=(*(_landmark(each, origin) for each in landmarks), *markers),
         drift=errors_from(table.drift, DRIFT),
     )
 
 
-def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigin:
+def needed_origin(origin: GeoOrigin | None, beside: str) -> GeoOrigin:
     """The station's origin, without which nobody knows where landmarks are.
 
     Raises:
@@ -129,19 +125,19 @@ def needed_origin(origin: GeoOrigin | None, beside: str, where: str) -> GeoOrigi
     """
     if origin is None:
         expected = "{ lat_deg, lon_deg, alt_msl_m } of a point of the measured plane, from which landmarks are counted"
-        raise ConfigError("station.origin", where=where, got=f"nothing beside {beside}", expected=expected)
+        raise ConfigError("station.origin", got=f"nothing beside {beside}", expected=expected)
     return origin
 
 
-def _landmark(table: LandmarkTable, origin: GeoOrigin, where: str) -> SurveyedLandmark:
-    place = _on_map(table, origin, where) if table.position_m is None else table.position_m
+def _landmark(table: LandmarkTable, origin: GeoOrigin) -> SurveyedLandmark:
+    place = _on_map(table, origin) if table.position_m is None else table.position_m
     return si_value(SurveyedLandmark, table, position_enu_m=place)
 
 
-def _on_map(table: LandmarkTable, origin: GeoOrigin, where: str) -> tuple[float, float, float]:
+def _on_map(table: LandmarkTable, origin: GeoOrigin) -> tuple[float, float, float]:
     if origin.alt_msl_m is None:
         expected = f'metres, because landmark "{table.name}" has alt_msl_m'
-        raise ConfigError("station.origin.alt_msl_m", where=where, got="nothing", expected=expected)
+        raise ConfigError("station.origin.alt_msl_m", got="nothing", expected=expected)
     lat_rad, lon_rad = math.radians(table.lat_deg or 0.0), math.radians(table.lon_deg or 0.0)
     east_m, north_m = east_north(origin, lat_rad, lon_rad).tolist()
     return east_m, north_m, (table.alt_msl_m or 0.0) - origin.alt_msl_m
@@ -153,20 +149,10 @@ def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
     return replace(default, **{name: value for name, value in errors.items() if value is not None})
 
 
-class StationMarkersTable(Table):
-    """Markers that are looked for in a station's images: their file, or all that such a file would hold."""
+class StationMarkersTable(FromFile):
+    """Markers that are looked for in a station's images."""
 
-    model_config = ConfigDict(extra="allow")
-
-    file: Text | None = None
     every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.1
-
-    @model_validator(mode="after")
-    def _file_alone(self) -> Self:
-        if self.file is not None and self.model_extra:
-            key = next(iter(self.model_extra))
-            raise impossible(key, got="it beside file", expected="file and every_s alone, or what such a file holds")
-        return self
 
 
 def marker_settings(
@@ -187,19 +173,19 @@ def marker_settings(
         return None
     from aerodft.adapters.config.evidence import load_markers, markers_from  # noqa: PLC0415 - 15 MB that few need
 
-    origin = needed_origin(origin, "[markers]", where)
-    if table.file is not None:
-        file = load_markers(folder / table.file)
+    origin = needed_origin(origin, "[markers]")
+    if table.file is None:
+        file = markers_from(table.contents, Path(f"{where} [markers]"))
     else:
-        file = markers_from(table.model_extra or {}, Path(f"{where} [markers]"))
-    return MarkerSettings(survey=_survey_from_origin(file, origin, where), ignore=file.ignore, every_s=table.every_s)
+        file = load_markers(folder / table.file)
+    return MarkerSettings(survey=_survey_from_origin(file, origin), ignore=file.ignore, every_s=table.every_s)
 
 
-def _survey_from_origin(file: "MarkersFile", origin: GeoOrigin, where: str) -> MarkerSurvey:
+def _survey_from_origin(file: "MarkersFile", origin: GeoOrigin) -> MarkerSurvey:
     """The survey in metres from the station's origin."""
     markers = []
     for each in file.survey.markers:
-        points_m = _from_origin_m(file, np.array(each.points_m), origin, where)
+        points_m = _from_origin_m(file, np.array(each.points_m), origin)
         if np.max(np.abs(points_m)) > _FARTHEST_M:
             away_km = float(np.max(np.linalg.norm(points_m, axis=-1))) / 1000
             hint = 'local places count from station.origin; others need their crs, "geo" or an EPSG code'
@@ -210,14 +196,14 @@ def _survey_from_origin(file: "MarkersFile", origin: GeoOrigin, where: str) -> M
     return MarkerSurvey(dictionary=file.survey.dictionary, markers=tuple(markers))
 
 
-def _from_origin_m(file: "MarkersFile", points_m: FloatArray, origin: GeoOrigin, where: str) -> FloatArray:
+def _from_origin_m(file: "MarkersFile", points_m: FloatArray, origin: GeoOrigin) -> FloatArray:
     """East, north, up ``(n, 3)`` of the station's origin, of points ``(n, 3)`` of the file's frame."""
     on_map = file.frame.wgs84(points_m)
     if on_map is None:
         return points_m + [file.frame.origin[0], file.frame.origin[1], 0.0]
     if origin.alt_msl_m is None:
         expected = f"metres, because the markers of {file.path} have heights"
-        raise ConfigError("station.origin.alt_msl_m", where=where, got="nothing", expected=expected)
+        raise ConfigError("station.origin.alt_msl_m", got="nothing", expected=expected)
     up_m = on_map[:, 2:] - origin.alt_msl_m
     return np.hstack([east_north(origin, on_map[:, 0], on_map[:, 1]), up_m])
 
@@ -241,7 +227,7 @@ def station_markers_table(settings: MarkerSettings) -> StationMarkersTable:
         "crs": LOCAL,
         "marker": [_marker_keys(each) for each in settings.survey.markers],
     }
-    return StationMarkersTable.model_validate({"every_s": settings.every_s} | survey | ignore)
+    return StationMarkersTable.from_contents(survey | ignore, every_s=settings.every_s)
 
 
 def _marker_keys(marker: SurveyedMarker) -> dict[str, Any]:

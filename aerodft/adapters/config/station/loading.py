@@ -12,7 +12,6 @@ from typing import Any
 import tomli_w
 
 from aerodft.adapters.config.camera import (
-    CameraTable,
     FixedPose,
     PoseTable,
     bias_table,
@@ -46,6 +45,7 @@ from aerodft.adapters.config.station.station_tables import (
     ConfigTable,
     LimitsTable,
     ObservationsTable,
+    StationCameraTable,
     StationTable,
     TopicsTable,
     images_from,
@@ -53,15 +53,11 @@ from aerodft.adapters.config.station.station_tables import (
     probes_from,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
-from aerodft.adapters.config.tables import Table, Text, si_value
+from aerodft.adapters.config.tables import si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
-from aerodft.errors import ConfigError, named_in
+from aerodft.errors import ConfigError, located, named_in
 from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import PipelineSettings, TelemetrySettings
-
-
-class _CameraFile(Table):
-    file: Text
 
 
 def load_station(path: Path) -> StationConfig:
@@ -91,13 +87,17 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         ConfigError: TOML syntax, unknown key, impossible value, here or in a file that it refers to.
         InputError: The elevation model cannot be used.
     """
-    document = parse_toml(data, where)
-    outputs = outputs_from(document, where)
-    table = validated(ConfigTable, document, where)
+    with located(where):
+        return _station(parse_toml(data), where, folder)
+
+
+def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfig:
+    outputs = outputs_from(document)
+    table = validated(ConfigTable, document)
     telemetry = table.telemetry
-    ground = ground_from(table.ground, where, folder)
-    pipeline = _pipeline(table, where, folder)
-    _check_heading(ground, table.pose, where)
+    ground = ground_from(table.ground, folder)
+    pipeline = _pipeline(table, folder)
+    _check_heading(ground, table.pose)
     markers, origin = marker_settings(table.markers, pipeline.origin, where, folder), pipeline.origin
     station = si_value(
         StationConfig,
@@ -107,25 +107,25 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
         pipeline=pipeline,
         link=si_value(Link, telemetry, relative_to=folder) if telemetry and telemetry.connection else None,
         images=images_from(table.images, folder),
-        fixed_pose=None if table.pose is None else _fixed_pose(table.pose, where, folder),
+        fixed_pose=None if table.pose is None else _fixed_pose(table.pose, folder),
         ground=ground,
-        calibration=None if telemetry is None else _telemetry_calibration(telemetry, where, folder),
-        live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin, where),
+        calibration=None if telemetry is None else _telemetry_calibration(telemetry, folder),
+        live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin),
         markers=markers,
     )
-    return refreshed(station, where)
+    return refreshed(station)
 
 
-def _check_heading(ground: GroundShape | None, pose: PoseTable | None, where: str) -> None:
+def _check_heading(ground: GroundShape | None, pose: PoseTable | None) -> None:
     stated = pose is not None and pose.calibration is None
     if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
-        raise ConfigError("pose.heading_deg", where=where, got="nothing", expected=expected)
+        raise ConfigError("pose.heading_deg", got="nothing", expected=expected)
 
 
-def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
+def _pipeline(table: ConfigTable, folder: Path) -> PipelineSettings:
     """What the table says of the pipeline; the fixed pose and the id come with ``refreshed``."""
-    camera, model = _camera(table.camera, where, folder)
+    camera, model = _camera(table.camera, folder), table.camera.model
     if table.pose is not None and table.pose.calibration:
         camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
     if table.telemetry is not None and table.telemetry.calibration:
@@ -137,7 +137,7 @@ def _pipeline(table: ConfigTable, where: str, folder: Path) -> PipelineSettings:
         table.images,
         table.observations,
         camera=camera,
-        probes=probes_from(table.probe, camera, where),
+        probes=probes_from(table.probe, camera),
         model=model,
         telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
     )
@@ -156,27 +156,20 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
     if station.fixed_pose is not None:
         camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
         pipeline = replace(station.pipeline, camera=camera)
-        return refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)), str(path))
+        with located(path):
+            return refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)))
     camera = _refined_camera(path, station.pipeline.camera, station.pipeline.model)
     pipeline = replace(station.pipeline, camera=camera)
-    return refreshed(replace(station, pipeline=pipeline, calibration=_biases(path)), str(path))
+    with located(path):
+        return refreshed(replace(station, pipeline=pipeline, calibration=_biases(path)))
 
 
-def _camera(document: dict[str, Any], where: str, folder: Path) -> tuple[Camera, ProjectionModel]:
-    rest = dict(document)
-    name = rest.pop("model", ProjectionModel.PINHOLE)
-    try:
-        model = ProjectionModel(name)
-    except ValueError:
-        expected = " or ".join(f'"{known}"' for known in ProjectionModel)
-        raise ConfigError("camera.model", where=where, got=repr(name), expected=expected) from None
-    if "file" in rest:
-        return load_camera(folder / validated(_CameraFile, rest, where, "camera.").file), model
-    return camera_from(validated(CameraTable, rest, where, "camera."), where, "camera."), model
+def _camera(table: StationCameraTable, folder: Path) -> Camera:
+    return load_camera(folder / table.file) if table.file else camera_from(table.contents, "camera.")
 
 
-def _fixed_pose(table: PoseTable, where: str, folder: Path) -> FixedPose:
-    return _calibrated_pose(folder / table.calibration) if table.calibration else fixed_pose_from(table, where)
+def _fixed_pose(table: PoseTable, folder: Path) -> FixedPose:
+    return _calibrated_pose(folder / table.calibration) if table.calibration else fixed_pose_from(table)
 
 
 def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
@@ -200,13 +193,13 @@ def _calibrated_pose(path: Path) -> FixedPose:
     return pose
 
 
-def _telemetry_calibration(table: TelemetryTable, where: str, folder: Path) -> Calibration | None:
+def _telemetry_calibration(table: TelemetryTable, folder: Path) -> Calibration | None:
     if table.calibration:
         return _biases(folder / table.calibration)
     if table.bias is None:
         return None
     own = hashlib.sha256(table.bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
-    return biases_from(table.bias, table.bias.calibration_id or f"sha256:{own}", where)
+    return biases_from(table.bias, table.bias.calibration_id or f"sha256:{own}")
 
 
 def _biases(path: Path) -> Calibration:
@@ -221,12 +214,11 @@ def _biases(path: Path) -> Calibration:
     return found.biases
 
 
-def refreshed(station: StationConfig, where: str = "") -> StationConfig:
+def refreshed(station: StationConfig) -> StationConfig:
     """The station with ``pipeline.ground``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
 
     Args:
         station: The station.
-        where: File that it is from, for messages.
 
     Raises:
         ConfigError: The ground lies on the map, and no one says where the station is; or it ends before the camera.
@@ -237,9 +229,9 @@ def refreshed(station: StationConfig, where: str = "") -> StationConfig:
     if needs_place(station.ground) and place is None:
         key = "ground.terrain" if isinstance(station.ground, TerrainGround) else "ground.point"
         expected = "station.origin = { lat_deg, lon_deg }" if pose is None else "pose.lat_deg and pose.lon_deg"
-        raise ConfigError(key, where=where, got="no place on the map for the station", expected=expected)
+        raise ConfigError(key, got="no place on the map for the station", expected=expected)
     ground = enu_ground(station.ground, place, (foot_m[0], foot_m[1]))
-    fixed = None if pose is None else pose_sample(pose, origin, ground, where)
+    fixed = None if pose is None else pose_sample(pose, origin, ground)
     current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground))
     return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))
 
@@ -286,7 +278,7 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         station,
         pipeline,
         station=StationTable.from_si(pipeline),
-        camera={**camera_document(pipeline.camera), "model": str(pipeline.model)},
+        camera=StationCameraTable.from_contents(camera_document(pipeline.camera), model=pipeline.model),
         telemetry=None if pipeline.telemetry is None else _telemetry_table(pipeline.telemetry, station),
         ground=None if station.ground is None else ground_table(station.ground, terrain_file),
         images=images_table(station.images, pipeline.time_std_s),

@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Self
+from typing import Annotated, ClassVar, Final, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
@@ -24,6 +24,7 @@ from aerodft.adapters.config.tables import (
     ROWS,
     UNLESS_ZERO,
     Duration,
+    FromFile,
     Latitude,
     Longitude,
     Many,
@@ -284,6 +285,12 @@ class ProbeTable(Table):
         return self
 
 
+class StationCameraTable(FromFile):
+    """A station's camera, and how it projects."""
+
+    model: Annotated[ProjectionModel, Field(strict=False)] = ProjectionModel.PINHOLE
+
+
 _NOT_IN_THE_PAPER = {"ground": "level ground only"} | dict.fromkeys(
     ("landmark", "markers", "camera_motion", "objects", "river"), "no roll"
 )
@@ -291,10 +298,10 @@ _NOT_IN_THE_PAPER = {"ground": "level ground only"} | dict.fromkeys(
 
 
 class ConfigTable(Table):
-    """A station's whole file; ``camera`` is validated once it is known whether a file has it."""
+    """A station's whole file."""
 
     station: StationTable
-    camera: dict[str, Any]
+    camera: StationCameraTable
     telemetry: TelemetryTable | None = None
     pose: Annotated[PoseTable | None, SiAttribute("fixed_pose")] = None
     ground: GroundTable | None = None
@@ -334,7 +341,7 @@ class ConfigTable(Table):
     @model_validator(mode="after")
     def _suits_the_model(self) -> Self:
         keys = (key for key in _NOT_IN_THE_PAPER if getattr(self, key))
-        if self.camera.get("model") == ProjectionModel.DFT and (key := next(keys, None)):
+        if self.camera.model is ProjectionModel.DFT and (key := next(keys, None)):
             expected = f'"pinhole", or no {"[[landmark]]" if key == "landmark" else f"[{key}]"}'
             hint = f"the equations of the paper know {_NOT_IN_THE_PAPER[key]}"
             raise impossible(key, got='it beside camera.model = "dft"', expected=expected, hint=hint)
@@ -355,7 +362,7 @@ class ConfigTable(Table):
         return self
 
 
-def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> tuple[Probe, ...]:
+def probes_from(tables: tuple[ProbeTable, ...], camera: Camera) -> tuple[Probe, ...]:
     """The configured probes.
 
     Raises:
@@ -365,19 +372,16 @@ def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, where: str) -> t
     right_px, bottom_px = camera.width_px + _EDGE_PX, camera.height_px + _EDGE_PX
     for index, table in enumerate(tables):
         if table.name in names[:index]:
-            raise ConfigError(
-                f"probe[{index}].name", where=where, got=f'"{table.name}" again', expected="a name of its own"
-            )
+            raise ConfigError(f"probe[{index}].name", got=f'"{table.name}" again', expected="a name of its own")
         for u, v in table.pixels or ():
             if not (_EDGE_PX <= u <= right_px and _EDGE_PX <= v <= bottom_px):
                 raise ConfigError(
                     f'probe "{table.name}" lies outside the image',
-                    where=where,
                     got=f"pixel ({u:g}, {v:g})",
                     expected=f"within (-0.5, -0.5) to ({right_px:g}, {bottom_px:g}) of {camera.name}",
                 )
         if table.on_top_of is not None:
-            _check_object(table.on_top_of, tables, f"{where}: probe[{index}].on_top_of")
+            _check_object(table.on_top_of, tables, f"probe[{index}].on_top_of")
     return tuple(si_value(Probe, table, source=_source(table)) for table in tables)
 
 
@@ -387,7 +391,7 @@ def _source(table: ProbeTable) -> PixelSource:
     return PixelSource.OBSERVED if table.observed else PixelSource.FIXED
 
 
-def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None:
+def _check_object(name: str, tables: tuple[ProbeTable, ...], key: str) -> None:
     """Refuse to lie on top of anything but an object that stands on the ground, seen in fixed pixels."""
     found = next((table for table in tables if table.name == name), None)
     if found is None:
@@ -400,9 +404,8 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], where: str) -> None
         got = f'"{name}", which lies on top of "{found.on_top_of}"'
     else:
         return
-    raise ConfigError(
-        "lies on no object", where=where, got=got, expected="a height on the ground with pixels of its own"
-    )
+    expected = "a height on the ground with pixels of its own"
+    raise ConfigError(f"{key}: lies on no object", got=got, expected=expected)
 
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:

@@ -250,7 +250,7 @@ def bus() -> str:
         " topics have the same names. Payloads are JSON ([schemas](schemas.md)) unless it says otherwise.\n\n"
         "A query without an answer gets a zenoh *error reply*, in Python `reply.err` instead of `reply.ok`: its payload"
         " (`aerodft.error/1`) has the [exit code](exit-codes.md) that a command would end with, and the sentence, as in"
-        ' `{"code": 3, "sentence": "measure: kind is unknown: ..."}`. What is asked rightly and cannot be measured'
+        ' `{"code": 3, "sentence": "measure: kind: got ..."}`. What is asked rightly and cannot be measured'
         " is answered with a [status](statuses.md). `replay` answers as the station did at the time that is being"
         " replayed: from the inputs recorded until then, `history` with what this round has published.\n"
     )

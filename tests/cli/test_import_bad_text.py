@@ -55,11 +55,11 @@ def test_no_configuration_file(aerodft, desk):
     [
         (b"{not json", "the observation is not JSON"),
         ([1, 2], "the observation is no JSON object"),
-        ({"name": "width", "stamp_ns": "1", "pixel": [[1, 1]]}, "unknown key: got pixel"),
-        ({"name": "width", "stamp_ns": "yesterday", "pixels": [[1, 1]]}, "stamp_ns is no stamp"),
-        ({"name": "width", "stamp_ns": "1", "pixels": [[1]]}, "pixels are no pixels"),
-        ({"name": "width", "stamp_ns": "1", "pixels": [[1, 1]], "std_px": -1}, "std_px is no standard deviation"),
-        ({"stamp_ns": "1", "pixels": [[1, 1]]}, "name is not the name of a probe"),
+        ({"name": "width", "stamp_ns": "1", "pixel": [[1, 1]]}, "pixel: unknown key; did you mean pixels?"),
+        ({"name": "width", "stamp_ns": "yesterday", "pixels": [[1, 1]]}, "stamp_ns: got"),
+        ({"name": "width", "stamp_ns": "1", "pixels": [[1]]}, "pixels[0][1]: got nothing"),
+        ({"name": "width", "stamp_ns": "1", "pixels": [[1, 1]], "std_px": -1}, "std_px: got -1, expected more than 0"),
+        ({"stamp_ns": "1", "pixels": [[1, 1]]}, "name: got nothing"),
         ({"name": "width", "image": 12, "pixels": [[1, 1]]}, "no stamp is known for the image: got image 12 of 0"),
     ],
 )

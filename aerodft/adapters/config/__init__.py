@@ -2,4 +2,15 @@
 
 from aerodft.adapters.config.covariance import load_covariance
 from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.tables import GEO, LOCAL, Many, Table, matching
+from aerodft.adapters.config.tables import (
+    GEO,
+    LOCAL,
+    Many,
+    Pixel,
+    Positive,
+    Real,
+    Table,
+    Text,
+    impossible,
+    matching,
+)

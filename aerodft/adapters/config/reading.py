@@ -41,14 +41,14 @@ _EXPECTED = {
     "greater_than_equal": "at least {ge:g}",
     "less_than": "less than {lt:g}",
     "less_than_equal": "at most {le:g}",
+    "string_too_long": "at most {max_length} letters",
     "string_too_short": "text in quotes, not empty",
     "literal_error": "one of {expected}",
     "enum": "one of {expected}",
     "too_short": "at least {min_length} of them",
     "too_long": "at most {max_length} of them",
 }
-
-
+_MOST_SHOWN: Final = 62  # letters of a value: one line of a terminal
 _INTEGER_BITS: Final = 64
 _INTEGERS: Final = "one of 64 bits"
 
@@ -151,11 +151,10 @@ def shown(value: object) -> str:
     """A value as TOML shows it, shortened."""
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"' if len(value) <= 60 else f'"{value[:57]}..."'  # noqa: PLR2004 (one line of a terminal)
     if isinstance(value, dict):
         return "a table"
-    return repr(value)
+    text = f'"{value}"' if isinstance(value, str) else "null" if value is None else repr(value)
+    return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - 4]}...{text[-1]}"
 
 
 def _unknown_key(model: type[BaseModel], loc: tuple[int | str, ...], prefix: str) -> ConfigError:

@@ -5,21 +5,64 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.wire.json_schema import (
+    COUNT,
+    INTEGER,
+    NUMBER,
+    PIXELS,
+    STAMP,
+    TEXT,
+    Payload,
+    doc,
+    list_of,
+    one_of,
+    or_null,
+)
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads
-from aerodft.adapters.wire.payload import Json, dump_payload, integers, load_payload, load_payloads, pixel_pairs
+from aerodft.adapters.wire.payload import Json, integers, load_payload, load_payloads, pixel_pairs
 from aerodft.conventions import LARGEST
 from aerodft.model import Box, Image, ImageRows, Observation, StampClock
-from aerodft.version import SOFTWARE
 
 IMAGE_SCHEMA = "aerodft.image/1"
 OBSERVATION_SCHEMA = "aerodft.observation/1"
+
+IMAGE: Final = Payload(
+    IMAGE_SCHEMA,
+    "An image's stamps and size",
+    {
+        "index": COUNT,
+        "stamp_ns": STAMP,
+        "arrival_ns": STAMP,
+        "clock": doc(one_of(StampClock), "Whose clock the stamp is from"),
+        "width_px": INTEGER,
+        "height_px": INTEGER,
+    },
+)
+
+OBSERVATION: Final = Payload(
+    OBSERVATION_SCHEMA,
+    "One probe's pixels, or the outline of what it measures, at one stamp",
+    {
+        "name": doc(TEXT, "The probe"),
+        "stamp_ns": STAMP,
+        "arrival_ns": STAMP,
+        "clock": one_of(StampClock),
+        "pixels": PIXELS,
+        "box": doc(or_null(list_of(NUMBER, length=4)), "Left, top, right, bottom limit of an object, in pixels"),
+        "contour": doc(or_null(list_of(list_of(NUMBER, length=2))), "Corners of an object's outline, in pixels"),
+        "unseen": doc(or_null(TEXT), "Why there are no pixels: it was looked for, and not seen"),
+        "std_px": NUMBER,
+        "image": INTEGER,
+        "source": TEXT,
+    },
+)
 
 _CLOCKS: Final = {clock.value: clock for clock in StampClock}
 
 
 def encode_image(image: Image) -> bytes:
     """An image's index, stamps and size as ``aerodft.image/1``; its pixels travel as JPEG elsewhere."""
-    return dump_payload(_image_payload(image))
+    return IMAGE.dump(image)
 
 
 def encode_images(images: Sequence[Image]) -> PackedBytes:
@@ -34,20 +77,7 @@ def encode_images(images: Sequence[Image]) -> PackedBytes:
         values = [(image.index, image.stamp_ns, image.arrival_ns) for image in images]
         columns = np.array(values, dtype=np.int64).reshape(-1, 3).T
     whole = dict(zip(("index", "stamp_ns", "arrival_ns"), columns, strict=True))
-    return encode_payloads(kind[:, None], lambda row: _image_payload(images[row]), whole, np.empty((len(images), 0)))
-
-
-def _image_payload(image: Image) -> Json:
-    return {
-        "schema": IMAGE_SCHEMA,
-        "index": image.index,
-        "stamp_ns": str(image.stamp_ns),
-        "arrival_ns": str(image.arrival_ns),
-        "clock": image.clock,
-        "width_px": image.width_px,
-        "height_px": image.height_px,
-        "software": SOFTWARE,
-    }
+    return encode_payloads(kind[:, None], lambda row: IMAGE.of(images[row]), whole, np.empty((len(images), 0)))
 
 
 def decode_image(data: bytes) -> Image:
@@ -97,23 +127,7 @@ def _image_rows(payloads: Sequence[Json]) -> ImageRows | None:
 
 def encode_observation(observation: Observation) -> bytes:
     """An observation as ``aerodft.observation/1``."""
-    return dump_payload(
-        {
-            "schema": OBSERVATION_SCHEMA,
-            "name": observation.name,
-            "stamp_ns": str(observation.stamp_ns),
-            "arrival_ns": str(observation.arrival_ns),
-            "clock": observation.clock,
-            "pixels": observation.pixels,
-            "box": observation.box,
-            "contour": observation.contour or None,
-            "unseen": observation.unseen or None,
-            "std_px": observation.std_px,
-            "image": observation.image,
-            "source": observation.source,
-            "software": SOFTWARE,
-        }
-    )
+    return OBSERVATION.dump(observation, contour=observation.contour or None, unseen=observation.unseen or None)
 
 
 def decode_observations(data: Sequence[bytes]) -> Sequence[Observation]:

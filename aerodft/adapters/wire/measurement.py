@@ -4,18 +4,32 @@ A recording has ``aerodft.measurements/1``: all of one image in one record, what
 single payloads come back byte by byte.
 """
 
-import math
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from aerodft.adapters.wire.json_schema import (
+    INTEGER,
+    NUMBER,
+    PIXELS,
+    STAMP,
+    TEXT,
+    TEXT_OR_NULL,
+    Payload,
+    Schema,
+    doc,
+    list_of,
+    object_of,
+    one_of,
+    or_null,
+    payload_of,
+)
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
 from aerodft.adapters.wire.payload import Json, dump_payload, load_payload
-from aerodft.adapters.wire.pose import geo_payload, summary_numbers, summary_payload
-from aerodft.dft import NO_IMAGE, MeasurementBatch, MeasurementColumn
-from aerodft.model import Ellipse95, FloatArray, Measurement, PoseSample, ProjectionModel
-from aerodft.version import SOFTWARE
+from aerodft.adapters.wire.pose import GEO, SUMMARY, summary_numbers, summary_payload
+from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, MeasurementColumn
+from aerodft.model import FloatArray, Measurement, ProbeKind, ProjectionModel, Status
 
 MEASUREMENT_SCHEMA = "aerodft.measurement/1"
 MEASUREMENTS_SCHEMA = "aerodft.measurements/1"
@@ -26,6 +40,48 @@ _BEFORE_PIXELS: Final = ("value", "std", "ci95", "ellipse95")
 _BEHIND_PIXELS: Final = ("ground_m", "enu_m", "cov_enu_m2", "geo", "range_m")
 _OWN_AXES: Final = 3  # of pixels that each image has of its own: image, pixel, coordinate
 _ANGLES: Final = {"ellipse95": slice(2, 3), "geo": slice(0, 2)}  # which of the numbers
+
+
+_KINDS: Final = (*PROBE_KINDS, ProbeKind.TRACK)
+
+_POINTS = or_null(list_of(list_of(NUMBER, length=3)))
+_OWN: Final[Schema] = {
+    "name": doc(TEXT, "The probe"),
+    "kind": one_of(_KINDS),
+    "value": doc(NUMBER, "Null unless the status is ok"),
+    "unit": TEXT,
+    "std": NUMBER,
+    "ci95": or_null(list_of(NUMBER, length=2)),
+    "ellipse95": or_null(object_of({"semi_major_m": NUMBER, "semi_minor_m": NUMBER, "azimuth_deg": NUMBER})),
+    "status": one_of(Status),
+    "reasons": list_of(TEXT),
+    "pixels": PIXELS,
+    "std_px": NUMBER,
+    "ground_m": doc(_POINTS, "X right, Y ahead, Z up of the point below the camera"),
+    "enu_m": doc(_POINTS, "East, north, up of the station's origin"),
+    "cov_enu_m2": doc(or_null(list_of(list_of(NUMBER, length=3), length=3)), "Of the first point"),
+    "geo": or_null(list_of(object_of(GEO))),
+    "range_m": or_null(list_of(NUMBER)),
+}
+_OF_IMAGE: Final[Schema] = {
+    "stamp_ns": STAMP,
+    "image": INTEGER,
+    "model": one_of(ProjectionModel),
+    "camera": TEXT,
+    "calibration": TEXT_OR_NULL,
+    "config": TEXT_OR_NULL,
+    "software": TEXT,
+    "pose": SUMMARY,
+}
+_OWN_OBJECT: Final = object_of(_OWN)
+
+MEASUREMENT: Final = Payload(MEASUREMENT_SCHEMA, "One measurement, or why there is none", {**_OWN, **_OF_IMAGE})
+
+MEASUREMENTS: Final = Payload(
+    MEASUREMENTS_SCHEMA,
+    "All measurements of one image, as a recording has them: what they share, and a list",
+    {**_OF_IMAGE, _LIST: list_of(_OWN_OBJECT)},
+)
 
 
 def encode_batch(batch: MeasurementBatch) -> PackedBytes:
@@ -70,16 +126,14 @@ def _numbers(column: MeasurementColumn, names: Sequence[str]) -> list[FloatArray
 
 def _image_payload(batch: MeasurementBatch, row: int) -> Json:
     sample, image = batch.poses[row], int(batch.images[row])
-    shared = _shared_payload(
-        sample,
-        stamp_ns=sample.stamp_ns,
+    return MEASUREMENTS.of(
+        batch,
+        stamp_ns=str(sample.stamp_ns),
         image=None if image == NO_IMAGE else image,
-        model=batch.model,
-        camera=batch.camera,
         calibration=sample.calibration,
-        config=batch.config,
+        pose=summary_payload(sample),
+        measurements=[payload_of(_OWN_OBJECT, each) for each in batch[row]],
     )
-    return {"schema": MEASUREMENTS_SCHEMA, **shared, _LIST: list(map(_own_payload, batch[row]))}
 
 
 def encode_measurements(measurements: Sequence[Measurement]) -> bytes:
@@ -94,62 +148,7 @@ def encode_measurement(measurement: Measurement) -> bytes:
 
 def measurement_payload(measurement: Measurement) -> Json:
     """One measurement as ``aerodft.measurement/1``, before it is written out."""
-    shared = _shared_payload(
-        measurement.pose,
-        stamp_ns=measurement.stamp_ns,
-        image=measurement.image,
-        model=measurement.model,
-        camera=measurement.camera,
-        calibration=measurement.calibration,
-        config=measurement.config,
-    )
-    return {"schema": MEASUREMENT_SCHEMA, **_own_payload(measurement), **shared}
-
-
-def _shared_payload(
-    pose: PoseSample,
-    *,
-    stamp_ns: int,
-    image: int | None,
-    model: ProjectionModel,
-    camera: str,
-    calibration: str | None,
-    config: str | None,
-) -> Json:
-    """What all measurements of an image have in common."""
-    return {
-        "stamp_ns": str(stamp_ns),
-        "image": image,
-        "model": model,
-        "camera": camera,
-        "calibration": calibration,
-        "config": config,
-        "software": SOFTWARE,
-        "pose": summary_payload(pose),
-    }
-
-
-def _own_payload(measurement: Measurement) -> Json:
-    """What is one measurement's own."""
-    ellipse, geo = measurement.ellipse95, measurement.geo
-    return {
-        "name": measurement.name,
-        "kind": measurement.kind,
-        "value": measurement.value,
-        "unit": measurement.unit,
-        "std": measurement.std,
-        "ci95": measurement.ci95,
-        "ellipse95": None if ellipse is None else _ellipse_payload(ellipse),
-        "status": measurement.status,
-        "reasons": measurement.reasons,
-        "pixels": measurement.pixels,
-        "std_px": measurement.std_px,
-        "ground_m": measurement.ground_m,
-        "enu_m": measurement.enu_m,
-        "cov_enu_m2": measurement.cov_enu_m2,
-        "geo": None if geo is None else list(map(geo_payload, geo)),
-        "range_m": measurement.range_m,
-    }
+    return MEASUREMENT.of(measurement, pose=summary_payload(measurement.pose))
 
 
 def split_measurements(data: bytes) -> list[tuple[str, bytes]]:
@@ -166,11 +165,3 @@ def _split(payload: Json) -> list[tuple[str, bytes]]:
     if len(dump_payload(shared)) * len(payload[_LIST]) > _MOST_SPLIT_BYTES:
         raise ValueError(f"{len(payload[_LIST])} measurements that share too much")
     return [(own["name"], dump_payload({"schema": MEASUREMENT_SCHEMA, **own, **shared})) for own in payload[_LIST]]
-
-
-def _ellipse_payload(ellipse: Ellipse95) -> Json:
-    return {
-        "semi_major_m": ellipse.semi_major_m,
-        "semi_minor_m": ellipse.semi_minor_m,
-        "azimuth_deg": math.degrees(ellipse.azimuth_rad),
-    }

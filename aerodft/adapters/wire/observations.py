@@ -3,26 +3,65 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Self
 
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from aerodft.adapters.config import Many, Pixel, Positive, Real, Table, Text, impossible, validated
 from aerodft.adapters.file_kind import check_is_no_pipe
-from aerodft.adapters.wire.payload import load_object, stamp_from
-from aerodft.conventions import LARGEST
-from aerodft.errors import InputError
+from aerodft.adapters.wire.payload import StampNs, load_object
+from aerodft.errors import InputError, located
 from aerodft.model import Box, Observation, StampClock
 
-_KEYS = frozenset((
-    "schema", "name", "stamp_ns", "image", "pixels", "box", "contour", "unseen", "std_px", "clock", "arrival_ns",
-    "source", "software",
-))  # fmt: skip
 _EXAMPLE = (
     '{"stamp_ns": "1795221278868833000", "name": "width-a", "pixels": [[812, 604.5], [1377, 611]], "std_px": 0.5}'
 )
 _MAX_LINE_BYTES = 1 << 20
-_LIMITS: Final = 4
-_LEAST_CORNERS: Final = 3
-_MOST_CORNERS: Final = 4096
-_MOST_LETTERS: Final = 200
+_Contour = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3, max_length=4096)]
+
+
+def _in_order(box: Box) -> Box:
+    left, top, right, bottom = box
+    if left >= right or top >= bottom:
+        raise impossible("", got=list(box), expected="[left, top, right, bottom], left < right and top < bottom")
+    return box
+
+
+def _printable(sentence: str) -> str:
+    if not sentence.isprintable():
+        raise impossible("", got=repr(sentence), expected="a sentence in one line")
+    return sentence
+
+
+class ObservationTable(Table):
+    """One observation as somebody else wrote it; what only recordings have is not looked at."""
+
+    name: Text
+    stamp_ns: StampNs | None = None
+    image: Annotated[int, Field(ge=0)] | None = None
+    pixels: Many[Pixel] | None = None
+    box: Annotated[tuple[Real, Real, Real, Real], Field(strict=False), AfterValidator(_in_order)] | None = None
+    contour: Annotated[_Contour | None, BeforeValidator(lambda corners: corners or None)] = None
+    unseen: Annotated[str, Field(max_length=200), AfterValidator(_printable)] | None = None
+    std_px: Positive | None = None
+    clock: Annotated[StampClock, Field(strict=False)] = StampClock.UTC
+    recorded_schema: Annotated[Any, Field(alias="schema")] = None
+    arrival_ns: Any = None
+    source: Any = None
+    software: Any = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        stated = [key for key in ("pixels", "box", "contour") if getattr(self, key)]
+        if len(stated) > 1:
+            raise impossible(stated[0], got=f"it beside {stated[1]}", expected="one of pixels, box and contour")
+        if not stated and self.pixels is None:
+            raise impossible("pixels", got="nothing", expected="[[u, v], ...], or [] where nothing was seen")
+        if self.unseen is not None and stated:
+            raise impossible("unseen", got="it beside what was seen", expected='"pixels": [] beside it')
+        if self.stamp_ns is None and self.image is None:
+            raise impossible("stamp_ns", got="nothing", expected="nanoseconds UTC as a decimal string, or image")
+        return self
 
 
 class ObservationList:
@@ -60,8 +99,7 @@ def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = No
         with path.open("rb") as lines:
             for number, line in enumerate(iter(lambda: lines.readline(_MAX_LINE_BYTES), b""), start=1):
                 if line.strip():
-                    where = f"{path}:{number}"
-                    observations.append(_observation(_object(line, where), where, path.name, image_stamps_ns or {}))
+                    observations.append(_observation(line, f"{path}:{number}", path.name, image_stamps_ns or {}))
     except OSError as error:
         raise InputError("the observation file cannot be read", where=path, got=error.strerror) from error
     return ObservationList(observations)
@@ -79,101 +117,32 @@ def parse_observation(data: bytes, *, name: str, arrival_ns: int, source: str) -
     Raises:
         InputError: It is no observation, or of another probe than its key says.
     """
-    payload = _object(data, source)
-    if payload.setdefault("name", name) != name:
-        raise InputError("the observation is of another probe", where=source, got=payload["name"], expected=name)
-    return replace(_observation(payload, source, source, {}), arrival_ns=arrival_ns)
+    seen = _observation(data, source, source, {}, name=name)
+    if seen.name != name:
+        raise InputError("the observation is of another probe", where=source, got=seen.name, expected=name)
+    return replace(seen, arrival_ns=arrival_ns)
 
 
-def _object(data: bytes, where: str) -> dict[str, Any]:
-    payload = load_object(data, "the observation", where, _EXAMPLE)
-    if unknown := sorted(payload.keys() - _KEYS):
-        raise InputError("the observation has an unknown key", where=where, got=unknown[0], expected=_EXAMPLE)
-    return payload
-
-
-def _observation(payload: dict[str, Any], where: str, source: str, image_stamps_ns: Mapping[int, int]) -> Observation:
-    name, image, clock = payload.get("name"), payload.get("image"), payload.get("clock", StampClock.UTC)
-    if not isinstance(name, str) or not name:
-        raise InputError("name is not the name of a probe", where=where, got=repr(name), expected=_EXAMPLE)
-    if image is not None and (type(image) is not int or image < 0):
-        raise InputError("image is no index", where=where, got=repr(image), expected="an integer from 0")
-    if clock not in list(StampClock):
-        raise InputError("clock is unknown", where=where, got=repr(clock), expected=" or ".join(StampClock))
-    stamp_ns = _stamp_ns(payload.get("stamp_ns"), image, where, image_stamps_ns)
-    stated = [key for key in ("pixels", "box", "contour") if payload.get(key) not in (None, [])] or ["pixels"]
-    is_nothing = stated == ["pixels"] and payload.get("pixels") == []
-    if len(stated) > 1:
-        raise InputError(f"{stated[0]} beside {stated[1]}", where=where, expected="one of pixels, box and contour")
+def _observation(data: bytes, where: str, source: str, image_stamps_ns: Mapping[int, int], **known: str) -> Observation:
+    payload = known | load_object(data, "the observation", where, _EXAMPLE)
+    with located(where):
+        table = validated(ObservationTable, payload)
+        stamp_ns = table.stamp_ns
+        if stamp_ns is None and table.image is not None:
+            stamp_ns = image_stamps_ns.get(table.image)
+        if stamp_ns is None:
+            got = f"image {table.image} of {len(image_stamps_ns)} known"
+            raise InputError("no stamp is known for the image", got=got, expected="stamp_ns")
     return Observation(
-        name=name,
+        name=table.name,
         stamp_ns=stamp_ns,
         arrival_ns=stamp_ns,
-        pixels=() if stated != ["pixels"] or is_nothing else _pixels(payload.get("pixels"), where),
-        box=_box(payload["box"], where) if stated == ["box"] else None,
-        contour=_contour(payload["contour"], where) if stated == ["contour"] else (),
-        unseen=_unseen(payload.get("unseen"), where, is_nothing=is_nothing),
-        std_px=_std_px(payload.get("std_px"), where),
-        clock=StampClock(clock),
-        image=image,
+        pixels=table.pixels or (),
+        box=table.box,
+        contour=table.contour or (),
+        unseen=table.unseen or "",
+        std_px=table.std_px,
+        clock=table.clock,
+        image=table.image,
         source=source,
     )
-
-
-def _stamp_ns(stamp: object, image: int | None, where: str, image_stamps_ns: Mapping[int, int]) -> int:
-    if stamp is None and image is not None:
-        if image not in image_stamps_ns:
-            got = f"image {image} of {len(image_stamps_ns)} known"
-            raise InputError("no stamp is known for the image", where=where, got=got, expected="stamp_ns")
-        return image_stamps_ns[image]
-    return stamp_from(stamp, where, "nanoseconds UTC as a decimal string")
-
-
-def _pixels(value: object, where: str) -> tuple[tuple[float, float], ...]:
-    if isinstance(value, list) and value and all(_is_pair(pair) for pair in value):
-        return tuple((float(u), float(v)) for u, v in value)
-    raise InputError("pixels are no pixels", where=where, got=repr(value)[:60], expected="[[u, v], ...], finite")
-
-
-def _box(value: object, where: str) -> Box:
-    if isinstance(value, list) and len(value) == _LIMITS and all(map(_is_finite, value)):
-        left, top, right, bottom = map(float, value)
-        if left < right and top < bottom:
-            return left, top, right, bottom
-    expected = "[left, top, right, bottom] in pixels, left < right and top < bottom"
-    raise InputError("box is no box", where=where, got=repr(value)[:60], expected=expected)
-
-
-def _contour(value: object, where: str) -> tuple[tuple[float, float], ...]:
-    if isinstance(value, list) and _LEAST_CORNERS <= len(value) <= _MOST_CORNERS and all(map(_is_pair, value)):
-        return tuple((float(u), float(v)) for u, v in value)
-    got = f"{len(value)} corners" if isinstance(value, list) else repr(value)[:60]
-    expected = f"[[u, v], ...], finite, {_LEAST_CORNERS} to {_MOST_CORNERS} of them"
-    raise InputError("contour is no outline", where=where, got=got, expected=expected)
-
-
-def _unseen(value: object, where: str, *, is_nothing: bool) -> str:
-    if value is None:
-        return ""
-    if not is_nothing:
-        raise InputError("unseen beside what was seen", where=where, expected='"pixels": [] beside it')
-    if isinstance(value, str) and len(value) <= _MOST_LETTERS and value.isprintable():
-        return value
-    expected = f"a sentence of at most {_MOST_LETTERS} letters"
-    raise InputError("unseen is no reason", where=where, got=repr(value)[:60], expected=expected)
-
-
-def _is_pair(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(_is_finite, value))  # noqa: PLR2004 (u and v)
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
-
-
-def _std_px(value: object, where: str) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, int | float) and _is_finite(value) and value > 0:
-        return float(value)
-    raise InputError("std_px is no standard deviation", where=where, got=repr(value), expected="pixels above 0")

@@ -6,9 +6,10 @@ Angles are degrees on the wire. A double survives JSON exactly; degrees and back
 import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Any, Final, NoReturn, TypeVar
+from typing import Annotated, Any, Final, NoReturn, TypeVar
 
 import orjson
+from pydantic import BeforeValidator, Field
 
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
@@ -74,16 +75,12 @@ def load_object(data: bytes, what: str, where: str, example: str) -> Json:
     return payload
 
 
-def stamp_from(value: object, where: str, expected: str) -> int:
-    """A stamp (ns, UTC) as somebody else wrote it: a decimal string, or an integer.
+def _digits(value: object) -> object:
+    return int(value[:20]) if isinstance(value, str) and value.isascii() and value.isdigit() else value
 
-    Raises:
-        InputError: It is neither, or takes more than 64 bits.
-    """
-    stamp_ns = int(value[:20]) if isinstance(value, str) and value.isascii() and value.isdigit() else value
-    if type(stamp_ns) is not int or not 0 <= stamp_ns <= LATEST_NS:
-        raise InputError("stamp_ns is no stamp", where=where, got=repr(stamp_ns), expected=expected)
-    return stamp_ns
+
+StampNs = Annotated[int, Field(ge=0, le=LATEST_NS), BeforeValidator(_digits)]
+"""A stamp (ns, UTC) as somebody else wrote it: a decimal string, or an integer."""
 
 
 def load_payload(data: bytes, schema: str, build: Callable[[Json], T]) -> T:

@@ -5,15 +5,28 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.wire.json_schema import (
+    NUMBER,
+    STAMP,
+    STAMP_OR_NULL,
+    TEXT,
+    TEXT_OR_NULL,
+    Payload,
+    doc,
+    list_of,
+    object_of,
+    one_of,
+    or_null,
+    payload_of,
+)
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
-from aerodft.adapters.wire.payload import Json, degrees_or_none, dump_payload, load_payload, number_or_nan
+from aerodft.adapters.wire.payload import Json, load_payload, number_or_nan
 from aerodft.conventions import NADIR_TILT_RAD
 from aerodft.model import (
     HORIZONTAL,
     TIME,
     FloatArray,
     GeoOrigin,
-    GeoPoint,
     GimbalSource,
     HeightSource,
     HeightSwitch,
@@ -26,9 +39,64 @@ from aerodft.model import (
     ZoomSource,
     read_only,
 )
-from aerodft.version import SOFTWARE
+from aerodft.service import HEIGHT_SOURCES
 
 POSE_SCHEMA = "aerodft.pose/1"
+
+HEIGHTS: Final = (*HEIGHT_SOURCES, HeightSource.CALIBRATION)
+"""Names of all sources of heights."""
+
+GEO = {"lat_deg": NUMBER, "lon_deg": NUMBER, "alt_msl_m": NUMBER}
+_SUMMARY_STD = dict.fromkeys(("height_agl_m", "tilt_deg", "pan_deg", "roll_deg", "heading_deg"), NUMBER)
+_SUMMARY_KEYS = {
+    "height_agl_m": doc(
+        NUMBER, "Above what height_datum says: the measured plane, or the ground right below the camera"
+    ),
+    "height_source": or_null(one_of(HEIGHTS)),
+    "height_datum": TEXT_OR_NULL,
+    "height_age_s": doc(NUMBER, "From the stamp to the nearest sample of that source"),
+    "tilt_deg": doc(NUMBER, "Optical axis against straight down: 0 nadir, 90 horizon"),
+    "roll_deg": doc(NUMBER, "About the optical axis; above 0 with the camera's right side down"),
+    "heading_deg": doc(NUMBER, "Clockwise from true north"),
+    "lat_deg": NUMBER,
+    "lon_deg": NUMBER,
+    "telemetry_age_s": NUMBER,
+}
+SUMMARY: Final = object_of({**_SUMMARY_KEYS, "std": object_of(_SUMMARY_STD)})
+"""A pose as it stands in a measurement."""
+
+POSE: Final = Payload(
+    POSE_SCHEMA,
+    "The camera's pose at one stamp, or why there is none",
+    {
+        "stamp_ns": STAMP,
+        "status": one_of(Status),
+        "reasons": list_of(TEXT),
+        **_SUMMARY_KEYS,
+        "std": object_of({**_SUMMARY_STD, "horizontal_m": NUMBER, "time_s": NUMBER}),
+        "alt_msl_m": NUMBER,
+        "attitude_source": or_null(one_of(GimbalSource)),
+        "calibration": TEXT_OR_NULL,
+        "zoom": doc(
+            or_null(object_of({"magnification": NUMBER, "std": NUMBER, "source": one_of(ZoomSource)})),
+            "Focal length over that of the camera file, where the vehicle's reports are followed",
+        ),
+        "position_enu_m": or_null(list_of(NUMBER, length=3)),
+        "wxyz": doc(or_null(list_of(NUMBER, length=4)), "enu_SO3_cam: camera axes x right, y down, z forward"),
+        "cov": doc(
+            or_null(list_of(list_of(NUMBER, length=6), length=6)),
+            "Position (ENU, m^2), then a small rotation in camera axes (rad^2)",
+        ),
+        "velocity_enu_mps": or_null(list_of(NUMBER, length=3)),
+        "rate_cam_radps": or_null(list_of(NUMBER, length=3)),
+        "time_std_s": NUMBER,
+        "lens_cov": doc(
+            or_null(list_of(list_of(NUMBER), length=6)),
+            "Of the errors of `cov` with those of the intrinsics, where one calibration found both",
+        ),
+        "origin": or_null(object_of(GEO)),
+    },
+)
 
 _ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
 _ANGLES: Final = ("tilt", "pan", "roll", "heading")
@@ -53,23 +121,10 @@ def encode_poses(poses: PoseBatch) -> PackedBytes:
 
 
 def _payload(sample: PoseSample) -> Json:
-    pose, origin, zoom, summary = sample.pose, sample.origin, sample.zoom, summary_payload(sample)
-    return {
-        "schema": POSE_SCHEMA,
-        "stamp_ns": str(sample.stamp_ns),
-        "status": sample.status,
-        "reasons": sample.reasons,
-        **summary,
-        "std": {**summary["std"], "horizontal_m": sample.std.horizontal_m, "time_s": sample.std.time_s},
-        "alt_msl_m": sample.alt_msl_m,
-        "attitude_source": sample.attitude_source,
-        "calibration": sample.calibration,
-        "zoom": zoom and {"magnification": zoom.magnification, "std": zoom.std, "source": zoom.source},
-        **{name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s")},
-        "lens_cov": pose.lens_cov if pose and pose.lens_cov.size else None,
-        "origin": None if origin is None else geo_payload(origin),
-        "software": SOFTWARE,
-    }
+    pose = sample.pose
+    arrays = {name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s", "lens_cov")}
+    arrays["lens_cov"] = arrays["lens_cov"] if pose and pose.lens_cov.size else None
+    return POSE.of(sample, **_view(sample), **arrays)
 
 
 def decode_pose(data: bytes) -> PoseSample:
@@ -145,30 +200,15 @@ def radians_or_none(angle_deg: float | None) -> float | None:
 
 def summary_payload(sample: PoseSample) -> Json:
     """Height, angles, position, age and their standard deviations, as a measurement shows them."""
-    pose, std = sample.pose, sample.std
-    tilt_deg = roll_deg = heading_deg = height_m = None
-    if pose is not None:
-        tilt_deg, roll_deg, heading_deg = camera_angles_deg(*pose.wxyz.tolist())
-        height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
-    return {
-        "height_agl_m": height_m,
-        "height_source": sample.height_source,
-        "height_datum": sample.height_datum,
-        "height_age_s": sample.height_age_s,
-        "tilt_deg": tilt_deg,
-        "roll_deg": roll_deg,
-        "heading_deg": heading_deg,
-        "lat_deg": degrees_or_none(sample.lat_rad),
-        "lon_deg": degrees_or_none(sample.lon_rad),
-        "telemetry_age_s": sample.telemetry_age_s,
-        "std": {
-            "height_agl_m": std.height_agl_m,
-            "tilt_deg": math.degrees(std.tilt_rad),
-            "pan_deg": math.degrees(std.pan_rad),
-            "roll_deg": math.degrees(std.roll_rad),
-            "heading_deg": math.degrees(std.heading_rad),
-        },
-    }
+    return payload_of(SUMMARY, sample, **_view(sample))
+
+
+def _view(sample: PoseSample) -> Json:
+    """Height and angles."""
+    pose = sample.pose
+    height_m = None if pose is None else float(pose.position_enu_m[2]) - sample.datum_enu_m
+    angles_deg = (None,) * 3 if pose is None else camera_angles_deg(*pose.wxyz.tolist())
+    return dict(zip(("height_agl_m", "tilt_deg", "roll_deg", "heading_deg"), (height_m, *angles_deg), strict=True))
 
 
 def summary_numbers(poses: PoseBatch) -> FloatArray:
@@ -204,32 +244,32 @@ def camera_angles_deg(w: float, x: float, y: float, z: float) -> tuple[float, fl
     return math.degrees(tilt_rad), math.degrees(math.atan2(along_down, along_right)), math.degrees(heading_rad)
 
 
-def geo_payload(place: GeoOrigin | GeoPoint) -> Json:
-    """A place on the map."""
-    return {
-        "lat_deg": math.degrees(place.lat_rad),
-        "lon_deg": math.degrees(place.lon_rad),
-        "alt_msl_m": place.alt_msl_m,
-    }
-
-
 HEIGHT_SWITCH_SCHEMA = "aerodft.height_switch/1"
+
+HEIGHT_SWITCH: Final = Payload(
+    HEIGHT_SWITCH_SCHEMA,
+    "From this stamp on heights are of another source",
+    {
+        "stamp_ns": doc(STAMP, "Of the first pose with the new source"),
+        "before": one_of(HEIGHTS),
+        "after": one_of(HEIGHTS),
+        "step_m": doc(NUMBER, "The new source minus the old one; null where they never spoke at one time"),
+        "std_m": doc(NUMBER, "Of the step, by what is stated of the two"),
+        "before_m": doc(NUMBER, "What the old source said then"),
+        "after_m": doc(NUMBER, "What the new source said then"),
+        "compared_ns": doc(STAMP_OR_NULL, "When the two were compared: the last time that the old one spoke"),
+    },
+)
 
 
 def encode_height_switch(switch: HeightSwitch) -> bytes:
     """A switch as ``aerodft.height_switch/1``."""
     step = switch.step
-    return dump_payload(
-        {
-            "schema": HEIGHT_SWITCH_SCHEMA,
-            "stamp_ns": str(switch.stamp_ns),
-            "before": switch.before,
-            "after": switch.after,
-            "step_m": None if step is None else step.step_m,
-            "std_m": None if step is None else step.std_m,
-            "before_m": None if step is None else step.height_m,
-            "after_m": None if step is None else step.other_m,
-            "compared_ns": None if step is None else str(step.stamp_ns),
-            "software": SOFTWARE,
-        }
+    return HEIGHT_SWITCH.dump(
+        switch,
+        step_m=step and step.step_m,
+        std_m=step and step.std_m,
+        before_m=step and step.height_m,
+        after_m=step and step.other_m,
+        compared_ns=step and str(step.stamp_ns),
     )

@@ -2,25 +2,63 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Final, Self, TypeVar
 
 import orjson
+from pydantic import AfterValidator, Field, model_validator
 
-from aerodft.adapters.wire.payload import dump_payload, load_object, pixel_pairs, stamp_from
-from aerodft.conventions import LARGEST
-from aerodft.dft import PROBE_KINDS, Kind
-from aerodft.errors import InputError
+from aerodft.adapters.config import Many, Pixel, Positive, Real, Table, Text, impossible, validated
+from aerodft.adapters.wire.json_schema import COUNT, TEXT, Payload, doc
+from aerodft.adapters.wire.payload import StampNs, load_object
+from aerodft.dft import PROBE_KINDS
+from aerodft.errors import located
 from aerodft.model import Probe, ProbeKind
-from aerodft.version import SOFTWARE
 
 ERROR_SCHEMA = "aerodft.error/1"
 
+ERROR: Final = Payload(
+    ERROR_SCHEMA,
+    "The error reply to a query that has no answer",
+    {
+        "code": doc(COUNT, "As commands exit: 3 the question or an input is wrong, 4 no answer, 1 a bug"),
+        "sentence": doc(TEXT, "What is wrong: where, got, expected, what to do"),
+    },
+)
+
 _WHERE = "measure"
-_KEYS = frozenset({"name", "kind", "pixels", "stamp_ns", "std_px", "elevation_m"})
 _EXAMPLE = '{"kind": "distance", "pixels": [[812, 604.5], [1377, 611]]}'
 _HISTORY_EXAMPLE = '{"last": 10, "name": "width"}'
-_HISTORY_KEYS = frozenset({"last", "name"})
-_MAX_HISTORY = 1_000_000
+_PROBE_KEYS = ("name", "kind", "source", "pixels", "std_px", "elevation_m", "elevation_std_m", "on_top_of")
+
+TableT = TypeVar("TableT", bound=Table)
+
+
+def _kind(name: str) -> str:
+    if ProbeKind(name) not in PROBE_KINDS:
+        raise impossible("", got=f'"{name}"', expected=f"one of {', '.join(PROBE_KINDS)}")
+    return name
+
+
+class _MeasureQuestion(Table):
+    name: Text = _WHERE
+    kind: Annotated[str, AfterValidator(_kind)]
+    pixels: Many[Pixel]
+    stamp_ns: StampNs | None = None
+    std_px: Positive = 1.0
+    elevation_m: Real = 0.0
+
+    @model_validator(mode="after")
+    def _as_many_as_it_takes(self) -> Self:
+        kind = PROBE_KINDS[ProbeKind(self.kind)]
+        if not kind.takes_pixels(len(self.pixels)):
+            expected = f"{kind.pixels_wanted} x [u, v] for {self.kind}"
+            raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
+        return self
+
+
+class _HistoryQuestion(Table):
+    last: Annotated[int, Field(ge=0)] = 1_000_000
+    name: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,30 +80,15 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
     Raises:
         InputError: It is no such question.
     """
-    payload = load_object(data, "the question", _WHERE, _EXAMPLE)
-    if unknown := sorted(payload.keys() - _KEYS):
-        raise InputError("unknown key", where=_WHERE, got=unknown[0], expected=", ".join(sorted(_KEYS)))
-    asked = payload.get("kind")
-    kind = PROBE_KINDS.get(ProbeKind(asked)) if isinstance(asked, str) else None
-    if kind is None:
-        raise InputError("kind is unknown", where=_WHERE, got=repr(asked), expected=", ".join(PROBE_KINDS))
-    name = payload.get("name", _WHERE)
-    if not isinstance(name, str) or not name:
-        raise InputError("name is no name", where=_WHERE, got=repr(name), expected="text")
-    stamp_ns = payload.get("stamp_ns")
-    if stamp_ns is not None:
-        stamp_ns = stamp_from(stamp_ns, _WHERE, "a decimal string")
-    std_px = _real(payload, "std_px", 1.0)
-    if std_px <= 0:
-        raise InputError("std_px is no standard deviation", where=_WHERE, got=std_px, expected="pixels above 0")
+    asked = _question(_MeasureQuestion, data, _WHERE, _EXAMPLE)
     probe = Probe(
-        name=name,
-        kind=kind.name,
-        pixels=_pixels(payload.get("pixels"), kind),
-        std_px=std_px,
-        elevation_m=_real(payload, "elevation_m", 0.0),
+        name=asked.name,
+        kind=ProbeKind(asked.kind),
+        pixels=asked.pixels,
+        std_px=asked.std_px,
+        elevation_m=asked.elevation_m,
     )
-    return MeasureRequest(probe=probe, stamp_ns=stamp_ns)
+    return MeasureRequest(probe=probe, stamp_ns=asked.stamp_ns)
 
 
 def parse_history_request(data: bytes) -> tuple[int, str | None]:
@@ -74,36 +97,20 @@ def parse_history_request(data: bytes) -> tuple[int, str | None]:
     Raises:
         InputError: It is no such question.
     """
-    if not data.strip():
-        return _MAX_HISTORY, None
-    payload = load_object(data, "the question", "history", _HISTORY_EXAMPLE)
-    if unknown := sorted(payload.keys() - _HISTORY_KEYS):
-        raise InputError("unknown key", where="history", got=unknown[0], expected=", ".join(sorted(_HISTORY_KEYS)))
-    last, name = payload.get("last", _MAX_HISTORY), payload.get("name")
-    if type(last) is not int or last < 0:
-        raise InputError("last is no count", where="history", got=repr(last), expected="an integer from 0")
-    if name is not None and not isinstance(name, str):
-        raise InputError("name is no probe", where="history", got=repr(name), expected="text")
-    return last, name
+    asked = _question(_HistoryQuestion, data if data.strip() else b"{}", "history", _HISTORY_EXAMPLE)
+    return asked.last, asked.name
+
+
+def _question(model: type[TableT], data: bytes, where: str, example: str) -> TableT:
+    """What a question says; null is as good as nothing."""
+    payload = load_object(data, "the question", where, example)
+    with located(where):
+        return validated(model, {key: value for key, value in payload.items() if value is not None})
 
 
 def encode_probes(probes: Iterable[Probe]) -> bytes:
     """The answer to a ``probes`` query."""
-    return orjson.dumps(
-        [
-            {
-                "name": probe.name,
-                "kind": probe.kind,
-                "source": probe.source,
-                "pixels": probe.pixels,
-                "std_px": probe.std_px,
-                "elevation_m": probe.elevation_m,
-                "elevation_std_m": probe.elevation_std_m,
-                "on_top_of": probe.on_top_of,
-            }
-            for probe in probes
-        ]
-    )
+    return orjson.dumps([{key: getattr(probe, key) for key in _PROBE_KEYS} for probe in probes])
 
 
 def encode_error(code: int, sentence: str) -> bytes:
@@ -113,25 +120,4 @@ def encode_error(code: int, sentence: str) -> bytes:
         code: What a command that fails so would exit with.
         sentence: What is wrong.
     """
-    return dump_payload({"schema": ERROR_SCHEMA, "code": code, "sentence": sentence, "software": SOFTWARE})
-
-
-def _pixels(value: object, kind: Kind) -> tuple[tuple[float, float], ...]:
-    try:
-        pixels = pixel_pairs(value)  # type: ignore[arg-type]  # what JSON has is checked by taking it apart
-    except (TypeError, ValueError):
-        pixels = ()
-    if not kind.takes_pixels(len(pixels)) or not all(abs(u) <= LARGEST and abs(v) <= LARGEST for u, v in pixels):
-        raise InputError(
-            "wrong pixels", where=_WHERE, got=repr(value)[:60], expected=f"{kind.pixels_wanted} x [u, v], finite"
-        )
-    return pixels
-
-
-def _real(payload: dict[str, Any], key: str, default: float) -> float:
-    value = payload.get(key)
-    if value is None:
-        return default
-    if type(value) not in {int, float} or not abs(value) <= LARGEST:
-        raise InputError(f"{key} is no number", where=_WHERE, got=repr(value), expected="a finite number")
-    return float(value)
+    return ERROR.dump(None, code=code, sentence=sentence)

@@ -2,13 +2,70 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
-from aerodft.adapters.wire.payload import Json, dump_payload
+from aerodft.adapters.wire.json_schema import (
+    COUNT,
+    INTEGER,
+    NUMBER,
+    STAMP,
+    TEXT,
+    Payload,
+    Schema,
+    doc,
+    object_of,
+    or_null,
+)
+from aerodft.adapters.wire.payload import Json
 from aerodft.model import Health
-from aerodft.version import SOFTWARE
 
 STATUS_SCHEMA = "aerodft.status/1"
 STATES = ("starting", "running", "ending")
+
+
+_NUMBERS: Final[Schema] = {"type": "object", "additionalProperties": NUMBER}
+_HEALTH = object_of(
+    {
+        "heartbeat_age_s": NUMBER,
+        "gps": object_of(
+            {
+                "fix": doc(INTEGER, "GPS_FIX_TYPE: 3 and more are three-dimensional"),
+                "age_s": NUMBER,
+                "satellites": INTEGER,
+                "horizontal_std_m": NUMBER,
+                "vertical_std_m": NUMBER,
+            }
+        ),
+        "estimator": object_of(
+            {
+                "has_attitude": {"type": ["boolean", "null"]},
+                "test_ratios": doc(_NUMBERS, "Innovations over their gates: from 1 on the estimator refuses them"),
+            }
+        ),
+        "link": doc(
+            object_of({"received": COUNT, "lost": COUNT}),
+            "The autopilot's frames over the last 10 s",
+        ),
+        "ages_s": doc(_NUMBERS, "Since the newest telemetry of each kind"),
+    }
+)
+
+STATUS: Final = Payload(
+    STATUS_SCHEMA,
+    "What a station is doing",
+    {
+        "station": TEXT,
+        "stamp_ns": STAMP,
+        "state": {"enum": list(STATES)},
+        "text": TEXT,
+        "counts": {"type": "object", "additionalProperties": COUNT},
+        "health": doc(or_null(_HEALTH), "What the vehicle says of itself now; null of a fixed camera"),
+        "rejected": doc(
+            {"type": "object", "additionalProperties": COUNT},
+            "Telemetry that held no value since the start (NaN, impossible, of somebody else), by MESSAGE: reason",
+        ),
+    },
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,18 +94,11 @@ class StationStatus:
 
 def encode_status(status: StationStatus) -> bytes:
     """A station's state as ``aerodft.status/1``."""
-    return dump_payload(
-        {
-            "schema": STATUS_SCHEMA,
-            "station": status.station,
-            "stamp_ns": str(status.stamp_ns),
-            "state": status.state,
-            "text": status.text,
-            "counts": dict(status.counts),
-            "health": None if status.health is None else _health_payload(status.health),
-            "rejected": dict(status.rejected),
-            "software": SOFTWARE,
-        }
+    return STATUS.dump(
+        status,
+        counts=dict(status.counts),
+        health=None if status.health is None else _health_payload(status.health),
+        rejected=dict(status.rejected),
     )
 
 

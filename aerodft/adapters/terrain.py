@@ -169,14 +169,13 @@ def load_elevation(
     radius_m: float = RADIUS_M,
     cell_m: float | None = None,
     band: int = 1,
-    ground_is_zero: bool = False,
     fill_msl_m: float | None = None,
 ) -> ElevationGrid:
     """Read the ground around the station, on square cells in the station's ENU.
 
     Between the centres of the file's pixels heights are interpolated bilinearly; where the cells are larger than the
     pixels, these are averaged first. The file's heights count as above mean sea level, the grid's are above the
-    origin's altitude.
+    origin's altitude, or where that is not known above the ground there.
 
     Args:
         path: A raster of heights, in any geographic or projected coordinate reference system.
@@ -184,7 +183,6 @@ def load_elevation(
         radius_m: Half the side of the square that is read. Beyond the file there is no ground.
         cell_m: Distance of the nodes; None for that of the file's pixels at the origin.
         band: The raster's band of heights, from 1.
-        ground_is_zero: Heights above the ground at the origin instead, as they are for an origin without altitude.
         fill_msl_m: Height of what has no data in the file, a water surface for instance; None to leave holes.
 
     Raises:
@@ -194,9 +192,8 @@ def load_elevation(
     """
     if not (0.0 < radius_m < math.inf and (cell_m is None or 0.0 < cell_m <= radius_m)):
         raise ValueError(f"got a radius of {radius_m} m and cells of {cell_m} m, expected both above 0, cells smaller")
-    alt_msl_m = None if ground_is_zero else origin.alt_msl_m
     with _opened(path) as dataset:
-        crs = _crs(dataset, path, relative=alt_msl_m is None)
+        crs = _crs(dataset, path, relative=origin.alt_msl_m is None)
         layout = _layout(dataset, path, crs, origin)
         window, pixel_m = layout.window((dataset.width, dataset.height), radius_m), layout.pixel_m()
         cell_m = cell_m or pixel_m
@@ -209,7 +206,7 @@ def load_elevation(
     on_nodes = part.on_nodes(east_m, north_m)
     if np.all(np.isnan(on_nodes)):
         raise InputError("no heights around the station", where=path, got="nodata only", expected=_GEOTIFF)
-    zero_m = _ground_at_origin(part, path) if alt_msl_m is None else alt_msl_m
+    zero_m = _ground_at_origin(part, path) if origin.alt_msl_m is None else origin.alt_msl_m
     return ElevationGrid(east_m=float(east_m[0]), north_m=float(north_m[0]), cell_m=cell_m, heights_m=on_nodes - zero_m)
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any
 
 from aerodft.model.arrays import FloatArray
 
@@ -13,8 +14,10 @@ class LensModel(StrEnum):
     BROWN = "brown"  # k1 k2 p1 p2 [k3 [k4 k5 k6]]: radial, tangential, rational
     FISHEYE = "fisheye"  # k1 k2 k3 k4: equidistant polynomial
 
-
-_COEFFICIENT_COUNTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
+    @property
+    def coefficient_counts(self) -> tuple[int, ...]:
+        """How many coefficients a lens may have."""
+        return (0, 4, 5, 8) if self is LensModel.BROWN else (0, 4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,10 +79,10 @@ class Camera:
             raise ValueError(f"image size {self.width_px} x {self.height_px} px, must be at least 1 x 1")
         if not (self.fx_px > 0 and self.fy_px > 0 and math.isfinite(self.fx_px + self.fy_px)):
             raise ValueError(f"focal lengths {self.fx_px}, {self.fy_px} px, must be finite and above 0")
-        if len(self.distortion) not in _COEFFICIENT_COUNTS[self.lens]:
+        if len(self.distortion) not in self.lens.coefficient_counts:
             raise ValueError(
                 f"{len(self.distortion)} distortion coefficients for a {self.lens} lens,"
-                f" must be one of {_COEFFICIENT_COUNTS[self.lens]}"
+                f" must be one of {self.lens.coefficient_counts}"
             )
         count = 4 + len(self.distortion)
         if self.covariance and {len(self.covariance), *map(len, self.covariance)} != {count}:
@@ -107,6 +110,13 @@ class Camera:
             cx_px=(width_px - 1) / 2,
             cy_px=(height_px - 1) / 2,
         )
+
+    @classmethod
+    def of_focal(cls, *, width_px: int, height_px: int, focal_px: float, **more: Any) -> "Camera":  # noqa: ANN401 - of all kinds
+        """A camera with square pixels, principal point at the image's centre, and ``more`` of its attributes."""
+        u, v = (width_px - 1) / 2, (height_px - 1) / 2
+        more |= {"fx_px": focal_px, "fy_px": focal_px, "cx_px": u, "cy_px": v}
+        return cls(width_px=width_px, height_px=height_px, **more)
 
     def with_covariance(self, covariance: FloatArray) -> "Camera":
         """The camera with another covariance ``(n, n)`` of its intrinsics; all zeros: known exactly."""

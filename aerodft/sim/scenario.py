@@ -233,14 +233,11 @@ class Scenario:
 def default_camera(width_px: int, height_px: int) -> Camera:
     """62 degrees wide, square pixels, mild distortion."""
     focal_px = width_px / 2 / float(np.tan(np.radians(31.0)))
-    return Camera(
+    return Camera.of_focal(
         name=f"simulated {width_px}x{height_px}",
         width_px=width_px,
         height_px=height_px,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width_px - 1) / 2,
-        cy_px=(height_px - 1) / 2,
+        focal_px=focal_px,
         distortion=(-0.08, 0.02, 0.0005, -0.0003, 0.0),
     )
 

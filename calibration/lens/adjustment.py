@@ -251,16 +251,7 @@ def _stepped(bundle: Bundle, normal: _Normal, damping: float) -> Bundle | None:
 def camera_guess(lens: LensModel, size_px: tuple[int, int], focal_px: float, coefficients: int) -> Camera:
     """An undistorted camera that looks through the image's centre, with so many coefficients of 0."""
     width, height = size_px
-    camera = Camera(
-        name="guess",
-        width_px=width,
-        height_px=height,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width - 1) / 2,
-        cy_px=(height - 1) / 2,
-        lens=lens,
-    )
+    camera = Camera.of_focal(name="guess", width_px=width, height_px=height, focal_px=focal_px, lens=lens)
     return with_coefficients(camera, coefficients)
 
 

@@ -21,6 +21,7 @@ affine = pytest.importorskip("affine", reason="the extra terrain is not installe
 
 LAT_DEG, LON_DEG, ALT_M = 47.5, 9.2, 400.0
 ORIGIN = GeoOrigin(lat_rad=math.radians(LAT_DEG), lon_rad=math.radians(LON_DEG), alt_msl_m=ALT_M)
+BARE = GeoOrigin(lat_rad=ORIGIN.lat_rad, lon_rad=ORIGIN.lon_rad)
 CENTIMETRE = 0.01
 RISE_EAST, RISE_NORTH = 0.1, -0.05
 
@@ -159,11 +160,9 @@ def test_holes_stay_holes_and_may_be_filled_with_water(tmp_path):
     assert_allclose(elevation_at(filled, np.array([0.0, 0.0])), 30.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("how", ["asked", "no altitude"])
-def test_heights_above_the_ground_at_the_station(tmp_path, how):
+def test_heights_above_the_ground_at_a_station_without_altitude(tmp_path):
     path = _write(tmp_path / "ground.tif", "EPSG:32632")
-    bare = GeoOrigin(lat_rad=ORIGIN.lat_rad, lon_rad=ORIGIN.lon_rad)
-    grid = load_elevation(path, ORIGIN, ground_is_zero=True) if how == "asked" else load_elevation(path, bare)
+    grid = load_elevation(path, BARE)
     places = _around(300.0)
     assert_allclose(elevation_at(grid, np.zeros(2)), 0.0, atol=1e-9)
     assert_allclose(elevation_at(grid, places), _plane_m(*places.T) - 410.0, atol=2 * CENTIMETRE)
@@ -269,14 +268,14 @@ def test_nothing_but_nodata_is_refused(tmp_path):
     path = _write(tmp_path / "empty.tif", "EPSG:32632", lambda e, _: np.nan * e)
     _fails(path, "no heights around the station", "nodata only")
     hole = _write(tmp_path / "hole.tif", "EPSG:32632", lambda e, n: np.where(np.hypot(e, n) < 50, np.nan, 400.0))
-    _fails(hole, "no height at the station", "give the station's altitude", ground_is_zero=True)
+    _fails(hole, "no height at the station", "give the station's altitude", origin=BARE)
     assert np.isnan(elevation_at(load_elevation(hole, ORIGIN), np.zeros(2)))
 
 
 def test_heights_above_the_ellipsoid_are_not_mixed_with_an_altitude(tmp_path):
     path = _write(tmp_path / "ellipsoid.tif", "EPSG:4326", pixel=5e-5, declared="EPSG:4979")
     _fails(path, "heights of another kind", "expected above mean sea level", "above the ground at the station")
-    assert_allclose(elevation_at(load_elevation(path, ORIGIN, ground_is_zero=True), np.zeros(2)), 0.0, atol=1e-9)
+    assert_allclose(elevation_at(load_elevation(path, BARE), np.zeros(2)), 0.0, atol=1e-9)
 
 
 def test_units_that_nobody_knows_are_refused(tmp_path):

@@ -2,4 +2,4 @@
 
 from aerodft.adapters.bus.queries import StationQueries
 from aerodft.adapters.bus.session import session_on
-from aerodft.adapters.bus.station import BusSettings, ZenohBus
+from aerodft.adapters.bus.station import ZenohBus

@@ -35,7 +35,6 @@ class StationQueries:
         keys: The station's.
         probes: The probes that are measured; called in threads of the bus, as ``measure`` is.
         measure: Answers a ``measure`` query with the payload of its reply; None where nobody can.
-        most_history: Measurements that ``history`` queries can ask for.
     """
 
     def __init__(
@@ -45,9 +44,8 @@ class StationQueries:
         *,
         probes: Callable[[], Sequence[Probe]],
         measure: Callable[[MeasureRequest], bytes] | None,
-        most_history: int = MOST_HISTORY,
     ) -> None:
-        self._history: deque[tuple[str, bytes]] = deque(maxlen=most_history)
+        self._history: deque[tuple[str, bytes]] = deque(maxlen=MOST_HISTORY)
         self._lock = threading.Lock()
         answers: dict[str, _Answer] = {
             keys.probes: lambda _: encode_probes(probes()),

@@ -3,15 +3,14 @@
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from operator import attrgetter
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import zenoh
 
-from aerodft.adapters.bus.queries import MOST_HISTORY, StationQueries
+from aerodft.adapters.bus.queries import StationQueries
 from aerodft.adapters.bus.session import close_session, open_session
-from aerodft.adapters.images import encode_jpeg
+from aerodft.adapters.images import encode_jpeg, is_due
 from aerodft.adapters.wire.estimates import encode_camera_motion, encode_estimate
 from aerodft.adapters.wire.events import encode_image
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
@@ -21,7 +20,6 @@ from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
-from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, InputError
 from aerodft.model import (
     CalibrationEstimate,
@@ -36,29 +34,12 @@ from aerodft.service import Batches, StepOutputs
 
 _QUEUED_TICKS = 256
 _LOG_EVERY = 1000
+_JPEG_QUALITY = 75
+
+IMAGE_HZ: Final = 2.0
+"""Images per second that are published."""
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusSettings:
-    """How a station is on the bus.
-
-    Attributes:
-        station: Name in key expressions.
-        listen: Endpoint; None to listen nowhere.
-        connect: Endpoints of others.
-        max_image_hz: Images per second that are published; 0 for none.
-        jpeg_quality: 0 to 100.
-        history: Measurements that ``history`` queries can ask for.
-    """
-
-    station: str
-    listen: str | None = DEFAULT_LISTEN
-    connect: tuple[str, ...] = ()
-    max_image_hz: float = 2.0
-    jpeg_quality: int = 75
-    history: int = MOST_HISTORY
 
 
 def _as_it_is(image: Image) -> Image:
@@ -83,7 +64,9 @@ class ZenohBus:
     Publishing drops what a slow subscriber does not take, and never waits for one.
 
     Args:
-        settings: How.
+        station: Its name in key expressions.
+        listen: Endpoint; None to listen nowhere.
+        connect: Endpoints of others.
         probes: What ``probes`` queries show.
         on_measure: Answers ``measure`` queries, in a thread of the bus.
         on_observation: Takes observations (their arrival is to be set), in a thread of the bus.
@@ -95,19 +78,20 @@ class ZenohBus:
 
     def __init__(
         self,
-        settings: BusSettings,
+        station: str,
+        listen: str | None = DEFAULT_LISTEN,
+        connect: Sequence[str] = (),
         *,
         probes: Sequence[Probe] = (),
         on_measure: Callable[[MeasureRequest], list[Measurement]] | None = None,
         on_observation: Callable[[Observation], None] | None = None,
         in_utc: Callable[[Image], Image] = _as_it_is,
     ) -> None:
-        self._settings = settings
-        self._keys = Keys(settings.station)
+        self._keys = Keys(station)
         self._last_image_ns: int | None = None
         self._in_utc = in_utc
         self._malformed = self._shed_images = self._shed_outputs = 0
-        self._session = open_session(settings.listen, settings.connect)
+        self._session = open_session(listen, connect)
         self._publishers = _Publishers(self._session)
         self._queue: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
         self._image_queue: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, _nothing, capacity=2)
@@ -116,7 +100,6 @@ class ZenohBus:
             self._keys,
             probes=lambda: probes,
             measure=None if on_measure is None else lambda request: encode_measurements(on_measure(request)),
-            most_history=settings.history,
         )
         self._declared: list[zenoh.LivelinessToken | zenoh.Subscriber[None]] = [
             self._session.liveliness().declare_token(self._keys.alive)
@@ -137,7 +120,7 @@ class ZenohBus:
     def take(self, batches: Batches, outputs: StepOutputs) -> None:
         """Publish poses, measurements and estimates of some ticks, and of their images as many as the rate allows."""
         for image in batches.images:
-            if image.pixels is not None and self._is_due(image):
+            if image.pixels is not None and is_due(self._last_image_ns, image.arrival_ns, IMAGE_HZ):
                 self._last_image_ns = image.arrival_ns
                 self._shed_images += not self._image_queue.put(self._in_utc(image))
         is_all_observed = all(isinstance(each.content, Observation) for each in outputs.singles)
@@ -188,17 +171,11 @@ class ZenohBus:
 
     def _publish_image(self, image: Image) -> None:
         try:
-            jpeg = encode_jpeg(image, self._settings.jpeg_quality)
+            jpeg = encode_jpeg(image, _JPEG_QUALITY)
         except (AerodftError, OSError, ValueError) as error:
             _log.debug("image %d cannot be published: %s", image.index, error)
             return
         self._publishers.jpeg(self._keys.image, jpeg, encode_image(image))
-
-    def _is_due(self, image: Image) -> bool:
-        rate_hz = self._settings.max_image_hz
-        if rate_hz <= 0 or self._last_image_ns is None:
-            return rate_hz > 0
-        return image.arrival_ns - self._last_image_ns >= 0.9 * SECOND_NS / rate_hz
 
     def _observations(self, on_observation: Callable[[Observation], None]) -> "zenoh.Subscriber[None]":
         def take(sample: zenoh.Sample) -> None:

@@ -13,6 +13,6 @@ from aerodft.adapters.images.pixels import (
     read_camera_image,
 )
 from aerodft.adapters.images.rate import LiveRate, RateSource, ThinnedPixels, is_due
-from aerodft.adapters.images.stills import StillsFolderSource, image_size_and_mode
+from aerodft.adapters.images.stills import StillsFolderSource, facts_of_still
 from aerodft.adapters.images.stream import StreamReader
 from aerodft.adapters.images.video import SeekableVideo, VideoFileSource, video_info

@@ -6,10 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from PIL import Image as PillowImage
-
-from aerodft.adapters.file_kind import check_is_no_pipe
-from aerodft.adapters.images.stills import image_size_and_mode, still_mode
+from aerodft.adapters.images.stills import facts_of_still, still_facts
 from aerodft.errors import InputError
 from aerodft.model import Camera, CameraMode, CameraStd
 
@@ -54,7 +51,8 @@ def common_mode(images: Iterable[Path]) -> CameraMode | None:
     """
     first: tuple[Path, CameraMode] | None = None
     for image in images:
-        mode, _ = still_mode(image)
+        facts = still_facts(image)
+        mode = CameraMode() if facts is None else facts.mode
         if mode == CameraMode():
             continue
         if first is None:
@@ -82,8 +80,8 @@ def camera_of_still(path: Path) -> Camera:
     Raises:
         InputError: No still, no equivalent in its EXIF data, or an image that was cropped after it was taken.
     """
-    (width_px, height_px), mode = image_size_and_mode(path)
-    _, taken_px = still_mode(path)
+    facts = facts_of_still(path)
+    (width_px, height_px), mode, taken_px = facts.size_px, facts.mode, facts.taken_px
     if mode.focal_35mm_mm is None:
         raise InputError(
             "no camera can be told from it",
@@ -103,14 +101,11 @@ def camera_of_still(path: Path) -> Camera:
     crop_std = max(abs(share - likely) for share in shares) / _WITHIN_STDS / likely
     diagonal_px = math.hypot(width_px, height_px)
     focal_px = mode.focal_35mm_mm / _FILM_DIAGONAL_MM * diagonal_px * likely
-    return Camera(
+    return Camera.of_focal(
         name=mode.device or path.stem,
         width_px=width_px,
         height_px=height_px,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width_px - 1) / 2,
-        cy_px=(height_px - 1) / 2,
+        focal_px=focal_px,
         std=CameraStd(
             focal_px=focal_px * math.hypot(crop_std, _FILM_STEP_STD_MM / mode.focal_35mm_mm),
             principal_point_px=_OFF_CENTRE * diagonal_px,
@@ -146,15 +141,11 @@ def _wrong_mode(where: object, got: str, expected: str) -> InputError:
 
 
 def _doubts(path: Path, camera: Camera) -> Iterator[str]:
-    try:
-        check_is_no_pipe(path)
-        with PillowImage.open(path) as image:
-            size_px = image.size
-    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError):
-        pass
-    else:
-        refuse_other_size(size_px, camera, path)
-    mode, taken_px = still_mode(path)
+    facts = still_facts(path)
+    if facts is None:
+        return
+    refuse_other_size(facts.size_px, camera, path)
+    mode, taken_px = facts.mode, facts.taken_px
     if camera.mode is not None and (difference := _difference(mode, camera.mode)):
         got, expected = difference
         raise _wrong_mode(path, got, f'{expected}, the mode of camera "{camera.name}"')

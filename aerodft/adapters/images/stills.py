@@ -133,46 +133,51 @@ def _text(value: object) -> str:
 UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError)  # all that Pillow raises
 
 
-def still_mode(path: Path) -> tuple[CameraMode, tuple[int, int] | None]:
-    """A still's mode, and the size that it was taken in.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StillFacts:
+    """What a still's file says of it.
 
-    Args:
-        path: Any file; what is no still, or has no EXIF data, has a mode of which nothing is known.
-
-    Returns:
-        The mode; and width and height in pixels when it was taken, None where EXIF does not say.
+    Attributes:
+        size_px: Width and height as it is stored.
+        mode: How the camera was set, as far as EXIF data say.
+        taken_px: Width and height when it was taken; None where EXIF does not say.
     """
+
+    size_px: tuple[int, int]
+    mode: CameraMode
+    taken_px: tuple[int, int] | None
+
+
+def still_facts(path: Path) -> StillFacts | None:
+    """What a still's file says of it; None of a file that is no still."""
     try:
         check_is_no_pipe(path)
         with PillowImage.open(path) as image:
-            exif = image.getexif()
-            taken = exif.get_ifd(IFD.Exif)
-            device = exif.get(Base.Model)
+            size_px, exif = image.size, image.getexif()
+            taken, device = exif.get_ifd(IFD.Exif), exif.get(Base.Model)
     except UNREADABLE:
-        return CameraMode(), None
-    size = (_positive(taken.get(Base.ExifImageWidth)), _positive(taken.get(Base.ExifImageHeight)))
+        return None
+    width_px, height_px = (_positive(taken.get(key)) for key in (Base.ExifImageWidth, Base.ExifImageHeight))
     mode = CameraMode(
-        device=(device.strip("\0 ") or None) if isinstance(device, str) else None,
+        device=_text(device) or None,
         focal_mm=_positive(taken.get(Base.FocalLength)),
         focal_35mm_mm=_positive(taken.get(Base.FocalLengthIn35mmFilm)),
         digital_zoom=_positive(taken.get(Base.DigitalZoomRatio)),
     )
-    return mode, None if size[0] is None or size[1] is None else (round(size[0]), round(size[1]))
+    taken_px = None if width_px is None or height_px is None else (round(width_px), round(height_px))
+    return StillFacts(size_px=size_px, mode=mode, taken_px=taken_px)
 
 
-def image_size_and_mode(path: Path) -> tuple[tuple[int, int], CameraMode]:
-    """Width and height of a still as it is stored, and its mode.
+def facts_of_still(path: Path) -> StillFacts:
+    """What a still's file says of it.
 
     Raises:
         InputError: It is none.
     """
-    try:
-        check_is_no_pipe(path)
-        with PillowImage.open(path) as image:
-            size_px = image.size
-    except UNREADABLE as error:
-        raise InputError("not a readable image", where=path, got=looks_like(path), expected="an image") from error
-    return size_px, still_mode(path)[0]
+    found = still_facts(path)
+    if found is None:
+        raise InputError("not a readable image", where=path, got=looks_like(path), expected="an image")
+    return found
 
 
 def _positive(value: object) -> float | None:

@@ -25,10 +25,12 @@ def open_output(settings: ZenohTable, run: Run) -> Output | None:
     """The station on the bus; None of a run that is not live, or without it."""
     if not (settings.enabled and run.is_live):
         return None
-    from aerodft.adapters.bus import BusSettings, ZenohBus  # noqa: PLC0415 - configurations are read without zenoh
+    from aerodft.adapters.bus import ZenohBus  # noqa: PLC0415 - configurations are read without zenoh
 
     return ZenohBus(
-        BusSettings(station=run.station, listen=settings.listen, connect=settings.connect),
+        run.station,
+        settings.listen,
+        settings.connect,
         probes=run.probes,
         on_measure=run.measure,
         on_observation=run.put_observation,

@@ -6,7 +6,7 @@ import tomli_w
 
 from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.camera import KnownCamera, camera_document, known_cameras
-from aerodft.adapters.images import STILLS, image_size_and_mode, video_info
+from aerodft.adapters.images import STILLS, facts_of_still, video_info
 from aerodft.errors import NoAnswerError
 
 
@@ -30,7 +30,8 @@ def find_cameras(wanted: str | Path | None = None) -> tuple[KnownCamera, ...]:
     if wanted is None:
         return cameras
     if path.is_file() and path.suffix.lower() in STILLS:
-        size_px, mode = image_size_and_mode(path)
+        facts = facts_of_still(path)
+        size_px, mode = facts.size_px, facts.mode
         found = [each for each in cameras if each.shows(size_px, mode)]
         got = f'{size_px[0]} x {size_px[1]} px of "{mode.device or "no device"}"'
     elif path.is_file():

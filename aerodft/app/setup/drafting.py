@@ -12,7 +12,7 @@ import orjson
 from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.camera import KnownCamera, load_camera
 from aerodft.adapters.config.station import load_station
-from aerodft.adapters.images import STILLS, image_size_and_mode, video_info
+from aerodft.adapters.images import STILLS, facts_of_still, video_info
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
@@ -231,7 +231,7 @@ def _known(wanted: str | Path | None, image: Path | None) -> KnownCamera | None:
 
 def _size_px(image: Path) -> tuple[int, int]:
     if image.suffix.lower() in STILLS:
-        return image_size_and_mode(image)[0]
+        return facts_of_still(image).size_px
     info = video_info(image)
     return info.width_px, info.height_px
 
@@ -242,7 +242,7 @@ def _unknown_camera(
     """A camera file of what EXIF data say, or of a usual field of view; and its image size in pixels."""
     image = photo or images
     width_px, height_px = _ASSUMED_SIZE_PX if image is None else _size_px(image)
-    focal_mm = None if photo is None else image_size_and_mode(photo)[1].focal_35mm_mm
+    focal_mm = None if photo is None else facts_of_still(photo).mode.focal_35mm_mm
     if focal_mm is None:
         focal_px = width_px / 2 / math.tan(math.radians(_ASSUMED_HFOV_DEG) / 2)
         share, source = _ASSUMED_STD, f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"

@@ -8,7 +8,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from queue import Queue
 
 import numpy as np
@@ -17,7 +17,7 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.bus import BusSettings, ZenohBus, session_on
+from aerodft.adapters.bus import ZenohBus, session_on
 from aerodft.adapters.bus.session import open_session
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.schemas import SCHEMAS
@@ -93,11 +93,11 @@ def endpoint() -> str:
 
 @contextmanager
 def a_bus(endpoint: str, **more: object) -> Iterator[ZenohBus]:
-    bus = ZenohBus(BusSettings(station="s", listen=endpoint, max_image_hz=100.0, history=3), probes=PROBES, **more)
-    try:
-        yield bus
-    finally:
-        bus.close()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("aerodft.adapters.bus.station.IMAGE_HZ", 100.0)
+        patch.setattr("aerodft.adapters.bus.queries.MOST_HISTORY", 3)
+        with closing(ZenohBus("s", endpoint, probes=PROBES, **more)) as bus:
+            yield bus
 
 
 def a_sample(stamp_ns: int = 5) -> PoseSample:
@@ -260,7 +260,7 @@ def test_the_station_is_seen_to_live_and_to_go(endpoint: str) -> None:
     changes: Queue[zenoh.SampleKind] = Queue()
     with session_on(endpoint) as watcher:
         watched = watcher.liveliness().declare_subscriber("aerodft/*/alive", lambda sample: changes.put(sample.kind))
-        bus = ZenohBus(BusSettings(station="s", listen=None, connect=(endpoint,)))
+        bus = ZenohBus("s", None, (endpoint,))
         assert changes.get(timeout=10) == zenoh.SampleKind.PUT
         bus.close()
         assert changes.get(timeout=10) == zenoh.SampleKind.DELETE

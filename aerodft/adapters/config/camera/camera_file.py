@@ -29,7 +29,6 @@ from aerodft.model import Camera, LensModel
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
 _PHOTOS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
-_COEFFICIENTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 
 
 class ModeTable(Table):
@@ -94,7 +93,7 @@ class CameraTable(Table):
     def _check_intrinsics(self) -> None:
         if missing := [key for key in _INTRINSICS if getattr(self, key) is None]:
             raise impossible(missing[0], got="nothing", expected="all of fx_px, fy_px, cx_px, cy_px")
-        allowed = _COEFFICIENTS[self.lens]
+        allowed = self.lens.coefficient_counts
         if len(self.distortion) not in allowed:
             raise impossible(
                 "distortion",
@@ -126,10 +125,10 @@ def load_camera(path: str | Path) -> Camera:
     """
     path = Path(path)
     if path.suffix.lower() in _PHOTOS:
-        from aerodft.adapters.images import camera_of_still, image_size_and_mode  # noqa: PLC0415 - for photos alone
+        from aerodft.adapters.images import camera_of_still, facts_of_still  # noqa: PLC0415 - for photos alone
 
-        size_px, mode = image_size_and_mode(path)
-        known = [each.camera for each in known_cameras() if each.shows(size_px, mode)]
+        facts = facts_of_still(path)
+        known = [each.camera for each in known_cameras() if each.shows(facts.size_px, facts.mode)]
         return known[0] if len(known) == 1 else camera_of_still(path)
     with located(path):
         return camera_from(parse_toml(read_bytes(path)))

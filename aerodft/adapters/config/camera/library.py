@@ -72,14 +72,11 @@ def _known(row: dict[str, str], size: str, kind: Literal["photo", "video"]) -> K
     width_px, height_px = map(int, size.split("x"))
     focal_px = round(focal_per_width * width_px, 1)
     share = _STDS[known_from] if kind == "photo" else _VIDEO_STD
-    camera = Camera(
+    camera = Camera.of_focal(
         name=f"{row['name']}, {kind} {size}",
         width_px=width_px,
         height_px=height_px,
-        fx_px=focal_px,
-        fy_px=focal_px,
-        cx_px=(width_px - 1) / 2,
-        cy_px=(height_px - 1) / 2,
+        focal_px=focal_px,
         std=CameraStd(focal_px=round(share * focal_px, 1), principal_point_px=round(_CENTRE_STD * width_px, 1)),
         mode=CameraMode(device=row["device"]),
     )

@@ -13,7 +13,6 @@ import tomli_w
 
 from aerodft.adapters.config.camera import (
     FixedPose,
-    PoseTable,
     bias_table,
     biases_from,
     camera_document,
@@ -26,7 +25,6 @@ from aerodft.adapters.config.camera import (
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import (
-    GroundShape,
     TerrainGround,
     enu_ground,
     ground_from,
@@ -94,10 +92,26 @@ def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
 def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfig:
     outputs = outputs_from(document)
     table = validated(ConfigTable, document)
-    telemetry = table.telemetry
+    telemetry, model, lens = table.telemetry, table.camera.model, table.camera
     ground = ground_from(table.ground, folder)
-    pipeline = _pipeline(table, folder)
-    _check_heading(ground, table.pose)
+    camera = camera_from(lens.contents, "camera.") if lens.file is None else load_camera(folder / lens.file)
+    pose, biases = _pose_and_biases(table)
+    if name := (table.pose and table.pose.calibration) or (telemetry and telemetry.calibration):
+        camera, pose, biases = _calibrated(folder / name, camera, model, is_fixed=telemetry is None)
+    elif needs_place(ground) and table.pose is not None and table.pose.heading_deg is None:
+        expected = "degrees from north, because the ground is laid out on the map"
+        raise ConfigError("pose.heading_deg", got="nothing", expected=expected)
+    pipeline = si_value(
+        PipelineSettings,
+        table.station,
+        table.limits,
+        table.images,
+        table.observations,
+        camera=camera,
+        probes=probes_from(table.probe, camera),
+        model=model,
+        telemetry=None if telemetry is None else telemetry_from(telemetry),
+    )
     markers, origin = marker_settings(table.markers, pipeline.origin, where, folder), pipeline.origin
     station = si_value(
         StationConfig,
@@ -107,40 +121,22 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
         pipeline=pipeline,
         link=si_value(Link, telemetry, relative_to=folder) if telemetry and telemetry.connection else None,
         images=images_from(table.images, folder),
-        fixed_pose=None if table.pose is None else _fixed_pose(table.pose, folder),
+        fixed_pose=pose,
         ground=ground,
-        calibration=None if telemetry is None else _telemetry_calibration(telemetry, folder),
+        calibration=biases,
         live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin),
         markers=markers,
     )
     return refreshed(station)
 
 
-def _check_heading(ground: GroundShape | None, pose: PoseTable | None) -> None:
-    stated = pose is not None and pose.calibration is None
-    if needs_place(ground) and pose is not None and stated and pose.heading_deg is None:
-        expected = "degrees from north, because the ground is laid out on the map"
-        raise ConfigError("pose.heading_deg", got="nothing", expected=expected)
-
-
-def _pipeline(table: ConfigTable, folder: Path) -> PipelineSettings:
-    """What the table says of the pipeline; the fixed pose and the id come with ``refreshed``."""
-    camera, model = _camera(table.camera, folder), table.camera.model
-    if table.pose is not None and table.pose.calibration:
-        camera = _calibrated_camera(folder / table.pose.calibration, camera, model)
-    if table.telemetry is not None and table.telemetry.calibration:
-        camera = _refined_camera(folder / table.telemetry.calibration, camera, model)
-    return si_value(
-        PipelineSettings,
-        table.station,
-        table.limits,
-        table.images,
-        table.observations,
-        camera=camera,
-        probes=probes_from(table.probe, camera),
-        model=model,
-        telemetry=None if table.telemetry is None else telemetry_from(table.telemetry),
-    )
+def _pose_and_biases(table: ConfigTable) -> tuple[FixedPose | None, Calibration | None]:
+    """What the file itself says of the camera's pose, or of the telemetry's biases; nothing beside a calibration."""
+    bias = None if table.telemetry is None else table.telemetry.bias
+    if bias is None:
+        return None if table.pose is None or table.pose.calibration else fixed_pose_from(table.pose), None
+    own = hashlib.sha256(bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
+    return None, biases_from(bias, bias.calibration_id or f"sha256:{own}")
 
 
 def with_calibration(station: StationConfig, path: Path) -> StationConfig:
@@ -153,65 +149,31 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
     Raises:
         ConfigError: The calibration file cannot be read, or lacks the pose or the biases that the station takes.
     """
-    if station.fixed_pose is not None:
-        camera = _calibrated_camera(path, station.pipeline.camera, station.pipeline.model)
-        pipeline = replace(station.pipeline, camera=camera)
-        with located(path):
-            return refreshed(replace(station, pipeline=pipeline, fixed_pose=_calibrated_pose(path)))
-    camera = _refined_camera(path, station.pipeline.camera, station.pipeline.model)
-    pipeline = replace(station.pipeline, camera=camera)
+    pipeline, is_fixed = station.pipeline, station.fixed_pose is not None
+    camera, pose, biases = _calibrated(path, pipeline.camera, pipeline.model, is_fixed=is_fixed)
+    pipeline = replace(pipeline, camera=camera)
     with located(path):
-        return refreshed(replace(station, pipeline=pipeline, calibration=_biases(path)))
+        return refreshed(replace(station, pipeline=pipeline, fixed_pose=pose, calibration=biases))
 
 
-def _camera(table: StationCameraTable, folder: Path) -> Camera:
-    return load_camera(folder / table.file) if table.file else camera_from(table.contents, "camera.")
+def _calibrated(
+    path: Path, camera: Camera, model: ProjectionModel, *, is_fixed: bool
+) -> tuple[Camera, FixedPose | None, Calibration | None]:
+    """What a station takes of a calibration file: a fixed camera the pose, a moving one the biases.
 
-
-def _fixed_pose(table: PoseTable, folder: Path) -> FixedPose:
-    return _calibrated_pose(folder / table.calibration) if table.calibration else fixed_pose_from(table)
-
-
-def _calibrated_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
-    """The calibration's camera where it has one, else the station's."""
+    The camera comes with them where its lens was found too; biases alone hold in both projection models.
+    """
     found = load_calibration(path)
-    if found.model is not model:
-        hint = f'set camera.model = "{found.model}", or calibrate with `model` {model}'
-        raise ConfigError("a calibration of another model", where=path, got=found.model, expected=model, hint=hint)
-    return found.camera or camera
-
-
-def _refined_camera(path: Path, camera: Camera, model: ProjectionModel) -> Camera:
-    """The camera beside a calibration's biases, which hold in both models where the lens was not found with them."""
-    return camera if load_calibration(path).camera is None else _calibrated_camera(path, camera, model)
-
-
-def _calibrated_pose(path: Path) -> FixedPose:
-    pose = load_calibration(path).pose
-    if pose is None:
-        raise ConfigError("no pose in this calibration", where=path, got="[bias] alone", expected="[pose]")
-    return pose
-
-
-def _telemetry_calibration(table: TelemetryTable, folder: Path) -> Calibration | None:
-    if table.calibration:
-        return _biases(folder / table.calibration)
-    if table.bias is None:
-        return None
-    own = hashlib.sha256(table.bias.model_dump_json(exclude={"calibration_id"}).encode()).hexdigest()
-    return biases_from(table.bias, table.bias.calibration_id or f"sha256:{own}")
-
-
-def _biases(path: Path) -> Calibration:
-    found = load_calibration(path)
-    if found.pose is not None:
-        raise ConfigError(
-            "a fixed camera's calibration",
-            where=path,
-            got="[pose]",
-            expected="[bias] alone for a station with telemetry",
-        )
-    return found.biases
+    with located(path):
+        if found.model is not model and (is_fixed or found.camera is not None):
+            hint = f'set camera.model = "{found.model}", or calibrate with `model` {model}'
+            raise ConfigError("a calibration of another model", got=found.model, expected=model, hint=hint)
+        if is_fixed and found.pose is None:
+            raise ConfigError("no pose in this calibration", got="[bias] alone", expected="[pose]")
+        if not is_fixed and found.pose is not None:
+            expected = "[bias] alone for a station with telemetry"
+            raise ConfigError("a fixed camera's calibration", got="[pose]", expected=expected)
+    return found.camera or camera, found.pose, None if is_fixed else found.biases
 
 
 def refreshed(station: StationConfig) -> StationConfig:

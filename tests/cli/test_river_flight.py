@@ -123,11 +123,11 @@ def test_left_is_left_looking_downstream_and_files_say_what_the_document_says(me
 
 
 def test_the_plate_shows_an_image_of_the_flight(measured):
-    """Its water, its grass: of what is drawn without an image nothing is green but by chance."""
+    """Its water, its grass, green or dry: what is drawn without an image is white, grey or blue but for a few lines."""
     _, folder = measured
     plate = cv2.imread(str(folder / "plate.png")).astype(int)
     blue, green, red = np.moveaxis(plate[: plate.shape[0] * 2 // 5], -1, 0)
-    assert np.mean((green > red + 15) & (green > blue + 15)) > 0.1
+    assert np.mean(green > blue + 15) > 0.3
     assert np.mean((blue > red + 15) & (blue > 40) & (green < 140)) > 0.05
 
 

@@ -16,7 +16,7 @@ from aerodft.sim import default_camera
 from aerodft.sim.render import Imaging
 from aerodft.vision.river import River, RiverQuestion, RiverStatus, WaterPlane, find_river
 from aerodft.vision.river.centreline import centreline
-from aerodft.vision.river.find import channel_of, oriented, river_across
+from aerodft.vision.river.find import oriented, river_across
 from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
 from tests.waterside import Waterside, WatersideRenderer
 
@@ -60,7 +60,7 @@ def wrongly_posed(pose, seed):
 def seen_again(image, camera, pose, found):
     """The river measured with another pose, from its centreline on: what is water in an image no pose decides."""
     plane = WaterPlane(camera, pose)
-    line = centreline(plane, found.copy, channel_of(plane, found))
+    line = centreline(plane, found.copy, found.water)
     told = RiverQuestion(spacing_m=6.0)
     return river_across(image, Setup(camera=camera), pose, told, found, oriented(plane, line, None))
 

@@ -5,7 +5,7 @@ Where the image ends is no shore: the line runs on to there, as it would not if 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from aerodft.model import BoolArray, FloatArray, IntArray
-from aerodft.vision.river.water import SmallCopy, WaterPlane
+from aerodft.vision.river.water import SmallCopy, WaterMask, WaterPlane, with_islands
 
 _LONGEST_CELLS: Final = 240
 _FEWEST_CELLS: Final = 8.0  # across half of the channel: a narrower one gets a finer grid
@@ -26,6 +26,8 @@ _GAP_CELLS: Final = 5  # of an outline: so short a piece at the image's border p
 _STONE: Final = 0.08  # of the longest bank
 _FLANKS: Final = 4.0  # times the distance from the bank: so far apart along it are two flanks, a headland is not
 _FLANK_CELLS: Final = 4.0
+_BAY: Final = 0.5  # widths: a line between two flanks of one bank that is shorter ends in a bay, of a lake or the sea
+_COVE: Final = 0.4  # of the water, within reach of the line: where there is less, the rest is open
 _SMOOTH_WIDTHS: Final = 0.35
 _EXTEND_WIDTHS: Final = 1.0
 _LEAST_CELLS: Final = 4
@@ -86,20 +88,21 @@ class WaterMap:
         )
 
 
-def centreline(plane: WaterPlane, copy: SmallCopy, channel: BoolArray) -> Centreline | None:
-    """The line along the middle of a channel.
+def centreline(plane: WaterPlane, copy: SmallCopy, water: WaterMask) -> Centreline | None:
+    """The line along the middle of the water with its islands.
 
     Args:
         plane: The water's.
-        copy: The small copy that the channel was found in.
-        channel: ``(height, width)`` of the small copy: the water, with its islands.
+        copy: The small copy that the water was found in.
+        water: What was found.
 
     Returns:
-        The line, extended at both ends to where the image ends; None where no place has a bank on either side.
+        The line, extended at both ends to where the image ends; None where the water has no two banks.
     """
+    channel = with_islands(water.water, water.ground)
     factor = 1.0
     while True:
-        grid = _grid(plane, copy, channel, factor)
+        grid = _grid(plane, copy, (channel, water.ground), factor)
         line = None if grid is None else middle_line(grid)
         if grid is None or line is None:
             return None
@@ -109,8 +112,18 @@ def centreline(plane: WaterPlane, copy: SmallCopy, channel: BoolArray) -> Centre
 
 
 def middle_line(grid: WaterMap) -> Centreline | None:
-    """The centreline between the two banks, on a map of the water with its islands; None where there is none."""
-    shores = _shores(grid)
+    """The centreline between the two banks, on a map of the water with its islands; None where there is none.
+
+    The shore of a lake or the sea has none: a line in a bay is shorter than the bay is wide, and one in a cove behind a
+    headland leaves most of the water aside.
+    """
+    outlines, _ = cv2.findContours(grid.water.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not outlines:
+        return None
+    outline = max(outlines, key=len)
+    piece = cv2.drawContours(np.zeros(grid.water.shape, dtype=np.uint8), [outline], 0, 1, cv2.FILLED)
+    grid = replace(grid, water=piece > 0)
+    shores = _shores(grid, outline[:, 0, ::-1].astype(np.int64))
     if shores is None:
         return None
     to_bank, apart = _between(grid, shores)
@@ -120,11 +133,26 @@ def middle_line(grid: WaterMap) -> Centreline | None:
     path = _longest(middle, to_bank)
     if len(path) < _LEAST_CELLS:
         return None
-    width_m = 2.0 * grid.step_m * float(np.median(to_bank[path[:, 0], path[:, 1]]))
+    radii = to_bank[path[:, 0], path[:, 1]]
+    length = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=-1)))
+    is_bay = length < _BAY * 2.0 * float(np.median(radii)) and len(np.unique(shores[1])) == 1
+    if is_bay or _share_beside(grid, path, radii) < _COVE:
+        return None
+    width_m = 2.0 * grid.step_m * float(np.median(radii))
     return Centreline(smoothed(grid.places(path), grid.step_m, width_m), width_m)
 
 
-def _grid(plane: WaterPlane, copy: SmallCopy, channel: BoolArray, finer: float) -> WaterMap | None:
+def _share_beside(grid: WaterMap, path: IntArray, radii: FloatArray) -> float:
+    """Which part of the water is no farther from cells ``(k, 2)`` than the bank is, ``radii (k,)``."""
+    beside = np.zeros(grid.water.shape, dtype=np.uint8)
+    for (row, column), radius in zip(path.tolist(), np.rint(radii).astype(int).tolist(), strict=True):
+        cv2.circle(beside, (column, row), radius, 1, -1)
+    return np.count_nonzero(grid.water & (beside > 0)) / np.count_nonzero(grid.water)
+
+
+def _grid(plane: WaterPlane, copy: SmallCopy, masks: tuple[BoolArray, BoolArray], finer: float) -> WaterMap | None:
+    """The map of masks of the small copy: the water with its islands, and what was looked at."""
+    channel, ground = masks
     rows, columns = np.nonzero(channel)
     places = plane.places_en_m(copy.to_image(np.stack([columns, rows], axis=-1)))
     places = places[np.isfinite(places[:, 0])]
@@ -139,8 +167,9 @@ def _grid(plane: WaterPlane, copy: SmallCopy, channel: BoolArray, finer: float) 
     east = west + step * np.arange(width)
     cells = np.stack(np.broadcast_arrays(east[None], (north - step * np.arange(height))[:, None]), axis=-1)
     pixels = plane.pixels_px(cells)
-    seen = plane.in_view(cells, pixels)
-    return WaterMap(west, north, step, sample_mask(channel, copy.to_small(pixels)) & seen, seen)
+    small = copy.to_small(pixels)
+    seen = plane.in_view(cells, pixels) & sample_mask(ground, small)
+    return WaterMap(west, north, step, sample_mask(channel, small) & seen, seen)
 
 
 def sample_mask(mask: BoolArray, at_px: FloatArray) -> BoolArray:
@@ -151,16 +180,12 @@ def sample_mask(mask: BoolArray, at_px: FloatArray) -> BoolArray:
     return np.asarray(mask[v, u] & inside)
 
 
-def _shores(grid: WaterMap) -> tuple[IntArray, IntArray, FloatArray] | None:
+def _shores(grid: WaterMap, outline: IntArray) -> tuple[IntArray, IntArray, FloatArray] | None:
     """Cells of the shores, rows and columns ``(k, 2)``, with the number of their bank and how far along it they are.
 
     A bank is a piece of the water's outline with land on its other side; one that is much shorter than the longest, and
     would be a stone at the image's border, is left out. None where there is no bank.
     """
-    outlines, _ = cv2.findContours(grid.water.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not outlines:
-        return None
-    outline = max(outlines, key=len)[:, 0, ::-1]
     land = (grid.seen & ~grid.water).astype(np.uint8)
     beside = cv2.dilate(land, np.ones((3, 3), dtype=np.uint8)) > 0
     is_bank = beside[outline[:, 0], outline[:, 1]]
@@ -173,7 +198,7 @@ def _shores(grid: WaterMap) -> tuple[IntArray, IntArray, FloatArray] | None:
     lengths = np.bincount(number[is_bank])
     kept = is_bank & (lengths[np.where(is_bank, number, 0)] > _STONE * lengths.max())
     steps = np.linalg.norm(np.diff(outline, axis=0, prepend=outline[:1]), axis=-1)
-    return outline[kept].astype(np.int64), number[kept].astype(np.int64), np.cumsum(steps)[kept]
+    return outline[kept], number[kept].astype(np.int64), np.cumsum(steps)[kept]
 
 
 def _between(grid: WaterMap, shores: tuple[IntArray, IntArray, FloatArray]) -> tuple[FloatArray, BoolArray]:
@@ -292,7 +317,8 @@ class Transects:
 def transects(
     plane: WaterPlane,
     copy: SmallCopy,
-    masks: tuple[BoolArray, BoolArray, BoolArray],
+    water: BoolArray,
+    ground: BoolArray,
     line: Centreline,
     stations_m: FloatArray,
 ) -> Transects:
@@ -300,8 +326,9 @@ def transects(
 
     Args:
         plane: The water's.
-        copy: The small copy that the masks are of.
-        masks: The channel with its islands, the water without them, and what was looked at, ``(height, width)`` each.
+        copy: The small copy that was looked at.
+        water: ``(height, width)`` of it: the water.
+        ground: ``(height, width)``: what was looked at.
         line: The centreline, in the direction in which left and right are meant.
         stations_m: ``(n,)`` along it.
     """
@@ -313,9 +340,9 @@ def transects(
     pixels = plane.pixels_px(places)
     seen = plane.in_view(places, pixels)
     small = copy.to_small(pixels)
-    channel = sample_mask(masks[0], small) & seen
-    water = sample_mask(masks[1], small)
-    told = sample_mask(_well_inside(masks[2]), small)
+    channel = sample_mask(with_islands(water, ground), small) & seen
+    wet = sample_mask(water, small)
+    told = sample_mask(_well_inside(ground), small)
     left, right = np.full(len(centres), np.nan), np.full(len(centres), np.nan)
     owners, stretches = [], []
     for row in range(len(centres)):
@@ -327,7 +354,7 @@ def transects(
             right[row] = (offsets[first] + offsets[first - 1]) / 2
         if last < len(offsets) - 1 and told[row, last + 1]:
             left[row] = (offsets[last] + offsets[last + 1]) / 2
-        for low, high in _runs(~water[row, first : last + 1]):
+        for low, high in _runs(~wet[row, first : last + 1]):
             owners.append(row)
             stretches.append(
                 (

@@ -33,7 +33,6 @@ from aerodft.vision.river.water import (
     find_water,
     ground_of,
     what_stays,
-    with_islands,
     without_still,
 )
 
@@ -121,7 +120,7 @@ def find_river(
     arcs = bank_lines(image, copy, water.water, ground)
     if not arcs:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "no bank is in view: the water ends where the image does")
-    line = centreline(plane, copy, with_islands(water.water, ground))
+    line = centreline(plane, copy, water)
     doubt = "" if question.hints else in_doubt(water)
     if doubt or line is None:
         status = RiverStatus.NO_CONTRAST if doubt else RiverStatus.ONE_BANK
@@ -148,7 +147,7 @@ def _water_seen(
     if stayed is None:
         return water
     if stayed.in_water <= STAYS:
-        return without_still(water, copy, ground, stayed.still)
+        return without_still(water, copy, stayed.still)
     return water if question.hints.water else NoRiver(RiverStatus.NO_WATER, _UNMOVED)
 
 
@@ -166,11 +165,6 @@ def river_across(
         line: The centreline, in the direction in which left and right are meant.
     """
     return _across(image, setup, pose, question, (seen.copy, seen.water, line), list(seen.banks_px))
-
-
-def channel_of(plane: WaterPlane, seen: River) -> BoolArray:
-    """The water with its islands, ``(height, width)`` of the small copy."""
-    return with_islands(seen.water.water, ground_of(plane, seen.copy))
 
 
 def oriented(plane: WaterPlane, line: Centreline, flow_rad: float | None) -> Centreline:
@@ -206,10 +200,9 @@ def _across(
     """The transects of a line with their banks and widths."""
     copy, water, line = seen
     plane = WaterPlane.from_setup(setup, pose)
-    ground, stations_m = ground_of(plane, copy), stations_along(line, question.spacing_m)
+    stations_m = stations_along(line, question.spacing_m)
     found, *others = (
-        transects(plane, copy, (with_islands(mask, ground), mask, ground), line, stations_m)
-        for mask in (water.water, *water.bounds)
+        transects(plane, copy, mask, water.ground, line, stations_m) for mask in (water.water, *water.bounds)
     )
     edges, status = locate_banks(image, plane, found, copy.scale, _by_motion(plane, copy, water, found))
     other_m = _otherwise_m(image, plane, copy.scale, edges, others)

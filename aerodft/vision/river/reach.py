@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+import cv2
 import numpy as np
 
 from aerodft.dft import Setup
@@ -18,18 +19,18 @@ from aerodft.vision.river.centreline import Centreline, WaterMap, middle_line, s
 from aerodft.vision.river.find import (
     River,
     RiverQuestion,
-    channel_of,
     find_river,
     oriented,
     river_across,
     stations_along,
 )
 from aerodft.vision.river.status import NoRiver, RiverStatus
-from aerodft.vision.river.water import LaterLook, RiverHints, SmallCopy, WaterPlane
+from aerodft.vision.river.water import LaterLook, RiverHints, SmallCopy, WaterPlane, with_islands
 
 _CELLS_ACROSS: Final = 24.0  # of the river's width
 _MOST_CELLS: Final = 4_000_000
 _PAD_CELLS: Final = 3
+_GAP: Final = np.ones((13, 13), dtype=np.uint8)  # cells
 _OUTLINE: Final = 7  # every so many pixels of a mask tell how far it reaches
 _ONCE_M: Final = 1e4  # apart: one transect tells whether there is a river
 
@@ -41,13 +42,15 @@ class WaterView:
     Attributes:
         plane: As the image shows it.
         copy: The small copy that the mask is of.
-        channel: ``(height, width)`` the water with its islands.
+        channel: ``(height, width)``: the water with its islands.
+        ground: ``(height, width)``: what was looked at.
         width_m: Of the channel, roughly.
     """
 
     plane: WaterPlane
     copy: SmallCopy
     channel: BoolArray
+    ground: BoolArray
     width_m: float
 
 
@@ -80,14 +83,17 @@ class _Votes:
         north = self._west_north[1] - self._step_m * np.arange(rows.start, rows.stop)
         cells = np.stack(np.broadcast_arrays(east[None], north[:, None]), axis=-1)
         pixels = view.plane.pixels_px(cells)
-        seen = view.plane.in_view(cells, pixels)
+        small = view.copy.to_small(pixels)
+        seen = view.plane.in_view(cells, pixels) & sample_mask(view.ground, small)
         self._seen[rows, columns] += seen
-        self._water[rows, columns] += sample_mask(view.channel, view.copy.to_small(pixels)) & seen
+        self._water[rows, columns] += sample_mask(view.channel, small) & seen
 
     def water_map(self) -> WaterMap:
-        """What most images hold to be water, where any looked."""
+        """What most images hold to be water, where any looked, and in gaps of up to half a width between them."""
         west, north = self._west_north.tolist()
-        return WaterMap(west, north, self._step_m, 2 * self._water > self._seen, self._seen > 0)
+        water, seen = 2 * self._water > self._seen, self._seen > 0
+        gap = (cv2.morphologyEx(water.astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0) & ~seen
+        return WaterMap(west, north, self._step_m, water | gap, seen | gap)
 
     def _box(self, view: WaterView) -> tuple[slice, slice]:
         places = _places(view)
@@ -243,8 +249,8 @@ def _asked(question: RiverQuestion, first: RiverView, view: RiverView) -> RiverQ
 
 
 def _water(view: RiverView, look: River) -> WaterView:
-    plane = view.plane
-    return WaterView(plane, look.copy, channel_of(plane, look), look.line.width_m)
+    channel = with_islands(look.water.water, look.water.ground)
+    return WaterView(view.plane, look.copy, channel, look.water.ground, look.line.width_m)
 
 
 def _looked_across(

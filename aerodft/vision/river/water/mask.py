@@ -23,6 +23,7 @@ class WaterMask:
 
     Attributes:
         water: ``(height, width)``, in one piece; empty where there is none.
+        ground: ``(height, width)``: what was looked at; its border is the image's, or the horizon's.
         logit: ``(height, width)`` of water, in the mean of the network's looks.
         bounds: ``(height, width)`` each: where every look is sure of water, and where one at least may see some.
         agreement: The overlap of the looks, intersection over union.
@@ -31,6 +32,7 @@ class WaterMask:
     """
 
     water: BoolArray
+    ground: BoolArray
     logit: Float32Image
     bounds: tuple[BoolArray, BoolArray]
     agreement: float
@@ -62,7 +64,7 @@ def find_water(copy: SmallCopy, network: WaterNetwork, hints: RiverHints, ground
     first, second = (_piece((each > 0) & ground, water)[0] for each in logits)
     least = _piece((np.min(logits, axis=0) > _MARGIN) & ground, water)[0]
     most = _piece((np.max(logits, axis=0) > -_MARGIN) & ground, water)[0]
-    return WaterMask(water, mean, (least, most), overlap(first, second), apart)
+    return WaterMask(water, ground, mean, (least, most), overlap(first, second), apart)
 
 
 def _piece(wet: BoolArray, hint: BoolArray) -> tuple[BoolArray, float]:

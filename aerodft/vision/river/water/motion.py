@@ -133,9 +133,9 @@ def _near(plane: WaterPlane, shape: tuple[int, ...], copy_width_px: int, after_s
         return np.asarray(sample_m * _LEAST_PX <= _SLOWEST_M_S * after_s)
 
 
-def without_still(found: WaterMask, copy: SmallCopy, ground: BoolArray, still: BoolArray) -> WaterMask:
+def without_still(found: WaterMask, copy: SmallCopy, still: BoolArray) -> WaterMask:
     """The water without what lies along its outline and stays as it is, ``still (height, width)``."""
-    land = cv2.dilate((ground & ~found.water).astype(np.uint8), _TOUCH) > 0
+    land = cv2.dilate((found.ground & ~found.water).astype(np.uint8), _TOUCH) > 0
     count, candidates, facts, _ = cv2.connectedComponentsWithStats(
         (found.water & still).astype(np.uint8), connectivity=8
     )

@@ -18,11 +18,11 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.telemetry import load_key
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
-from aerodft.model import PoseStd
+from aerodft.model import BiasValues, PoseStd
 from aerodft.service.clocks import WallClock
 from aerodft.sim.live import Outlets, encode_packets, observation_publisher, perform, signing_sender, udp_sender
 from aerodft.sim.scenario import Progress, Scenario, default_camera, scenario_from_log, survey_scenario, write_files
-from aerodft.sim.telemetry import Biases, Radio, drawn_biases
+from aerodft.sim.telemetry import Radio, drawn_biases
 
 _MOST = 1e5  # metres, degrees, seconds, pixels: what fits into MAVLink's integers
 _MOST_CLOCK_S = 1e9
@@ -48,10 +48,10 @@ def parse_stds(option: str, text: str) -> PoseStd:
     return PoseStd(height_agl_m=values["height"], horizontal_m=values["position"], **_angles_rad(values))
 
 
-def parse_biases(option: str, text: str) -> Biases:
+def parse_biases(option: str, text: str) -> BiasValues:
     """Height in m, tilt, pan, roll, heading in degrees."""
     values = _pairs(option, text, ("height", *_ANGLES), lowest=-_MOST)
-    return Biases(height_m=values["height"], **_angles_rad(values))
+    return BiasValues(height_m=values["height"], **_angles_rad(values))
 
 
 def _angles_rad(values: Mapping[str, float]) -> dict[str, float]:
@@ -176,8 +176,8 @@ def simulate(
         scenario = scenario_from_log(lens, log, interval_s=(start, duration), fps=fps, seed=seed, thin=thin)
     lag_ns, clock_ns = parse_autopilot("--autopilot", autopilot)
     drawn, stated = drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias)
-    biases = Biases(**{each.name: getattr(drawn, each.name) + getattr(stated, each.name) for each in fields(Biases)})
-    reporting = replace(scenario.autopilot, biases=biases, noise=parse_stds("--noise", noise))
+    sums = {each.name: getattr(drawn, each.name) + getattr(stated, each.name) for each in fields(BiasValues)}
+    reporting = replace(scenario.autopilot, biases=BiasValues(**sums), noise=parse_stds("--noise", noise))
     observing = parse_numbers("--observe", observe, std=0.5, delay=0.05)
     imaging = parse_numbers("--image", image, noise=2.0, exposure=0.0)
     scenario = replace(
@@ -239,10 +239,7 @@ def _print_summary(scenario: Scenario) -> None:
         "stations_m": scenario.observing.stations_m,
         "bias": {
             "height_m": biases.height_m,
-            "tilt_deg": math.degrees(biases.tilt_rad),
-            "pan_deg": math.degrees(biases.pan_rad),
-            "roll_deg": math.degrees(biases.roll_rad),
-            "heading_deg": math.degrees(biases.heading_rad),
+            **{f"{name}_deg": math.degrees(getattr(biases, f"{name}_rad")) for name in _ANGLES},
         },
     }
     sys.stdout.buffer.write(orjson.dumps(document, option=orjson.OPT_APPEND_NEWLINE))

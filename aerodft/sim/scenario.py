@@ -6,7 +6,7 @@ It is generated, or the motion that a recorded autopilot log tells of, taken as 
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,6 +33,7 @@ from aerodft.model import (
     RawBlock,
     Track,
     VehicleTrack,
+    joined,
 )
 from aerodft.sim.observations import Observing, busiest_stations, pose_document, sightings, write_lines
 from aerodft.sim.render import Imaging, Renderer
@@ -126,12 +127,9 @@ def _whole_track(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT]
     parts = [track for track in parts if not isinstance(track, GimbalTrack) or track.source == sources[0]]
     if not parts:
         raise NoAnswerError("the log holds none", where=path, got="nothing", expected=what)
-    _, order = np.unique(np.concatenate([part.boot_ns for part in parts]), return_index=True)
-    columns = {}
-    for column in fields(kind):
-        values = [getattr(part, column.name) for part in parts]
-        columns[column.name] = np.concatenate(values)[order] if isinstance(values[0], np.ndarray) else values[0]
-    return kind(**columns)
+    whole = joined(parts)
+    boot_ns, order = np.unique(whole.boot_ns, return_index=True)
+    return whole.rows(order, boot_ns=boot_ns)
 
 
 def _common_stamps(gimbal_ns: IntArray, *others_ns: IntArray) -> tuple[IntArray, IntArray]:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_rotation_vector, lat_lon, multiply, yaw_pitch_roll
-from aerodft.model import FloatArray, PoseStd
+from aerodft.model import BiasValues, FloatArray, PoseStd
 from aerodft.sim.trajectory import Trajectory
 
 GIMBAL_FLAGS = (
@@ -34,24 +34,10 @@ _MILLISECOND_NS = 1_000_000
 _HOLD_NS = 30 * _MILLISECOND_NS  # that a datagram is held back
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Biases:
-    """What the telemetry says minus what is true, the same for a whole flight.
-
-    Tilt, pan and roll are rotations about the camera's x, y and z axes; the heading is clockwise, the vehicle's.
-    """
-
-    height_m: float = 0.0
-    tilt_rad: float = 0.0
-    pan_rad: float = 0.0
-    roll_rad: float = 0.0
-    heading_rad: float = 0.0
-
-
-def drawn_biases(std: PoseStd, seed: int) -> Biases:
+def drawn_biases(std: PoseStd, seed: int) -> BiasValues:
     """One flight's biases, normally distributed with these stds."""
     height, tilt, pan, roll, heading = np.random.default_rng(seed).standard_normal(5).tolist()
-    return Biases(
+    return BiasValues(
         height_m=height * std.height_agl_m,
         tilt_rad=tilt * std.tilt_rad,
         pan_rad=pan * std.pan_rad,
@@ -66,7 +52,7 @@ class Autopilot:
 
     Attributes:
         rates_hz: Messages by name; left out or 0 is not sent.
-        biases: Constant errors.
+        biases: What is said minus what is true, the same for a whole flight: height, tilt, pan, roll, heading.
         noise: White noise of every sample: height, horizontal, tilt/pan/roll (of the gimbal), heading.
         gimbal_lag_ns: The gimbal's reports are demands that the camera reaches this much later.
         clock_offset_ns: The autopilot's UTC minus the host's.
@@ -77,7 +63,7 @@ class Autopilot:
     """
 
     rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(DEFAULT_RATES_HZ))
-    biases: Biases = field(default_factory=Biases)
+    biases: BiasValues = field(default_factory=BiasValues)
     noise: PoseStd = field(default_factory=PoseStd)
     gimbal_lag_ns: int = 0
     clock_offset_ns: int = 0

@@ -12,11 +12,10 @@ from numpy.testing import assert_allclose
 
 from aerodft.adapters.config.camera import load_calibration
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.model import BIASES, Image, PoseStd
+from aerodft.model import BIASES, BiasValues, Image, PoseStd
 from aerodft.sim import Autopilot, default_camera
 from aerodft.sim.observations import pixels_of
 from aerodft.sim.scenario import Scenario, survey_scenario, write_files
-from aerodft.sim.telemetry import Biases
 from aerodft.sim.world import DEFAULT_ORIGIN
 from replay.recordings import Recording, RecordingSource
 
@@ -67,7 +66,7 @@ class Flown:
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flight")
-    biases = Biases(height_m=-1.5, tilt_rad=-1.2 * DEG, roll_rad=0.4 * DEG, heading_rad=1.5 * DEG)
+    biases = BiasValues(height_m=-1.5, tilt_rad=-1.2 * DEG, roll_rad=0.4 * DEG, heading_rad=1.5 * DEG)
     noise = PoseStd(height_agl_m=0.05, tilt_rad=0.05 * DEG, horizontal_m=0.1)
     scenario = survey_scenario(default_camera(1280, 720), duration_s=14.0, fps=5.0)
     scenario = replace(scenario, autopilot=Autopilot(biases=biases, noise=noise))

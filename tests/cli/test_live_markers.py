@@ -14,10 +14,9 @@ import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_image
-from aerodft.model import StampClock
+from aerodft.model import BiasValues, StampClock
 from aerodft.sim import default_camera
 from aerodft.sim.scenario import survey_scenario, write_files
-from aerodft.sim.telemetry import Biases
 from replay.compare import compare_measurements
 from replay.recordings import Recording
 from tests.payloads import decode_observation
@@ -38,7 +37,7 @@ def scenario():
     flight = survey_scenario(
         default_camera(960, 540), duration_s=5.0, fps=5.0
     )  # whole microseconds apart, as a video has them
-    biases = Biases(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))
+    biases = BiasValues(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))
     return replace(flight, autopilot=replace(flight.autopilot, biases=biases))
 
 

@@ -14,11 +14,11 @@ import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
 from aerodft.geometry import east_north
+from aerodft.model import BiasValues
 from aerodft.reports.river import COLUMNS
 from aerodft.reports.river.document import scatter_remarks
 from aerodft.sim import default_camera
 from aerodft.sim.scenario import survey_scenario, write_files
-from aerodft.sim.telemetry import Biases
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 pytestmark = pytest.mark.nightly
@@ -42,7 +42,7 @@ def flight(tmp_path_factory, aerodft):
     """A flight along a river whose telemetry is off, and its recording with images."""
     folder = tmp_path_factory.mktemp("reach")
     scenario = survey_scenario(default_camera(640, 360), duration_s=14.0, fps=3.0)
-    biases = Biases(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))
+    biases = BiasValues(height_m=HEIGHT_BIAS_M, tilt_rad=math.radians(TILT_BIAS_DEG))
     scenario = replace(scenario, autopilot=replace(scenario.autopilot, biases=biases))
     write_files(scenario, folder)
     (folder / "station.toml").write_text(tomli_w.dumps(STATION))

@@ -9,10 +9,10 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.geometry import camera_angles, camera_from_gimbal, east_north, multiply, yaw_pitch_roll
-from aerodft.model import PoseStd
+from aerodft.model import BiasValues, PoseStd
 from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Biases, Datagram, Radio, drawn_biases, through_radio, write_tlog
+from aerodft.sim.telemetry import Datagram, Radio, drawn_biases, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, camera_of, heading_wxyz, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, River
 
@@ -127,7 +127,7 @@ def test_mavlink_1_needs_the_old_gimbal_message() -> None:
 )
 def test_a_bias_is_what_is_said_minus_what_is_true(field: str, angle: int) -> None:
     bias_rad = math.radians(0.7)
-    sent = datagrams(FLIGHT, Autopilot(biases=Biases(**{field: bias_rad, "height_m": 1.5})))
+    sent = datagrams(FLIGHT, Autopilot(biases=BiasValues(**{field: bias_rad, "height_m": 1.5})))
     message = of_type("GIMBAL_DEVICE_ATTITUDE_STATUS", sent)[64]
     at = truth(message)
     reported_body = at.ned_wxyz_body

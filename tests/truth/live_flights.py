@@ -8,6 +8,7 @@ from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_yaw_pitch_roll, matrix, rays_from_pixels
 from aerodft.model import (
+    BiasValues,
     CalibrationEstimate,
     HeightSource,
     Measurement,
@@ -33,7 +34,6 @@ from aerodft.service import (
 from aerodft.sim import Autopilot, datagrams, default_camera
 from aerodft.sim.observations import pixels_of
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Biases
 from aerodft.sim.trajectory import Trajectory, camera_of
 from aerodft.sim.world import DEFAULT_ORIGIN
 from calibration.live import LiveCalibrator
@@ -90,7 +90,7 @@ class Errors:
         noise_share: What is new in every sample, as a share of the stated stds.
     """
 
-    biases: Biases
+    biases: BiasValues
     shift_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
     noise_share: float = 0.1
 
@@ -125,7 +125,7 @@ def drawn(draw, std, share=0.1):
     """One flight's errors, as the stated stds have them."""
     kept = np.sqrt(1 - share**2)
     height, tilt, pan, roll, heading = (kept * draw.standard_normal(5)).tolist()
-    biases = Biases(
+    biases = BiasValues(
         height_m=height * std.height_agl_m,
         tilt_rad=tilt * std.tilt_rad,
         pan_rad=pan * std.pan_rad,

@@ -14,10 +14,9 @@ from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.app.measure import Overrides, recorded_setup
 from aerodft.cli.main import main
 from aerodft.conventions import SECOND_NS
-from aerodft.model import ProbeKind, Status
+from aerodft.model import BiasValues, ProbeKind, Status
 from aerodft.sim import Autopilot, default_camera
 from aerodft.sim.scenario import survey_scenario, write_files
-from aerodft.sim.telemetry import Biases
 from replay.recordings import Recording
 from tests.payloads import decode_estimate, encode_pose
 
@@ -28,7 +27,7 @@ pytestmark = pytest.mark.nightly
 TILTS_DEG = (0.0, 30.0, 45.0, 60.0)
 FLIGHTS = 800 if os.environ.get("AERODFT_FAULTS") == "full" else 400
 """They tell a coverage to 1.1 % (one std; 2 % are allowed): 90 % is seen 98 times in 100."""
-BIASES = Biases(height_m=1.5, tilt_rad=math.radians(1.2))
+BIASES = BiasValues(height_m=1.5, tilt_rad=math.radians(1.2))
 LEARNED = 20
 """Images in the first five seconds."""
 

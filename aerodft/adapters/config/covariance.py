@@ -8,8 +8,9 @@ import numpy as np
 import orjson
 from pydantic import model_validator
 
+from aerodft.adapters.config.keys import Many, Real, impossible
 from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.tables import Many, Real, SiAttribute, Table, impossible
+from aerodft.adapters.config.tables import SiAttribute, Table
 from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
 from aerodft.errors import InputError, located
 from aerodft.model import FloatArray

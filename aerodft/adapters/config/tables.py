@@ -1,4 +1,4 @@
-"""The pieces that configuration tables are made of: strict, finite, with the unit in the key; and their SI values.
+"""What configuration tables are made of: strict, finite, with the unit in the key; and their SI values.
 
 A table is the one list of its keys. ``si_value`` makes the dataclass of SI values that tables describe,
 ``Table.from_si`` the table of such dataclasses, and ``Table.to_toml`` what is written: reading that gives an equal
@@ -8,7 +8,6 @@ so with ``SiAttribute``. So a new key is a field of its table and an attribute o
 """
 
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from enum import Enum
@@ -16,9 +15,9 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar, get_args, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from aerodft.adapters.config.keys import Quantity, impossible
 from aerodft.conventions import LARGEST, SECOND_NS
 
 LOCAL: Final = "local"
@@ -28,27 +27,8 @@ GEO: Final = "geo"
 """What a file may call its coordinates: WGS84 degrees."""
 
 _LARGEST_STD = LARGEST / 1000  # it is squared on the way to the resolved configuration, and must come back
-_LONGEST_S = 1e6
-_FARTHEST_S = 1e9  # 32 years: with a stamp of today still nanoseconds in 64 bits
 
-Quantity = TypeVar("Quantity")
 Value = TypeVar("Value")
-
-
-def impossible(key: str, *, got: object, expected: str, hint: str = "") -> PydanticCustomError:
-    """The error for a validator that looks at more than one key.
-
-    Args:
-        key: The key at fault, below the table that is validated; empty for the table itself.
-        got: What was found.
-        expected: What would have been right.
-        hint: What to do next.
-    """
-    return PydanticCustomError(
-        "impossible",
-        "got {got}, expected {expected}",
-        {"key": key, "got": str(got), "expected": expected, "hint": hint},
-    )
 
 
 class Table(BaseModel):
@@ -142,64 +122,6 @@ class Uncertain(Table, Generic[Quantity]):
     @classmethod
     def _lift(cls, document: object) -> object:
         return {"value": document} if isinstance(document, int | float) and not isinstance(document, bool) else document
-
-
-Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0, le=LARGEST)]
-Rate = Annotated[float, Field(gt=0, ge=0.01, le=LARGEST)]
-Focal = Annotated[float, Field(gt=1e-18, le=LARGEST)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Gap = Annotated[float, Field(ge=0.001, le=_LONGEST_S)]
-Duration = Annotated[float, Field(ge=0, le=_LONGEST_S)]
-TimeOffset = Annotated[float, Field(ge=-_FARTHEST_S, le=_FARTHEST_S)]
-Count = Annotated[int, Field(gt=0, le=10_000_000)]
-Latitude = Annotated[float, Field(ge=-90, le=90)]
-Longitude = Annotated[float, Field(ge=-180, le=360)]
-TiltDeg = Annotated[float, Field(ge=0, le=180)]
-RollDeg = Annotated[float, Field(ge=-180, le=180)]
-HeadingDeg = Annotated[float, Field(ge=-360, le=360)]
-FieldOfViewDeg = Annotated[float, Field(gt=0.001, lt=180)]
-BiasDeg = Annotated[float, Field(ge=-45, le=45)]
-Text = Annotated[str, Field(min_length=1)]
-Pixel = Annotated[tuple[Real, Real], Field(strict=False)]
-Many = Annotated[tuple[Quantity, ...], Field(strict=False)]
-
-
-def matching(pattern: str, expected: str) -> AfterValidator:
-    """A validator for text that must match ``pattern`` as a whole.
-
-    Args:
-        pattern: A regular expression.
-        expected: What it stands for, in words.
-    """
-    compiled = re.compile(pattern)
-
-    def check(value: str) -> str:
-        if compiled.fullmatch(value) is None:
-            raise impossible("", got=f'"{value}"', expected=expected)
-        return value
-
-    return AfterValidator(check)
-
-
-def repeated(count: int) -> BeforeValidator:
-    """A validator that takes one number for all of so many."""
-
-    def repeat(value: object) -> object:
-        return (value,) * count if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-    return BeforeValidator(repeat)
-
-
-def _unique(values: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
-    for value in values:
-        if values.count(value) > 1:
-            raise impossible("", got=f"{value} twice", expected="each once")
-    return values
-
-
-Slug = Annotated[str, matching(r"[A-Za-z0-9][A-Za-z0-9._-]*", "letters, digits, '.', '_' and '-' only")]
-Order = Annotated[tuple[Quantity, ...], Field(strict=False, min_length=1), AfterValidator(_unique)]
 
 
 _NEIGHBOURS = 6

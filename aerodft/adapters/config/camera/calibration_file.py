@@ -13,19 +13,9 @@ from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config.camera.camera_file import camera_document, camera_from
 from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
 from aerodft.adapters.config.covariance import as_rows, check_covariance, check_lens_covariance, symmetric
+from aerodft.adapters.config.keys import BiasDeg, Many, NonNegative, Real, TimeOffset, impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import (
-    BiasDeg,
-    Many,
-    NonNegative,
-    Real,
-    SiAttribute,
-    Table,
-    TimeOffset,
-    Uncertain,
-    impossible,
-    si_value,
-)
+from aerodft.adapters.config.tables import SiAttribute, Table, Uncertain, si_value
 from aerodft.errors import InputError, located
 from aerodft.model import BIASES, BiasValues, Calibration, Camera, PoseStd, ProjectionModel
 

@@ -8,8 +8,7 @@ from pydantic import Field, model_validator
 
 from aerodft.adapters.config.camera.library import known_cameras
 from aerodft.adapters.config.covariance import COVARIANCE, check_covariance
-from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import (
+from aerodft.adapters.config.keys import (
     Count,
     FieldOfViewDeg,
     Focal,
@@ -17,12 +16,11 @@ from aerodft.adapters.config.tables import (
     NonNegative,
     Positive,
     Real,
-    SiAttribute,
-    Table,
     Text,
     impossible,
-    si_value,
 )
+from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
+from aerodft.adapters.config.tables import SiAttribute, Table, si_value
 from aerodft.errors import located
 from aerodft.model import Camera, LensModel
 

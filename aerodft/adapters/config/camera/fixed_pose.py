@@ -8,9 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from aerodft.adapters.config.covariance import COVARIANCE, POSE_ROWS, check_covariance, check_lens_covariance, symmetric
-from aerodft.adapters.config.tables import (
-    ROWS,
-    UNLESS_ZERO,
+from aerodft.adapters.config.keys import (
     HeadingDeg,
     Latitude,
     Longitude,
@@ -19,15 +17,11 @@ from aerodft.adapters.config.tables import (
     Positive,
     Real,
     RollDeg,
-    SiAttribute,
-    Table,
     Text,
     TiltDeg,
-    Uncertain,
     impossible,
-    si_value,
-    to_deg,
 )
+from aerodft.adapters.config.tables import ROWS, UNLESS_ZERO, SiAttribute, Table, Uncertain, si_value, to_deg
 from aerodft.errors import ConfigError
 from aerodft.geometry import Ground, camera_pose, east_north
 from aerodft.model import CODE_OF, FloatArray, GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd, Status

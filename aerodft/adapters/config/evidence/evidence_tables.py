@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.adapters.config.tables import (
-    LOCAL,
+from aerodft.adapters.config.keys import (
     Count,
     Focal,
     HeadingDeg,
@@ -17,14 +16,12 @@ from aerodft.adapters.config.tables import (
     Quantity,
     Real,
     RollDeg,
-    SiAttribute,
-    Table,
     Text,
     TiltDeg,
     impossible,
     repeated,
-    si_value,
 )
+from aerodft.adapters.config.tables import LOCAL, SiAttribute, Table, si_value
 from aerodft.model import (
     Evidence,
     GroundLines,

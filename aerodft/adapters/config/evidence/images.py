@@ -11,9 +11,10 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config.evidence.cross_checks import Stated
 from aerodft.adapters.config.evidence.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
+from aerodft.adapters.config.keys import Count, Real, Text, TimeOffset, impossible
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
-from aerodft.adapters.config.tables import Count, Real, Text, TimeOffset, impossible, si_value
+from aerodft.adapters.config.tables import si_value
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
 from aerodft.model import Evidence, GeoOrigin, Prior

@@ -33,8 +33,8 @@ from aerodft.adapters.config.evidence.evidence_tables import (
     check_geo,
 )
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
+from aerodft.adapters.config.keys import Order, Positive, Real, Text, impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
-from aerodft.adapters.config.tables import Order, Positive, Real, Text, impossible
 from aerodft.errors import ConfigError, located
 from aerodft.model import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 

@@ -10,21 +10,8 @@ from typing import Annotated, ClassVar, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.tables import (
-    NOT_IN_CONFIG_ID,
-    HeadingDeg,
-    Latitude,
-    Longitude,
-    Positive,
-    Real,
-    SiAttribute,
-    Table,
-    Text,
-    impossible,
-    matching,
-    si_value,
-    to_deg,
-)
+from aerodft.adapters.config.keys import HeadingDeg, Latitude, Longitude, Positive, Real, Text, impossible, matching
+from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_deg
 from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import Ground, Plane, east_north

@@ -8,24 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.station.station_config import MarkerSettings
-from aerodft.adapters.config.tables import (
-    LOCAL,
-    NOT_IN_CONFIG_ID,
+from aerodft.adapters.config.keys import (
     Duration,
-    FromFile,
     Latitude,
     Longitude,
     NonNegative,
     Positive,
     Real,
-    SiAttribute,
     Slug,
-    Table,
     impossible,
     repeated,
-    si_value,
 )
+from aerodft.adapters.config.station.station_config import MarkerSettings
+from aerodft.adapters.config.tables import LOCAL, NOT_IN_CONFIG_ID, FromFile, SiAttribute, Table, si_value
 from aerodft.errors import ConfigError
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, MarkerSurvey, SurveyedLandmark, SurveyedMarker

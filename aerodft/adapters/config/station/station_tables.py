@@ -7,6 +7,21 @@ from typing import Annotated, ClassVar, Final, Self
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
 from aerodft.adapters.config.camera import PoseTable
+from aerodft.adapters.config.keys import (
+    Duration,
+    Latitude,
+    Longitude,
+    Many,
+    NonNegative,
+    Pixel,
+    Positive,
+    Real,
+    Slug,
+    Text,
+    TimeOffset,
+    impossible,
+    matching,
+)
 from aerodft.adapters.config.station.ground import GroundTable
 from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable, StationMarkersTable
 from aerodft.adapters.config.station.station_config import (
@@ -19,28 +34,7 @@ from aerodft.adapters.config.station.station_config import (
     VideoFile,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
-from aerodft.adapters.config.tables import (
-    NOT_IN_CONFIG_ID,
-    ROWS,
-    UNLESS_ZERO,
-    Duration,
-    FromFile,
-    Latitude,
-    Longitude,
-    Many,
-    NonNegative,
-    Pixel,
-    Positive,
-    Real,
-    SiAttribute,
-    Slug,
-    Table,
-    Text,
-    TimeOffset,
-    impossible,
-    matching,
-    si_value,
-)
+from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, ROWS, UNLESS_ZERO, FromFile, SiAttribute, Table, si_value
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import ConfigError

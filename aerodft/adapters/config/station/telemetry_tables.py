@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 from pydantic import Field, create_model, model_validator
 
 from aerodft.adapters.config.camera import BiasTable
-from aerodft.adapters.config.tables import (
-    AS_SHARE,
-    NOT_IN_CONFIG_ID,
+from aerodft.adapters.config.keys import (
     Count,
     Duration,
     FieldOfViewDeg,
@@ -22,15 +20,11 @@ from aerodft.adapters.config.tables import (
     Rate,
     Real,
     RollDeg,
-    SiAttribute,
-    Table,
     Text,
     impossible,
     matching,
-    si_value,
-    to_percent,
-    to_s,
 )
+from aerodft.adapters.config.tables import AS_SHARE, NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_percent, to_s
 from aerodft.model import HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, HeightSettings, TelemetrySettings
 

@@ -8,7 +8,7 @@ import numpy as np
 import orjson
 from pydantic import model_validator
 
-from aerodft.adapters.config.keys import Many, Real, impossible
+from aerodft.adapters.config.keys import Matrix, impossible
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.tables import SiAttribute, Table
 from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
@@ -99,7 +99,7 @@ def _entry(cov: FloatArray, bad: np.ndarray, *, mirrored: bool = False) -> str:
 
 
 class _PoseCovariance(Table):
-    covariance: Many[Many[Real]]
+    covariance: Matrix
 
     @model_validator(mode="after")
     def _is_one(self) -> Self:

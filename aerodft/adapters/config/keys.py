@@ -49,6 +49,7 @@ BiasDeg = Annotated[float, Field(ge=-45, le=45)]
 Text = Annotated[str, Field(min_length=1)]
 Pixel = Annotated[tuple[Real, Real], Field(strict=False)]
 Many = Annotated[tuple[Quantity, ...], Field(strict=False)]
+Matrix = Many[Many[Real]]
 
 
 def matching(pattern: str, expected: str) -> AfterValidator:

@@ -192,10 +192,16 @@ _INTO_SI: dict[tuple[str, str], tuple[Callable[[Any], Any], Callable[[Any], Any]
 AS_SHARE = _INTO_SI["percent", "share"]
 """Percent to a share and back, where no name tells."""
 
-UNLESS_ZERO = SiAttribute(out=lambda value: value or None)
+
+def unless_zero(value: Any) -> Any:  # noqa: ANN401 - whatever attributes hold
+    """The value; None where it is 0 or holds nothing, so that its key is left out."""
+    return value or None
+
+
+UNLESS_ZERO = SiAttribute(out=unless_zero)
 """Left out where it is 0: the ids of configurations that were written before the key was known stay as they are."""
 
-ROWS = SiAttribute(into=lambda rows: tuple(rows or ()), out=lambda rows: rows or None)
+ROWS = SiAttribute(into=lambda rows: tuple(rows or ()), out=unless_zero)
 """Rows of a matrix, or several values, of which the dataclass has none where the key is left out."""
 
 

@@ -10,10 +10,11 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from aerodft.adapters.atomic_file import write_whole
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera.camera_file import camera_document, camera_from
 from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
 from aerodft.adapters.config.covariance import as_rows, check_covariance, check_lens_covariance, symmetric
-from aerodft.adapters.config.keys import BiasDeg, Many, NonNegative, Real, TimeOffset, impossible
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import SiAttribute, Table, Uncertain, si_value
 from aerodft.errors import InputError, located
@@ -26,12 +27,12 @@ _IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east
 class NoiseTable(Table):
     """Standard deviations of what is new in every image."""
 
-    height_m: Annotated[NonNegative, SiAttribute("height_agl_m")] = 0.0
-    horizontal_m: NonNegative = 0.0
-    tilt_deg: NonNegative = 0.0
-    pan_deg: NonNegative = 0.0
-    roll_deg: NonNegative = 0.0
-    heading_deg: NonNegative = 0.0
+    height_m: Annotated[keys.NonNegative, SiAttribute("height_agl_m")] = 0.0
+    horizontal_m: keys.NonNegative = 0.0
+    tilt_deg: keys.NonNegative = 0.0
+    pan_deg: keys.NonNegative = 0.0
+    roll_deg: keys.NonNegative = 0.0
+    heading_deg: keys.NonNegative = 0.0
 
 
 class BiasTable(Table):
@@ -41,17 +42,17 @@ class BiasTable(Table):
     the place of the single stds. ``lens_covariance`` has 8 rows, of as many as the lens has.
     """
 
-    height_m: Uncertain[Real] = Uncertain(value=0.0)
-    tilt_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
-    roll_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
-    heading_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
-    pan_deg: Uncertain[BiasDeg] = Uncertain(value=0.0)
-    east_m: Uncertain[Real] = Uncertain(value=0.0)
-    north_m: Uncertain[Real] = Uncertain(value=0.0)
-    time_offset_s: Annotated[Uncertain[TimeOffset], SiAttribute("time_s")] = Uncertain(value=0.0)
+    height_m: Uncertain[keys.Real] = Uncertain(value=0.0)
+    tilt_deg: Uncertain[keys.BiasDeg] = Uncertain(value=0.0)
+    roll_deg: Uncertain[keys.BiasDeg] = Uncertain(value=0.0)
+    heading_deg: Uncertain[keys.BiasDeg] = Uncertain(value=0.0)
+    pan_deg: Uncertain[keys.BiasDeg] = Uncertain(value=0.0)
+    east_m: Uncertain[keys.Real] = Uncertain(value=0.0)
+    north_m: Uncertain[keys.Real] = Uncertain(value=0.0)
+    time_offset_s: Annotated[Uncertain[keys.TimeOffset], SiAttribute("time_s")] = Uncertain(value=0.0)
     noise: NoiseTable = NoiseTable()
-    covariance: Many[Many[Real]] | None = None
-    lens_covariance: Many[Many[Real]] | None = None
+    covariance: keys.Matrix | None = None
+    lens_covariance: keys.Matrix | None = None
 
     @model_validator(mode="after")
     def _covariances_fit(self) -> Self:

@@ -6,21 +6,12 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera.library import known_cameras
 from aerodft.adapters.config.covariance import COVARIANCE, check_covariance
-from aerodft.adapters.config.keys import (
-    Count,
-    FieldOfViewDeg,
-    Focal,
-    Many,
-    NonNegative,
-    Positive,
-    Real,
-    Text,
-    impossible,
-)
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.tables import SiAttribute, Table, si_value
+from aerodft.adapters.config.tables import SiAttribute, Table, si_value, unless_zero
 from aerodft.errors import located
 from aerodft.model import Camera, LensModel
 
@@ -32,10 +23,10 @@ _PHOTOS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
 class ModeTable(Table):
     """The mode that the file belongs to, as its images' EXIF data have it; what is left out is not compared."""
 
-    device: Text | None = None
-    focal_mm: Positive | None = None
-    focal_35mm_mm: Positive | None = None
-    digital_zoom: Positive | None = None
+    device: keys.Text | None = None
+    focal_mm: keys.Positive | None = None
+    focal_35mm_mm: keys.Positive | None = None
+    digital_zoom: keys.Positive | None = None
 
 
 class CameraTable(Table):
@@ -43,21 +34,21 @@ class CameraTable(Table):
 
     INSTEAD_OF: ClassVar = {"covariance": ("focal_std_px", "principal_point_std_px", "distortion_std")}
 
-    name: Text
-    width_px: Count
-    height_px: Count
-    hfov_deg: FieldOfViewDeg | None = None
-    vfov_deg: FieldOfViewDeg | None = None
-    fx_px: Focal | None = None
-    fy_px: Focal | None = None
-    cx_px: Real | None = None
-    cy_px: Real | None = None
+    name: keys.Text
+    width_px: keys.Count
+    height_px: keys.Count
+    hfov_deg: keys.FieldOfViewDeg | None = None
+    vfov_deg: keys.FieldOfViewDeg | None = None
+    fx_px: keys.Focal | None = None
+    fy_px: keys.Focal | None = None
+    cx_px: keys.Real | None = None
+    cy_px: keys.Real | None = None
     lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
-    distortion: Many[Real] = ()
-    focal_std_px: Annotated[NonNegative, SiAttribute("std.focal_px")] = 0.0
-    principal_point_std_px: Annotated[NonNegative, SiAttribute("std.principal_point_px")] = 0.0
-    distortion_std: Annotated[Many[NonNegative], SiAttribute("std.distortion", out=lambda stds: stds or None)] = ()
-    covariance: Annotated[Many[Many[Real]] | None, COVARIANCE] = None
+    distortion: keys.Many[keys.Real] = ()
+    focal_std_px: Annotated[keys.NonNegative, SiAttribute("std.focal_px")] = 0.0
+    principal_point_std_px: Annotated[keys.NonNegative, SiAttribute("std.principal_point_px")] = 0.0
+    distortion_std: Annotated[keys.Many[keys.NonNegative], SiAttribute("std.distortion", out=unless_zero)] = ()
+    covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
     mode: ModeTable | None = None
 
     @model_validator(mode="after")

@@ -7,20 +7,9 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.covariance import COVARIANCE, POSE_ROWS, check_covariance, check_lens_covariance, symmetric
-from aerodft.adapters.config.keys import (
-    HeadingDeg,
-    Latitude,
-    Longitude,
-    Many,
-    NonNegative,
-    Positive,
-    Real,
-    RollDeg,
-    Text,
-    TiltDeg,
-    impossible,
-)
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import ROWS, UNLESS_ZERO, SiAttribute, Table, Uncertain, si_value, to_deg
 from aerodft.errors import ConfigError
 from aerodft.geometry import Ground, camera_pose, east_north
@@ -160,15 +149,19 @@ _POSITION_STD_M = 2.0
 _HEADING_STD_DEG = 2.0
 
 
+def _radians(angle_deg: float | None) -> float:
+    return math.radians(angle_deg or 0.0)
+
+
 class PoseStdTable(Table):
     """How well a fixed camera's stated pose is known; unknown heading and position are exact by definition."""
 
-    height_m: Annotated[NonNegative, SiAttribute("height_agl_m")] = 0.1
-    tilt_deg: NonNegative = 1.0
-    pan_deg: NonNegative = 1.0
-    roll_deg: NonNegative = 1.0
-    heading_deg: NonNegative | None = None
-    horizontal_m: NonNegative | None = None
+    height_m: Annotated[keys.NonNegative, SiAttribute("height_agl_m")] = 0.1
+    tilt_deg: keys.NonNegative = 1.0
+    pan_deg: keys.NonNegative = 1.0
+    roll_deg: keys.NonNegative = 1.0
+    heading_deg: keys.NonNegative | None = None
+    horizontal_m: keys.NonNegative | None = None
 
 
 class PoseTable(Table):
@@ -180,22 +173,20 @@ class PoseTable(Table):
         "lat_deg": ("east_m", "north_m"),
     }
 
-    calibration: Annotated[Text | None, SiAttribute("file")] = None
-    calibration_id: Annotated[Text | None, SiAttribute("calibration")] = None
-    height_agl_m: Positive | None = None
-    tilt_deg: TiltDeg | None = None
-    roll_deg: RollDeg = 0.0
-    heading_deg: Annotated[
-        HeadingDeg | None, SiAttribute("heading_rad", into=lambda angle_deg: math.radians(angle_deg or 0.0), out=to_deg)
-    ] = None
-    lat_deg: Latitude | None = None
-    lon_deg: Longitude | None = None
-    alt_msl_m: Real | None = None
-    east_m: Annotated[Real, UNLESS_ZERO] = 0.0
-    north_m: Annotated[Real, UNLESS_ZERO] = 0.0
+    calibration: Annotated[keys.Text | None, SiAttribute("file")] = None
+    calibration_id: Annotated[keys.Text | None, SiAttribute("calibration")] = None
+    height_agl_m: keys.Positive | None = None
+    tilt_deg: keys.TiltDeg | None = None
+    roll_deg: keys.RollDeg = 0.0
+    heading_deg: Annotated[keys.HeadingDeg | None, SiAttribute("heading_rad", into=_radians, out=to_deg)] = None
+    lat_deg: keys.Latitude | None = None
+    lon_deg: keys.Longitude | None = None
+    alt_msl_m: keys.Real | None = None
+    east_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
+    north_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
     std: PoseStdTable = PoseStdTable()
-    covariance: Annotated[Many[Many[Real]] | None, COVARIANCE] = None
-    lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
+    lens_covariance: Annotated[keys.Matrix | None, ROWS] = None
 
     @model_validator(mode="after")
     def _stated_or_calibrated(self) -> Self:
@@ -212,17 +203,17 @@ class CalibratedPoseTable(Table):
 
     INSTEAD_OF: ClassVar = {"lat_deg": ("east_m", "north_m")}
 
-    height_agl_m: Uncertain[Positive]
-    tilt_deg: Uncertain[TiltDeg]
-    roll_deg: Uncertain[RollDeg] = Uncertain(value=0.0)
-    heading_deg: Uncertain[HeadingDeg] = Uncertain(value=0.0)
-    lat_deg: Latitude | None = None
-    lon_deg: Longitude | None = None
-    alt_msl_m: Real | None = None
-    east_m: Real = 0.0
-    north_m: Real = 0.0
-    covariance: Annotated[Many[Many[Real]] | None, COVARIANCE] = None
-    lens_covariance: Annotated[Many[Many[Real]] | None, ROWS] = None
+    height_agl_m: Uncertain[keys.Positive]
+    tilt_deg: Uncertain[keys.TiltDeg]
+    roll_deg: Uncertain[keys.RollDeg] = Uncertain(value=0.0)
+    heading_deg: Uncertain[keys.HeadingDeg] = Uncertain(value=0.0)
+    lat_deg: keys.Latitude | None = None
+    lon_deg: keys.Longitude | None = None
+    alt_msl_m: keys.Real | None = None
+    east_m: keys.Real = 0.0
+    north_m: keys.Real = 0.0
+    covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
+    lens_covariance: Annotated[keys.Matrix | None, ROWS] = None
 
     @model_validator(mode="after")
     def _position_is_whole(self) -> Self:

@@ -6,21 +6,9 @@ from typing import Annotated, ClassVar, Generic, Self, TypeVar
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.adapters.config.keys import (
-    Count,
-    Focal,
-    HeadingDeg,
-    Pixel,
-    Positive,
-    Quantity,
-    Real,
-    RollDeg,
-    Text,
-    TiltDeg,
-    impossible,
-    repeated,
-)
+from aerodft.adapters.config.keys import Quantity, impossible
 from aerodft.adapters.config.tables import LOCAL, SiAttribute, Table, si_value
 from aerodft.model import (
     Evidence,
@@ -78,14 +66,14 @@ def _distinct(pixels: tuple[Px, ...]) -> tuple[Px, ...]:
 Row = TypeVar("Row", bound=Table)
 Std = Annotated[float, Field(ge=0, le=1e6)]
 StdPx = Annotated[float, Field(ge=1e-6, le=1e6)]
-Component = Annotated[Real | None, BeforeValidator(_component)]
+Component = Annotated[keys.Real | None, BeforeValidator(_component)]
 Position = Annotated[tuple[Component, Component, Component], Field(strict=False)]
-StdM = Annotated[tuple[Std, Std, Std], Field(strict=False), repeated(SPACE)]
-Line = Annotated[tuple[Pixel, Pixel], Field(strict=False), AfterValidator(_line)]
+StdM = Annotated[tuple[Std, Std, Std], Field(strict=False), keys.repeated(SPACE)]
+Line = Annotated[tuple[keys.Pixel, keys.Pixel], Field(strict=False), AfterValidator(_line)]
 
 
 PriorStd = Annotated[float, Field(gt=0, le=1e9)]
-PlaceStd = Annotated[tuple[PriorStd, ...], Field(strict=False), repeated(1)]
+PlaceStd = Annotated[tuple[PriorStd, ...], Field(strict=False), keys.repeated(1)]
 Rows = Annotated[tuple[Row, ...], Field(strict=False), BeforeValidator(_in_rows)]
 
 
@@ -122,8 +110,8 @@ class ObservationTable(Table):
 
     makes: ClassVar[type[Evidence]]
     may_be_outside: ClassVar = False
-    name: Text | None = None
-    image: Text | None = None
+    name: keys.Text | None = None
+    image: keys.Text | None = None
     std_px: StdPx = 1.0
 
     @property
@@ -153,7 +141,7 @@ class LandmarkTable(ObservationTable, InDegrees):
     INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
 
     makes = Landmark
-    pixel: Pixel
+    pixel: keys.Pixel
     position_m: Position | None = None
     std_m: StdM = (0.0, 0.0, 0.0)
 
@@ -206,16 +194,16 @@ class RangeTable(_MeasuredTable):
     """A pixel on the ground and its distance from the camera."""
 
     makes = SlantRange
-    pixel: Pixel
-    range_m: Positive
+    pixel: keys.Pixel
+    range_m: keys.Positive
 
 
 class GroundPointTable(_MeasuredTable):
     """A pixel on the ground and its place to the right and ahead of the camera's foot."""
 
     makes = GroundPoint
-    pixel: Pixel
-    xy_m: Annotated[tuple[Real, Real], Field(strict=False)]
+    pixel: keys.Pixel
+    xy_m: Annotated[tuple[keys.Real, keys.Real], Field(strict=False)]
 
 
 class LengthTable(_MeasuredTable):
@@ -223,17 +211,17 @@ class LengthTable(_MeasuredTable):
 
     makes = KnownLength
     pixels: Line
-    length_m: Positive
-    elevation_m: Real = 0.0
+    length_m: keys.Positive
+    elevation_m: keys.Real = 0.0
 
 
 class HeightTable(_MeasuredTable):
     """Base and top of an upright object on the ground."""
 
     makes = KnownHeight
-    base: Pixel
-    top: Pixel
-    height_m: Positive
+    base: keys.Pixel
+    top: keys.Pixel
+    height_m: keys.Positive
 
     @model_validator(mode="after")
     def _has_length(self) -> Self:
@@ -279,7 +267,7 @@ class HorizonTable(ObservationTable):
 
     makes = Horizon
     may_be_outside = True
-    pixels: Annotated[tuple[Pixel, ...], Field(strict=False, min_length=PLANE), AfterValidator(_distinct)]
+    pixels: Annotated[tuple[keys.Pixel, ...], Field(strict=False, min_length=PLANE), AfterValidator(_distinct)]
     sea: Annotated[bool, SiAttribute("is_sea")] = False
 
 
@@ -300,7 +288,7 @@ class Known(_Lifted, Generic[Quantity]):
 class PlaceTable(_Lifted):
     """East and north or easting and northing, and perhaps a height; one std for all, or one for each of them."""
 
-    value: Annotated[tuple[Real, ...], Field(strict=False, min_length=PLANE, max_length=SPACE)]
+    value: Annotated[tuple[keys.Real, ...], Field(strict=False, min_length=PLANE, max_length=SPACE)]
     std: PlaceStd | None = None
 
     @model_validator(mode="after")
@@ -319,11 +307,11 @@ class CameraPriorTable(InDegrees):
 
     INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
 
-    height_agl_m: Known[Positive] | None = None
-    tilt_deg: Known[TiltDeg] | None = None
-    roll_deg: Known[RollDeg] | None = None
-    heading_deg: Known[HeadingDeg] | None = None
-    focal_px: Known[Focal] | None = None
+    height_agl_m: Known[keys.Positive] | None = None
+    tilt_deg: Known[keys.TiltDeg] | None = None
+    roll_deg: Known[keys.RollDeg] | None = None
+    heading_deg: Known[keys.HeadingDeg] | None = None
+    focal_px: Known[keys.Focal] | None = None
     position_m: PlaceTable | None = None
     position_std_m: PlaceStd | None = None
 
@@ -376,9 +364,9 @@ def check_size(width_px: int | None, height_px: int | None) -> None:
 class ImageTable(Table):
     """The image that the pixels were read in."""
 
-    file: Text | None = None
-    width_px: Count | None = None
-    height_px: Count | None = None
+    file: keys.Text | None = None
+    width_px: keys.Count | None = None
+    height_px: keys.Count | None = None
 
     @model_validator(mode="after")
     def _size_is_whole(self) -> Self:
@@ -389,8 +377,8 @@ class ImageTable(Table):
 class EvidenceTable(Table):
     """The file."""
 
-    crs: Text = LOCAL
-    elevation_m: Known[Real] | None = None
+    crs: keys.Text = LOCAL
+    elevation_m: Known[keys.Real] | None = None
     image: ImageTable = ImageTable()
     camera: CameraPriorTable = CameraPriorTable()
     landmark: Rows[LandmarkTable] = ()

@@ -8,10 +8,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.cross_checks import Stated
 from aerodft.adapters.config.evidence.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
-from aerodft.adapters.config.keys import Count, Real, Text, TimeOffset, impossible
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
 from aerodft.adapters.config.tables import si_value
@@ -23,19 +24,19 @@ from aerodft.service import ErrorStd, TelemetrySettings
 _POSE = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg", "position_m", "lat_deg", "velocity_mps", "rates_dps")
 _LIVE = ("connection", "baud", "wait_s", "calibration", "bias")
 _OWN = ("log", "origin", "time_offset_s", "noise_share", "noise")
-Vector = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+Vector = Annotated[tuple[keys.Real, keys.Real, keys.Real], Field(strict=False)]
 
 
 class ImageEntry(CameraPriorTable):
     """One image: its pose by telemetry as it is written here, or a stamp at which to look the pose up."""
 
-    name: Text
-    file: Text | None = None
-    width_px: Count | None = None
-    height_px: Count | None = None
+    name: keys.Text
+    file: keys.Text | None = None
+    width_px: keys.Count | None = None
+    height_px: keys.Count | None = None
     velocity_mps: Vector | None = None
     rates_dps: Vector | None = None
-    utc: Text | None = None
+    utc: keys.Text | None = None
     index: Annotated[int, Field(ge=0)] | None = None
 
     @property
@@ -75,9 +76,9 @@ class ImageEntry(CameraPriorTable):
 class FlightTable(TelemetryTable):
     """The images' telemetry: where it is, how it becomes a pose as in a station's file, and how well it is known."""
 
-    log: Text | None = None
+    log: keys.Text | None = None
     origin: OriginTable | None = None
-    time_offset_s: Known[TimeOffset] | None = None
+    time_offset_s: Known[keys.TimeOffset] | None = None
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
     noise: ErrorStdTable = ErrorStdTable()
 

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.cross_checks import (
     Stated,
     check_datums,
@@ -33,7 +34,7 @@ from aerodft.adapters.config.evidence.evidence_tables import (
     check_geo,
 )
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
-from aerodft.adapters.config.keys import Order, Positive, Real, Text, impossible
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
 from aerodft.errors import ConfigError, located
 from aerodft.model import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
@@ -43,7 +44,7 @@ _TAPE_M = 0.005  # what a survey leaves where nobody says; an exact one would pu
 _SQUARE = 0.1  # by which sides of a surveyed square may differ
 _STDS = 6.0  # and what errors of the survey may add
 
-Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+Point = Annotated[tuple[keys.Real, keys.Real, keys.Real], Field(strict=False)]
 
 
 class MarkerTable(InDegrees):
@@ -52,7 +53,7 @@ class MarkerTable(InDegrees):
     id: Annotated[int, Field(ge=0)]
     position_m: Point | None = None
     corners_m: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=4)] | None = None
-    side_m: Positive | None = None
+    side_m: keys.Positive | None = None
     std_m: StdM = (_TAPE_M, _TAPE_M, _TAPE_M)
 
     @property
@@ -86,10 +87,10 @@ class MarkerTable(InDegrees):
 class MarkersTable(EvidenceTable):
     """The file."""
 
-    dictionary: Text
-    side_m: Positive | None = None
+    dictionary: keys.Text
+    side_m: keys.Positive | None = None
     marker: Rows[MarkerTable]
-    ignore: Order[int] = ()
+    ignore: keys.Order[int] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,7 +10,8 @@ from typing import Annotated, ClassVar, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.keys import HeadingDeg, Latitude, Longitude, Positive, Real, Text, impossible, matching
+from aerodft.adapters.config import keys
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_deg
 from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
 from aerodft.errors import ConfigError, InputError
@@ -69,8 +70,8 @@ GroundShape: TypeAlias = SlopedGround | TerrainGround
 class PointTable(Table):
     """A point of sloping ground."""
 
-    lat_deg: Latitude
-    lon_deg: Longitude
+    lat_deg: keys.Latitude
+    lon_deg: keys.Longitude
 
 
 def _point_rad(point: PointTable | None) -> tuple[float, float] | None:
@@ -90,14 +91,14 @@ class GroundTable(Table):
     }
 
     slope_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
-    uphill_azimuth_deg: HeadingDeg | None = None
+    uphill_azimuth_deg: keys.HeadingDeg | None = None
     point: Annotated[PointTable | None, SiAttribute("point_rad", into=_point_rad, out=_point_table)] = None
-    terrain: Annotated[Text | None, SiAttribute("path"), NOT_IN_CONFIG_ID] = None
-    sha256: Annotated[str, matching(r"[0-9a-f]{64}", "64 hexadecimal digits")] | None = None
-    radius_m: Positive | None = None
-    cell_m: Positive | None = None
+    terrain: Annotated[keys.Text | None, SiAttribute("path"), NOT_IN_CONFIG_ID] = None
+    sha256: Annotated[str, keys.matching(r"[0-9a-f]{64}", "64 hexadecimal digits")] | None = None
+    radius_m: keys.Positive | None = None
+    cell_m: keys.Positive | None = None
     band: Annotated[int, Field(ge=1, le=65535)] = 1
-    fill_msl_m: Real | None = None
+    fill_msl_m: keys.Real | None = None
     refraction: Annotated[float, Field(ge=0, lt=1)] | None = None
 
     @model_validator(mode="after")

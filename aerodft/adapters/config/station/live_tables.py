@@ -8,17 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from aerodft.adapters.config.keys import (
-    Duration,
-    Latitude,
-    Longitude,
-    NonNegative,
-    Positive,
-    Real,
-    Slug,
-    impossible,
-    repeated,
-)
+from aerodft.adapters.config import keys
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.station.station_config import MarkerSettings
 from aerodft.adapters.config.tables import LOCAL, NOT_IN_CONFIG_ID, FromFile, SiAttribute, Table, si_value
 from aerodft.errors import ConfigError
@@ -31,8 +22,8 @@ if TYPE_CHECKING:
 
 _FARTHEST_M = 1e5  # of a marker from the station's origin
 AngleStd = Annotated[float, Field(ge=0, le=180)]
-Place = Annotated[tuple[Real, Real, Real], Field(strict=False)]
-PlaceStd = Annotated[tuple[NonNegative, NonNegative, NonNegative], repeated(3), Field(strict=False)]
+Place = Annotated[tuple[keys.Real, keys.Real, keys.Real], Field(strict=False)]
+PlaceStd = Annotated[tuple[keys.NonNegative, keys.NonNegative, keys.NonNegative], keys.repeated(3), Field(strict=False)]
 
 
 class LandmarkTable(Table):
@@ -40,13 +31,13 @@ class LandmarkTable(Table):
 
     INSTEAD_OF: ClassVar = {"position_m": ("lat_deg", "lon_deg", "alt_msl_m")}
 
-    name: Slug
-    lat_deg: Latitude | None = None
-    lon_deg: Longitude | None = None
-    alt_msl_m: Real | None = None
+    name: keys.Slug
+    lat_deg: keys.Latitude | None = None
+    lon_deg: keys.Longitude | None = None
+    alt_msl_m: keys.Real | None = None
     position_m: Annotated[Place | None, SiAttribute("position_enu_m")] = None
     std_m: PlaceStd = (0.0, 0.0, 0.0)
-    std_px: Positive = 1.0
+    std_px: keys.Positive = 1.0
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
@@ -61,8 +52,8 @@ class LandmarkTable(Table):
 class ErrorStdTable(Table):
     """Standard deviations of the telemetry's errors; a default applies to what is left out."""
 
-    height_m: NonNegative | None = None
-    horizontal_m: NonNegative | None = None
+    height_m: keys.NonNegative | None = None
+    horizontal_m: keys.NonNegative | None = None
     tilt_deg: AngleStd | None = None
     pan_deg: AngleStd | None = None
     roll_deg: AngleStd | None = None
@@ -147,7 +138,7 @@ def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
 class StationMarkersTable(FromFile):
     """Markers that are looked for in a station's images."""
 
-    every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.1
+    every_s: Annotated[keys.Duration, NOT_IN_CONFIG_ID] = 0.1
 
 
 def marker_settings(

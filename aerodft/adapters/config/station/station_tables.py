@@ -6,22 +6,9 @@ from typing import Annotated, ClassVar, Final, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import PoseTable
-from aerodft.adapters.config.keys import (
-    Duration,
-    Latitude,
-    Longitude,
-    Many,
-    NonNegative,
-    Pixel,
-    Positive,
-    Real,
-    Slug,
-    Text,
-    TimeOffset,
-    impossible,
-    matching,
-)
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.station.ground import GroundTable
 from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable, StationMarkersTable
 from aerodft.adapters.config.station.station_config import (
@@ -48,7 +35,7 @@ from aerodft.model import (
 )
 from aerodft.service import OBJECTS
 
-Polygon = Annotated[tuple[Pixel, ...], Field(strict=False, min_length=3)]
+Polygon = Annotated[tuple[keys.Pixel, ...], Field(strict=False, min_length=3)]
 
 
 class CameraMotionTable(Table):
@@ -57,42 +44,42 @@ class CameraMotionTable(Table):
     limit_deg: Annotated[float, Field(ge=0.01, le=45)] = 0.2
     every_s: Annotated[float, Field(ge=0, le=3600), NOT_IN_CONFIG_ID] = 1.0
     confirm_looks: Annotated[int, Field(ge=1, le=100)] = 3
-    lever_arm_m: NonNegative = 0.2
-    ignore: Annotated[Many[Polygon], NOT_IN_CONFIG_ID] = ()
-    reference: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    lever_arm_m: keys.NonNegative = 0.2
+    ignore: Annotated[keys.Many[Polygon], NOT_IN_CONFIG_ID] = ()
+    reference: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
 
 
 class ObjectsTable(Table):
     """How moving objects are looked for and followed over the ground; the defaults are those of ``ObjectSettings``."""
 
     detect: bool = True
-    every_s: Annotated[Duration, NOT_IN_CONFIG_ID] = 0.0
+    every_s: Annotated[keys.Duration, NOT_IN_CONFIG_ID] = 0.0
     shadows: Annotated[bool, NOT_IN_CONFIG_ID] = True
     min_area_px: Annotated[int, Field(ge=1, le=10_000_000), NOT_IN_CONFIG_ID] = 60
-    ignore: Annotated[Many[Polygon], NOT_IN_CONFIG_ID] = ()
-    std_px: Positive = 2.0
-    speed_mps: Positive = 3.0
-    acceleration_mps2: Positive = 0.5
+    ignore: Annotated[keys.Many[Polygon], NOT_IN_CONFIG_ID] = ()
+    std_px: keys.Positive = 2.0
+    speed_mps: keys.Positive = 3.0
+    acceleration_mps2: keys.Positive = 0.5
     confirm_looks: Annotated[int, Field(ge=1, le=1000)] = 3
-    track_timeout_s: Duration = 5.0
-    distances_within_m: NonNegative = 0.0
+    track_timeout_s: keys.Duration = 5.0
+    distances_within_m: keys.NonNegative = 0.0
 
 
 class HintsTable(Table):
     """What a person says of the first image that is looked at."""
 
-    water: Annotated[Many[Pixel], SiAttribute("water_px")] = ()
-    land: Annotated[Many[Pixel], SiAttribute("land_px")] = ()
+    water: Annotated[keys.Many[keys.Pixel], SiAttribute("water_px")] = ()
+    land: Annotated[keys.Many[keys.Pixel], SiAttribute("land_px")] = ()
 
 
 class RiverTable(Table):
     """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverLook``."""
 
-    every_s: Duration = 1.0
-    spacing_m: Positive = 1.0
-    seed: Annotated[Pixel | None, SiAttribute("seed_px")] = None
+    every_s: keys.Duration = 1.0
+    spacing_m: keys.Positive = 1.0
+    seed: Annotated[keys.Pixel | None, SiAttribute("seed_px")] = None
     hints: HintsTable = HintsTable()
-    max_range_m: Positive | None = None
+    max_range_m: keys.Positive | None = None
 
 
 def river_probes(probes: tuple[Probe, ...]) -> tuple[Probe, ...]:
@@ -139,21 +126,22 @@ def _as_stated(seconds: object) -> object:
 
 
 Instant = Annotated[int, BeforeValidator(_instant), PlainSerializer(unix_ns_to_iso)]
-Url = Annotated[str, matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')]
+SecondsOrAuto = Annotated[keys.TimeOffset | None, BeforeValidator(_seconds_or_auto), PlainSerializer(_as_stated)]
+Url = Annotated[str, keys.matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')]
 
 
 class OriginTable(Table):
     """A point of the measured plane."""
 
-    lat_deg: Latitude
-    lon_deg: Longitude
-    alt_msl_m: Real | None = None
+    lat_deg: keys.Latitude
+    lon_deg: keys.Longitude
+    alt_msl_m: keys.Real | None = None
 
 
 class StationTable(Table):
     """Who measures."""
 
-    name: Annotated[Slug, SiAttribute("station"), NOT_IN_CONFIG_ID]
+    name: Annotated[keys.Slug, SiAttribute("station"), NOT_IN_CONFIG_ID]
     origin: OriginTable | None = None
     tick_ms: Annotated[int, Field(ge=1, le=1000)] = 50
 
@@ -171,18 +159,18 @@ _INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
 class ImagesTable(Table):
     """Where images come from; at most one of the five inputs."""
 
-    video: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    video: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
     start: Annotated[Instant | None, SiAttribute("start_ns"), NOT_IN_CONFIG_ID] = None
-    stills: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
-    pattern: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    stills: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
+    pattern: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
     utc_offset: Annotated[Annotated[str, AfterValidator(_offset)] | None, NOT_IN_CONFIG_ID] = None
     stream: Annotated[Url | None, NOT_IN_CONFIG_ID] = None
-    device: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
+    device: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
     rate_hz: Annotated[Annotated[float, Field(gt=0, le=1000)] | None, NOT_IN_CONFIG_ID] = None
-    time_offset_s: Annotated[TimeOffset | None, BeforeValidator(_seconds_or_auto), PlainSerializer(_as_stated)] = 0.0
+    time_offset_s: SecondsOrAuto = 0.0
     time_drift: Annotated[float, Field(ge=-0.5, le=0.5), UNLESS_ZERO] = 0.0
     time_reference: Annotated[Instant | None, SiAttribute("time_reference_ns")] = None
-    time_std_s: Duration = 0.0
+    time_std_s: keys.Duration = 0.0
 
     @model_validator(mode="after")
     def _one_input(self) -> Self:
@@ -203,23 +191,23 @@ class ImagesTable(Table):
 class ObservationsTable(Table):
     """Where observed pixels come from."""
 
-    files: Annotated[Many[Text], NOT_IN_CONFIG_ID] = ()
+    files: Annotated[keys.Many[keys.Text], NOT_IN_CONFIG_ID] = ()
     topic: Annotated[bool, NOT_IN_CONFIG_ID] = True
-    time_offset_s: TimeOffset = 0.0
-    match_tolerance_s: Duration = 0.02
+    time_offset_s: keys.TimeOffset = 0.0
+    match_tolerance_s: keys.Duration = 0.02
 
 
 class LimitsTable(Table):
     """What is not believed."""
 
-    max_range_m: Positive | None = None
+    max_range_m: keys.Positive | None = None
 
 
 class RecordTable(Table):
     """The recorder."""
 
-    folder: Annotated[Text, SiAttribute(into=Path, out=str)] = "recordings"
-    image_hz: NonNegative = 1.0
+    folder: Annotated[keys.Text, SiAttribute(into=Path, out=str)] = "recordings"
+    image_hz: keys.NonNegative = 1.0
     video: bool = True
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 80
     segment_s: Annotated[float, Field(ge=1, le=86_400)] = 900.0
@@ -233,9 +221,9 @@ _ONE_TOPIC = SiAttribute(into=lambda said: (said,) if said else (), out=lambda t
 class TopicsTable(Table):
     """Which topic is what in another tool's recording, where its channels do not tell."""
 
-    mavlink: Annotated[Many[Text] | Text, _TOPICS] = ()
-    images: Annotated[Text | None, _ONE_TOPIC] = None
-    camera: Annotated[Text | None, _ONE_TOPIC] = None
+    mavlink: Annotated[keys.Many[keys.Text] | keys.Text, _TOPICS] = ()
+    images: Annotated[keys.Text | None, _ONE_TOPIC] = None
+    camera: Annotated[keys.Text | None, _ONE_TOPIC] = None
 
 
 def _kind(name: str) -> ProbeKind:
@@ -251,16 +239,16 @@ class ProbeTable(Table):
 
     INSTEAD_OF: ClassVar = {"on_top_of": ("elevation_m", "elevation_std_m")}
 
-    name: Slug
+    name: keys.Slug
     kind: Annotated[str, AfterValidator(_kind)]
-    pixels: Annotated[Many[Pixel] | None, ROWS] = None
+    pixels: Annotated[keys.Many[keys.Pixel] | None, ROWS] = None
     observed: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
     tracked: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
     at: Annotated[Instant | None, SiAttribute("at_ns")] = None
-    std_px: NonNegative = 1.0
-    elevation_m: Real = 0.0
-    elevation_std_m: NonNegative = 0.0
-    on_top_of: Slug | None = None
+    std_px: keys.NonNegative = 1.0
+    elevation_m: keys.Real = 0.0
+    elevation_std_m: keys.NonNegative = 0.0
+    on_top_of: keys.Slug | None = None
 
     @model_validator(mode="after")
     def _fixed_or_observed(self) -> Self:
@@ -304,8 +292,8 @@ class ConfigTable(Table):
     limits: LimitsTable = LimitsTable()
     record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
     topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
-    probe: Annotated[Many[ProbeTable], SiAttribute("probes")] = ()
-    landmark: Many[LandmarkTable] = ()
+    probe: Annotated[keys.Many[ProbeTable], SiAttribute("probes")] = ()
+    landmark: keys.Many[LandmarkTable] = ()
     live_calibration: Annotated[LiveCalibrationTable, SiAttribute("live")] = LiveCalibrationTable()
     markers: StationMarkersTable | None = None
     camera_motion: CameraMotionTable | None = None

@@ -6,24 +6,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, create_model, model_validator
 
+from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import BiasTable
-from aerodft.adapters.config.keys import (
-    Count,
-    Duration,
-    FieldOfViewDeg,
-    Gap,
-    HeadingDeg,
-    Many,
-    NonNegative,
-    Order,
-    Positive,
-    Rate,
-    Real,
-    RollDeg,
-    Text,
-    impossible,
-    matching,
-)
+from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import AS_SHARE, NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_percent, to_s
 from aerodft.model import HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, HeightSettings, TelemetrySettings
@@ -35,7 +20,7 @@ AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MO
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
 Percent = Annotated[float, Field(ge=0, le=100)]
-ZoomPoint = Annotated[tuple[Percent, Positive], Field(strict=False)]
+ZoomPoint = Annotated[tuple[Percent, keys.Positive], Field(strict=False)]
 
 
 if TYPE_CHECKING:  # what the table of sources makes of these is known when it runs
@@ -47,21 +32,21 @@ else:
         "HeightStdTable",
         __base__=Table,
         __doc__="Standard deviation of each height source, metres.",
-        **{name: (NonNegative, reader.std_m) for name, reader in HEIGHT_SOURCES.items()},
+        **{name: (keys.NonNegative, reader.std_m) for name, reader in HEIGHT_SOURCES.items()},
     )
 
 
 class HeightTable(Table):
     """Which height is believed; without an order a manual one is the last."""
 
-    order: Order[HeightName] | None = None
-    home_above_plane_m: Real = 0.0
-    manual_m: Positive | None = None
-    min_m: NonNegative = 1.0
-    max_gap_s: Gap = 2.0
-    rangefinder_gap_s: Gap = 1.0
-    terrain_gap_s: Gap = 5.0
-    terrain_max_distance_m: Positive = 150.0
+    order: keys.Order[HeightName] | None = None
+    home_above_plane_m: keys.Real = 0.0
+    manual_m: keys.Positive | None = None
+    min_m: keys.NonNegative = 1.0
+    max_gap_s: keys.Gap = 2.0
+    rangefinder_gap_s: keys.Gap = 1.0
+    terrain_gap_s: keys.Gap = 5.0
+    terrain_max_distance_m: keys.Positive = 150.0
     lean_std_deg: Annotated[float, Field(ge=0, le=45)] = 0.2
     std_m: Annotated[
         HeightStdTable,
@@ -81,9 +66,9 @@ class HeightTable(Table):
 class FixedMountTable(Table):
     """A camera bolted to the vehicle: yaw, pitch (0 forward, -90 straight down), roll against its body."""
 
-    yaw_deg: HeadingDeg = 0.0
+    yaw_deg: keys.HeadingDeg = 0.0
     pitch_deg: PitchDeg
-    roll_deg: RollDeg = 0.0
+    roll_deg: keys.RollDeg = 0.0
 
 
 class CameraOnGimbalTable(FixedMountTable):
@@ -95,7 +80,7 @@ class CameraOnGimbalTable(FixedMountTable):
 class AttitudeTable(Table):
     """Which attitude is believed, how a gimbal's reports are read, and how well they are known."""
 
-    order: Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
+    order: keys.Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
     fixed_mount: FixedMountTable | None = None
     camera_on_gimbal: CameraOnGimbalTable | None = None
     frame: Annotated[
@@ -110,14 +95,14 @@ class AttitudeTable(Table):
         Literal["auto", "measured", "demand"],
         SiAttribute("is_demand", into=_IS_DEMAND.get, out={True: "demand", False: "measured"}.get),
     ] = "auto"
-    delay_s: Annotated[Duration, SiAttribute(out=lambda delay_ns: to_s(delay_ns) or None)] = 0.0
-    lag_s: Duration = 0.3
-    slew_dps: Rate = 60.0
-    max_gap_s: Gap = 1.0
-    tilt_std_deg: Annotated[NonNegative, SiAttribute("std.tilt_deg")] = 1.0
-    pan_std_deg: Annotated[NonNegative, SiAttribute("std.pan_deg")] = 1.0
-    roll_std_deg: Annotated[NonNegative, SiAttribute("std.roll_deg")] = 1.0
-    heading_std_deg: Annotated[NonNegative, SiAttribute("std.heading_deg")] = 2.0
+    delay_s: Annotated[keys.Duration, SiAttribute(out=lambda delay_ns: to_s(delay_ns) or None)] = 0.0
+    lag_s: keys.Duration = 0.3
+    slew_dps: keys.Rate = 60.0
+    max_gap_s: keys.Gap = 1.0
+    tilt_std_deg: Annotated[keys.NonNegative, SiAttribute("std.tilt_deg")] = 1.0
+    pan_std_deg: Annotated[keys.NonNegative, SiAttribute("std.pan_deg")] = 1.0
+    roll_std_deg: Annotated[keys.NonNegative, SiAttribute("std.roll_deg")] = 1.0
+    heading_std_deg: Annotated[keys.NonNegative, SiAttribute("std.heading_deg")] = 2.0
 
     @model_validator(mode="after")
     def _fixed_mount_is_there(self) -> Self:
@@ -129,11 +114,11 @@ class AttitudeTable(Table):
 class HealthTable(Table):
     """What a vehicle may say of itself before its telemetry is not believed."""
 
-    heartbeat_s: Gap = 5.0
-    max_test_ratio: Annotated[Positive, SiAttribute("max_ratio")] = 1.0
-    gps_s: Gap = 4.0
-    gps_horizontal_std_m: Annotated[Positive, SiAttribute("horizontal_std_m")] = 3.0
-    gps_vertical_std_m: Annotated[Positive, SiAttribute("vertical_std_m")] = 5.0
+    heartbeat_s: keys.Gap = 5.0
+    max_test_ratio: Annotated[keys.Positive, SiAttribute("max_ratio")] = 1.0
+    gps_s: keys.Gap = 4.0
+    gps_horizontal_std_m: Annotated[keys.Positive, SiAttribute("horizontal_std_m")] = 3.0
+    gps_vertical_std_m: Annotated[keys.Positive, SiAttribute("vertical_std_m")] = 5.0
     max_loss_percent: Annotated[Percent, SiAttribute("loss_share", *AS_SHARE)] = 10.0
 
 
@@ -148,15 +133,15 @@ def _curve_points(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, 
 class ZoomTable(Table):
     """How reports of the camera's view are read; the camera file is the reference."""
 
-    order: Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
+    order: keys.Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
     at_percent: Annotated[Percent, SiAttribute("level", *AS_SHARE)] = 0.0
-    curve: Annotated[Many[ZoomPoint], SiAttribute(into=_curve_from, out=_curve_points)] = ()
-    reported_hfov_deg: FieldOfViewDeg | None = None
-    hfov_std_deg: NonNegative = 0.5
-    std_percent_per_doubling: Annotated[NonNegative, SiAttribute("std_per_doubling", *AS_SHARE)] = 2.0
+    curve: Annotated[keys.Many[ZoomPoint], SiAttribute(into=_curve_from, out=_curve_points)] = ()
+    reported_hfov_deg: keys.FieldOfViewDeg | None = None
+    hfov_std_deg: keys.NonNegative = 0.5
+    std_percent_per_doubling: Annotated[keys.NonNegative, SiAttribute("std_per_doubling", *AS_SHARE)] = 2.0
     camera: Annotated[int, Field(ge=1, le=255)] | None = None
     stream: Annotated[int, Field(ge=0, le=255)] | None = None
-    max_gap_s: Gap = 2.0
+    max_gap_s: keys.Gap = 2.0
 
     @model_validator(mode="after")
     def _ascending(self) -> Self:
@@ -169,16 +154,16 @@ class ZoomTable(Table):
 class TelemetryBiasTable(BiasTable):
     """Biases written into the station's own file, with the id of the calibration that they came from."""
 
-    calibration_id: Text | None = None
+    calibration_id: keys.Text | None = None
 
 
 class SigningTable(Table):
     """The key of a signed link."""
 
-    key_file: Text
-    state_file: Text | None = None
+    key_file: keys.Text
+    state_file: keys.Text | None = None
     link_id: Annotated[int, Field(ge=0, le=255)] = 0
-    accept_unsigned: Many[Annotated[str, matching(r"[A-Z][A-Z0-9_]*", 'a message like "RADIO_STATUS"')]] = (
+    accept_unsigned: keys.Many[Annotated[str, keys.matching(r"[A-Z][A-Z0-9_]*", 'a message like "RADIO_STATUS"')]] = (
         RADIO_STATUS,
     )
 
@@ -188,19 +173,19 @@ class TelemetryTable(Table):
 
     INSTEAD_OF: ClassVar = {"calibration": ("bias",)}
 
-    connection: Annotated[Text | None, NOT_IN_CONFIG_ID] = None
-    baud: Annotated[Count, NOT_IN_CONFIG_ID] = 57600
+    connection: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
+    baud: Annotated[keys.Count, NOT_IN_CONFIG_ID] = 57600
     signing: Annotated[SigningTable | None, NOT_IN_CONFIG_ID] = None
     system: Annotated[int, Field(ge=1, le=255)] | None = None
     component: Annotated[int, Field(ge=1, le=255)] | None = None
     gimbal: Annotated[int, Field(ge=1, le=255)] | None = None
-    wait_s: Duration = 2.0
-    horizontal_std_m: Annotated[NonNegative, SiAttribute("attitude.std.horizontal_m")] = 2.0
+    wait_s: keys.Duration = 2.0
+    horizontal_std_m: Annotated[keys.NonNegative, SiAttribute("attitude.std.horizontal_m")] = 2.0
     height: HeightTable = HeightTable()
     attitude: AttitudeTable = AttitudeTable()
     health: HealthTable = HealthTable()
     zoom: ZoomTable = ZoomTable()
-    calibration: Text | None = None
+    calibration: keys.Text | None = None
     bias: Annotated[TelemetryBiasTable | None, NOT_IN_CONFIG_ID] = None
 
     @model_validator(mode="after")

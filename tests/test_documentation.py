@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import io
 import json
 import os
 import re
@@ -59,7 +60,10 @@ def run_block(language, text, output, folder):
     if language == "sh":
         said = "".join(run_line(line, folder) for line in text.replace("\\\n", " ").splitlines())
     elif language == "python":
-        said = run([sys.executable, "-c", text], folder)
+        printed = io.StringIO()
+        with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+            exec(compile(text, "block", "exec"), {"__name__": "__main__"})  # noqa: S102 - a block of this repository
+        said = printed.getvalue()
     elif language == "toml":
         tomllib.loads(text)
         return
@@ -114,6 +118,18 @@ def site(tmp_path_factory):
     out = tmp_path_factory.mktemp("site")
     run([sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(out)], ROOT)
     return out
+
+
+@pytest.mark.parametrize("name", [path.stem for path in sorted((ROOT / "docs/notebooks").glob("*.py"))])
+def test_a_notebook_is_run_and_shown_with_its_pictures(site, name):
+    page = (site / f"notebooks/{name}.html").read_text(encoding="utf-8")
+    notebook = json.loads((site / f"notebooks/{name}.ipynb").read_text(encoding="utf-8"))
+    outputs = [each for cell in notebook["cells"] for each in cell.get("outputs", ())]
+    pictures = sorted((site / "notebooks").glob(f"{name}-*.png"))
+    assert len(pictures) == sum("image/png" in each.get("data", ()) for each in outputs) >= 2
+    assert all(picture.name in page for picture in pictures)
+    assert any(each.get("name") == "stdout" for each in outputs)
+    assert "False" not in "".join(each.get("text", "") for each in outputs)  # of each truth: whether it is inside
 
 
 def test_pages_load_nothing_from_the_network(site):

@@ -12,6 +12,7 @@ from mkdocs.structure.pages import Page
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import notebooks
 import reference
 
 ROOT = reference.ROOT
@@ -28,6 +29,7 @@ ELSEWHERE = {
     "aerodft/model/status.py": "reference/statuses.md",
     "docs/schema": "reference/schemas.md",
     "configs/cameras": "reference/examples.md",
+    "docs/notebooks/paper.py": "notebooks/paper.md",
 }
 """What a link to something that is no page becomes."""
 
@@ -37,8 +39,8 @@ _LINK = re.compile(r"(!?\[[^\]]*\]\()([^)#:\s]+)(#[^)]*)?(\))")
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
     logging.getLogger("matplotlib").setLevel(logging.WARNING)
-    for path, text in reference.pages().items():
-        files.append(File.generated(config, path, content=text))
+    for path, content in (*reference.pages().items(), *notebooks.pages()):
+        files.append(File.generated(config, path, content=content))
     for name, path in FROM_ROOT.items():
         text = (ROOT / name).read_text(encoding="utf-8")
         files.append(File.generated(config, path, content=text if name.endswith(".md") else f"```text\n{text}```\n"))

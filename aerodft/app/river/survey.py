@@ -86,7 +86,7 @@ class Transects:
         return GeoDataFrame.from_features(self.to_geojson()["features"], crs=crs, columns=["geometry", *COLUMNS])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class RiverSurvey:
     """What a river's width came to.
 
@@ -101,6 +101,11 @@ class RiverSurvey:
     found: River | Reach | NoRiver
     images: RiverImages | None
     view: RiverView
+
+    def __repr__(self) -> str:
+        """What a console shows: not the megabytes of images and masks."""
+        width = "" if self.width_m is None else f", {self.width_m['median']:.2f} m in the median"
+        return f"<RiverSurvey: {self.status}, {len(self.transects)} transects{width}>"
 
     @property
     def status(self) -> str:

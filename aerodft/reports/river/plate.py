@@ -12,7 +12,7 @@ import numpy as np
 from aerodft.dft.maps import Sampling, TopView, top_view
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.reports.river.document import SIDES, RiverImages, water_confidence
-from aerodft.reports.style import BLACK, GREY, RED, SKY, YELLOW, as_map, styled
+from aerodft.reports.style import BAND, BLACK, BLUE, GREY, RED, SKY, YELLOW, as_map, draw_band, styled
 from aerodft.vision.river import Centreline, Reach, River, RiverStatus, RiverView
 from replay.export import time_utc
 
@@ -100,15 +100,16 @@ def _value_of(transect: dict[str, Any]) -> str:
 
 
 def _draw_profile(axes: Axes, document: dict[str, Any]) -> None:
-    """Widths along the river with their 95 % band."""
-    used = [each for each in document["transects"] if each["ci95"] is not None]
-    if used:
-        rows = np.array([(each["station_m"], each["width_m"], *each["ci95"]) for each in used])
-        axes.fill_between(rows[:, 0], rows[:, 2], rows[:, 3], alpha=0.3, label="95 % interval")
-        axes.plot(rows[:, 0], rows[:, 1], ".-", markersize=3, linewidth=0.8, label="width")
-        if any(each["channels"] > 1 for each in used):
-            wetted = [each["wetted_m"] for each in used]
-            axes.plot(rows[:, 0], wetted, linewidth=0.8, linestyle=":", color="black", label="wetted, without islands")
+    """Widths along the river with their 95 % band, with gaps where a transect has none."""
+    transects = document["transects"]
+    if any(each["ci95"] is not None for each in transects):
+        columns = ("station_m", "width_m", "wetted_m")
+        station_m, width_m, wetted_m = np.array([[each[name] for each in transects] for name in columns], dtype=float)
+        low_m, high_m = np.array([each["ci95"] or (None, None) for each in transects], dtype=float).T
+        draw_band(axes, station_m, low_m, high_m, BLUE, label=BAND)
+        axes.plot(station_m, width_m, ".-", color=BLUE, markersize=3, linewidth=0.8, label="width")
+        if any((each["channels"] or 0) > 1 for each in transects):
+            axes.plot(station_m, wetted_m, linewidth=0.8, linestyle=":", color="black", label="wetted, without islands")
         width = document["width_m"]
         axes.axhline(width["median"], color="black", linewidth=0.8)
         low, high = width["ci95"]
@@ -160,7 +161,7 @@ def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, vi
             axes.plot(*banks[row].T, color=ACROSS, linewidth=0.5, alpha=0.8)
     for side, color in enumerate((LEFT, RIGHT)):
         axes.plot(*banks[:, side].T, color=color, linewidth=1.2, path_effects=_OUTLINED)
-    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, linestyle="--", path_effects=_OUTLINED)
+    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, path_effects=_OUTLINED)
     as_map(axes, [banks.reshape(-1, 2), places])
     axes.set_title("from above, on the water's plane")
 

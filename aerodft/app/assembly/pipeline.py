@@ -10,7 +10,6 @@ import numpy as np
 from aerodft.adapters.config.station import (
     COPY_NAME,
     StationConfig,
-    TerrainGround,
     copy_terrain,
     resolved_toml,
     travels,
@@ -95,12 +94,12 @@ def build_recorder(
         segment_s=station.record.segment_s,
         segment_bytes=round(station.record.segment_mb * 1e6),
     )
-    terrain = station.ground if isinstance(station.ground, TerrainGround) else None
+    terrain = None if station.ground is None else station.ground.path
     copied = terrain is not None and travels(terrain)
     text = resolved_toml(station, terrain_file=COPY_NAME if copied else None)
     recorder = McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": text, **(texts or {})})
     if terrain is not None and not copied:
-        _log.warning("%s is not copied into the recording, which needs it to be computed anew", terrain.path)
+        _log.warning("%s is not copied into the recording, which needs it to be computed anew", terrain)
     elif terrain is not None:
         try:
             copy_terrain(terrain, folder)

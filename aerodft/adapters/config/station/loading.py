@@ -24,13 +24,7 @@ from aerodft.adapters.config.camera import (
     pose_sample,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.station.ground import (
-    TerrainGround,
-    enu_ground,
-    ground_from,
-    ground_table,
-    needs_place,
-)
+from aerodft.adapters.config.station.ground import enu_ground, resolved_ground
 from aerodft.adapters.config.station.live_tables import (
     LandmarkTable,
     live_from,
@@ -93,12 +87,12 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
     outputs = outputs_from(document)
     table = validated(ConfigTable, document)
     telemetry, model, lens = table.telemetry, table.camera.model, table.camera
-    ground = ground_from(table.ground, folder)
+    ground = resolved_ground(table.ground, folder)
     camera = camera_from(lens.contents, "camera.") if lens.file is None else load_camera(folder / lens.file)
     pose, biases = _pose_and_biases(table)
     if name := (table.pose and table.pose.calibration) or (telemetry and telemetry.calibration):
         camera, pose, biases = _calibrated(folder / name, camera, model, is_fixed=telemetry is None)
-    elif needs_place(ground) and table.pose is not None and table.pose.heading_deg is None:
+    elif ground is not None and ground.needs_place and table.pose is not None and table.pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
         raise ConfigError("pose.heading_deg", got="nothing", expected=expected)
     pipeline = si_value(
@@ -188,8 +182,8 @@ def refreshed(station: StationConfig) -> StationConfig:
     """
     pose, origin = station.fixed_pose, station.pipeline.origin
     place, *foot_m = (origin, 0.0, 0.0) if pose is None else place_in_enu(pose, origin)
-    if needs_place(station.ground) and place is None:
-        key = "ground.terrain" if isinstance(station.ground, TerrainGround) else "ground.point"
+    if station.ground is not None and station.ground.needs_place and place is None:
+        key = "ground.terrain" if station.ground.terrain else "ground.point"
         expected = "station.origin = { lat_deg, lon_deg }" if pose is None else "pose.lat_deg and pose.lon_deg"
         raise ConfigError(key, got="no place on the map for the station", expected=expected)
     ground = enu_ground(station.ground, place, (foot_m[0], foot_m[1]))
@@ -234,6 +228,9 @@ def resolved_toml(station: StationConfig, *, terrain_file: str | None = None) ->
 def station_document(station: StationConfig, terrain_file: str | None = None) -> dict[str, Any]:
     """The station as TOML keys; what is None is left out. ``terrain_file`` as in :func:`resolved_toml`."""
     pipeline, live = station.pipeline, station.live
+    ground = station.ground
+    if ground is not None and ground.terrain is not None and terrain_file is not None:
+        ground = ground.model_copy(update={"terrain": terrain_file})
     from_markers = {each.name for each in marker_landmarks(station.markers)}
     landmarks = () if live is None else tuple(each for each in live.landmarks if each.name not in from_markers)
     table = ConfigTable.from_si(
@@ -242,7 +239,7 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         station=StationTable.from_si(pipeline),
         camera=StationCameraTable.from_contents(camera_document(pipeline.camera), model=pipeline.model),
         telemetry=None if pipeline.telemetry is None else _telemetry_table(pipeline.telemetry, station),
-        ground=None if station.ground is None else ground_table(station.ground, terrain_file),
+        ground=ground,
         images=images_table(station.images, pipeline.time_std_s),
         observations=ObservationsTable.from_si(station.observations, pipeline),
         limits=LimitsTable.from_si(pipeline),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from aerodft.adapters.config.camera import FixedPose
-from aerodft.adapters.config.station.ground import GroundShape
+from aerodft.adapters.config.station.ground import GroundTable
 from aerodft.adapters.config.tables import Table
 from aerodft.adapters.outputs import default_outputs
 from aerodft.conventions import SECOND_NS
@@ -197,7 +197,7 @@ class StationConfig:
     outputs: Mapping[str, Table] = field(default_factory=default_outputs)
     record: RecordSettings = field(default_factory=RecordSettings)
     fixed_pose: FixedPose | None = None
-    ground: GroundShape | None = None
+    ground: GroundTable | None = None
     calibration: Calibration | None = None
     live: LiveCalibration | None = None
     markers: MarkerSettings | None = None

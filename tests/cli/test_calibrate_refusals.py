@@ -55,10 +55,6 @@ def moved(values, rows, by):
     return changed
 
 
-def on_one_place(extra_pixel, extra_place):
-    return np.vstack([PIXELS, extra_pixel]), np.vstack([PLACES, extra_place])
-
-
 def refused(tmp_path, text, code, *sentences, **how):
     run, output = calibrate(tmp_path, text, **how)
     assert run.code == code, run.err
@@ -182,18 +178,6 @@ def test_a_far_off_pixel_of_a_place_in_view_is_rejected_by_name(tmp_path):
     assert run.code == 0, run.err
     assert "Rejected p5: it is 69 px from" in run.err
     assert output.is_file()
-
-
-@pytest.mark.parametrize(
-    ("pixels", "places", "sentence"),
-    [
-        (*on_one_place(PIXELS[0], PLACES[0] + 1), "a pixel of its own"),
-        (*on_one_place(PIXELS[0], PLACES[0]), "remove one of the two"),
-        (*on_one_place(PIXELS[0] + 50, PLACES[0]), "a place of its own"),
-    ],
-)
-def test_duplicates_are_named(tmp_path, pixels, places, sentence):
-    refused(tmp_path, LOCAL + landmarks(pixels, places), 3, "landmark[9]", "which landmark[0] has", sentence)
 
 
 def test_too_few_and_collinear_landmarks_are_told(tmp_path):

@@ -421,6 +421,7 @@ class Answers:
             kind=self.kind,
             pose=view.poses.pose,
             shared_cov=view.shared_cov,
+            heading_std_rad=view.poses.std[:, STD_NAMES.index("heading_rad")],
             rays=_select_rays(view.rays, rows[:, None], self._columns[members]),
             surface=view.setup.ground,
             image=rows,

@@ -4,8 +4,9 @@ The draws are a fixed Sobol sequence, so that the same input gives the same byte
 95 % of the draws; near the horizon it is skewed to the far side. Only the pinhole model is drawn, with a lens that is
 linear over the errors of pixels and intrinsics.
 
-Rotation about the vertical and about horizontal axes is drawn separately and composed, ``Rz(heading) exp(tilt) R``: an
-unknown heading, however large its error, only moves points around the camera's foot.
+The heading is drawn apart from all other errors of the rotation and composed with them, ``Rz(heading) exp(others) R``:
+an unknown heading, however large its error, only moves points around the camera's foot, and an error about an inclined
+axis, as the optical one, stays one rotation about it.
 """
 
 import math
@@ -20,7 +21,7 @@ from aerodft.dft.covariance import CHI2_2D_95
 from aerodft.dft.probe_kinds import PROBE_KINDS
 from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION, PixelRays
 from aerodft.dft.quantities import RayGeometry
-from aerodft.geometry import Ground, camera_angles, matrix
+from aerodft.geometry import UNKNOWN_HEADING_VAR, Ground, camera_angles, matrix
 from aerodft.jit import njit, njit_fused
 from aerodft.model import BoolArray, FloatArray, IntArray, Pose, ProbeKind
 
@@ -31,14 +32,16 @@ _RAYS_PER_CHUNK: Final = 32 * DRAWS
 """Ray draws that fit the cache together."""
 
 _ALL: Final = slice(None)
-_SAMPLE: Final = np.r_[0:8, DRAWS // 2 : DRAWS // 2 + 8]
-"""Eight draws, one from each eighth of every error's distribution, and their mirror images."""
+_SAMPLE: Final = np.r_[0:16, DRAWS // 2 : DRAWS // 2 + 16]
+"""Sixteen draws, one from each sixteenth of every error's distribution, and their mirror images."""
 
 _VERTICAL_ROTATION: Final = ROTATION.stop - 1
 _MIN_PIVOT: Final = 1e-12
 """Fraction of an error's variance: a smaller pivot means that the errors before determine it."""
 _ROTATION_ROUNDING: Final = 1e-14
 """Fraction of a rotation's variance that rounding leaks to other axes."""
+_MAX_VERTICAL_VAR: Final = math.radians(5) ** 2
+"""Variance about the vertical that is not the heading's and that tilt does not determine; more counts as heading."""
 
 _MIN_DETERMINANT: Final = 1e-6
 """Fraction of the squared trace: a smaller determinant has lost half of its digits."""
@@ -73,6 +76,7 @@ class DrawInput:
         kind: Kind of the probes.
         pose: The ``(n,)`` poses of the images.
         shared_cov: ``(n, s, s)``, without the probes' own elevation errors.
+        heading_std_rad: ``(n,)`` standard deviations of the headings, which ``shared_cov`` includes.
         rays: Of the probes' pixels, ``(p, q)``.
         surface: Ground that elevations are above; None for the level plane at 0.
         image: ``(p,)`` index of each probe's image, ascending.
@@ -84,6 +88,7 @@ class DrawInput:
     kind: ProbeKind
     pose: Pose
     shared_cov: FloatArray
+    heading_std_rad: FloatArray
     rays: PixelRays
     surface: Ground | None
     image: IntArray
@@ -161,7 +166,7 @@ def draw_ranges(probes: DrawInput, on_ground: int, step: int) -> Interval:
 
 
 def linearity_errors(probes: DrawInput, by_shared: FloatArray, by_px: FloatArray, first: FloatArray) -> FloatArray:
-    """Differences ``(p, c, 16)`` of a few draws from first order; infinite where a draw has no value.
+    """Differences ``(p, c, 32)`` of a few draws from first order; infinite where a draw has no value.
 
     Args:
         probes: The probes.
@@ -169,9 +174,9 @@ def linearity_errors(probes: DrawInput, by_shared: FloatArray, by_px: FloatArray
         by_px: ``(p, c, q, 2)`` derivatives by the pixels.
         first: ``(p, c)`` values without errors.
     """
-    kind, count = PROBE_KINDS[probes.kind], by_shared.shape[-1]
+    kind, (roots, poses) = PROBE_KINDS[probes.kind], _covariance_roots(probes)
+    count = roots.shape[-1]
     normal = standard_draws(count + 2 * by_px.shape[2]).T[:, _SAMPLE]
-    roots, poses = _covariance_roots(probes)
     by_enu_errors = by_shared.copy()
     by_enu_errors[..., ROTATION] = by_shared[..., ROTATION] @ matrix(probes.pose.wxyz)[probes.image].swapaxes(-1, -2)
     px = probes.std_px[:, None, None] * by_px.reshape(*first.shape, -1)
@@ -228,10 +233,11 @@ def _unwrap_around(middle_rad: FloatArray, angles_rad: FloatArray) -> FloatArray
 
 
 def _covariance_roots(probes: DrawInput) -> tuple[FloatArray, IntArray]:
-    """Square roots ``(u, s, s)`` of unique covariances of the shared errors, and each probe's index ``(p,)`` in them.
+    """Roots ``(u, s, s + 1)`` of unique covariances of the shared errors, and each probe's index ``(p,)`` in them.
 
-    Rotations are about east, north and up. Rotation about the vertical is last, so that its variance leaves the draws
-    of all other errors unchanged; the factorisation is in axes that turn with the camera, independent of its heading.
+    Rotations are about east, north and up. Rotation about the vertical is last, and of that the heading, so that their
+    variance leaves the draws of all other errors unchanged; the factorisation is in axes that turn with the camera,
+    independent of its heading.
     """
     image = probes.image
     is_new = np.ones(len(image), dtype=np.bool_)
@@ -251,8 +257,12 @@ def _covariance_roots(probes: DrawInput) -> tuple[FloatArray, IntArray]:
     tilt = slice(ROTATION.start, _VERTICAL_ROTATION)  # axes without variance have rounding errors of the rotation
     min_pivot[:, tilt] += _ROTATION_ROUNDING * np.trace(cov[:, ROTATION, ROTATION], axis1=1, axis2=2)[:, None]
     order = np.r_[:_VERTICAL_ROTATION, ROTATION.stop : cov.shape[-1], _VERTICAL_ROTATION]
-    roots = np.empty(cov.shape)
-    roots[:, order] = _semidefinite_roots(np.ascontiguousarray(cov[:, order[:, None], order]), min_pivot[:, order])
+    roots = np.zeros((*cov.shape[:2], cov.shape[2] + 1))
+    roots[:, order, :-1] = _semidefinite_roots(np.ascontiguousarray(cov[:, order[:, None], order]), min_pivot[:, order])
+    vertical_var = np.square(roots[:, _VERTICAL_ROTATION, -2])
+    heading_var = np.minimum(np.square(probes.heading_std_rad[image[is_new]]), UNKNOWN_HEADING_VAR)
+    other_var = np.clip(vertical_var - heading_var, 0.0, _MAX_VERTICAL_VAR)
+    roots[:, _VERTICAL_ROTATION, -2:] = np.sqrt(np.stack([other_var, vertical_var - other_var], axis=-1))
     roots[:, ROTATION] = enu_from_level.swapaxes(-1, -2) @ roots[:, ROTATION]
     return roots, np.cumsum(is_new) - 1
 
@@ -283,10 +293,9 @@ def _semidefinite_roots(covs: FloatArray, min_pivot: FloatArray) -> FloatArray:
 
 def _draws(probes: DrawInput, some: slice | IntArray) -> Iterator[tuple[slice, _RayDraws]]:
     """Draws of probes, chunk by chunk, of all draws or a subset."""
-    image, rays, errors = probes.image, probes.rays, probes.shared_cov.shape[-1]
+    image, rays, (roots, poses) = probes.image, probes.rays, _covariance_roots(probes)
     pixels = rays.rays_cam.shape[1]
-    draws = np.ascontiguousarray(standard_draws(errors + 2 * pixels).T[:, some])
-    roots, poses = _covariance_roots(probes)
+    draws = np.ascontiguousarray(standard_draws(roots.shape[-1] + 2 * pixels).T[:, some])
     is_lens_uncertain = np.any(probes.shared_cov[:, INTRINSICS, INTRINSICS])
     by_px = probes.std_px[:, None, None, None] * rays.by_px
     by_intrinsics = np.ascontiguousarray(rays.by_intrinsics[..., slice(None if is_lens_uncertain else 0)])
@@ -318,11 +327,11 @@ def _draw_rays(
     """Compute ``d`` draws of the rays and level ground points of ``m`` probes.
 
     Args:
-        shared_by: ``(m,)`` index of each probe's root; roots ``(u, s, s)`` of covariances of the shared errors;
-            rotations ``(m, 4)``.
+        shared_by: ``(m,)`` index of each probe's root; roots ``(u, s, s + 1)`` of covariances of the shared errors,
+            the heading last; rotations ``(m, 4)``.
         places: Cameras ``(m, 3)`` and elevations ``(m,)``.
         rays: ``(m, q, 3)`` in camera axes; by standard deviations of the pixels ``(m, q, 3, 2)``; by the intrinsics.
-        draws: ``(s + 2 q, d)`` standard normal draws.
+        draws: ``(s + 1 + 2 q, d)`` standard normal draws.
         out: Receives cameras ``(m, 3, d)``, elevations ``(m, d)``, directions ``(m, q, 3, d)``, and points
             ``(m, q, 3, d)`` of the level planes at the elevations.
     """
@@ -330,21 +339,23 @@ def _draw_rays(
     cameras, elevations, directions, points = out
     (count, pixels, _), size, errors = rays_cam.shape, draws.shape[1], roots.shape[1]
     shared, rotation, ray = np.empty((errors, size)), np.empty((9, size)), np.empty((3, size))
+    heading = np.empty(size)
     last = -1
     for m in range(count):
         if poses[m] != last:
             last = poses[m]
             shared[:] = 0.0
             for i in range(errors):
-                _add_scaled(roots[last, i], draws, shared[i])
-            _rotation_matrices(wxyz[m], shared[3:6], rotation)
+                _add_scaled(roots[last, i, :errors], draws, shared[i])
+            heading[:] = roots[last, _VERTICAL_ROTATION, errors] * draws[errors]
+            _rotation_matrices(wxyz[m], shared[3:6], heading, rotation)
         elevations[m] = elevation_m[m] + shared[6]
         for axis in range(3):
             cameras[m, axis] = camera_m[m, axis] + shared[axis]
         for k in range(pixels):
             for axis in range(3):
                 ray[axis] = rays_cam[m, k, axis]
-                _add_scaled(by_px[m, k, axis], draws[errors + 2 * k :], ray[axis])
+                _add_scaled(by_px[m, k, axis], draws[errors + 1 + 2 * k :], ray[axis])
                 _add_scaled(by_intrinsics[m, k, axis], shared[7:], ray[axis])
             _intersect_level(cameras[m], elevations[m], rotation, ray, directions[m, k], points[m, k])
 
@@ -360,19 +371,20 @@ def _add_scaled(factors: FloatArray, values: FloatArray, total: FloatArray) -> N
 
 
 @njit_fused
-def _rotation_matrices(wxyz: FloatArray, errors_rad: FloatArray, rows: FloatArray) -> None:
-    """Rotation matrices ``(9, d)``, by rows, of ``wxyz`` after errors ``(3, d)`` about east and north, then up."""
+def _rotation_matrices(wxyz: FloatArray, errors_rad: FloatArray, heading_rad: FloatArray, rows: FloatArray) -> None:
+    """Rotation matrices ``(9, d)``, by rows, of ``wxyz`` after errors ``(3, d)`` in ENU, then ``(d,)`` about up."""
     b, c, e, f = wxyz
     for d in range(errors_rad.shape[1]):  # a loop of its own: sines are not vectorised
-        x, y = errors_rad[0, d], errors_rad[1, d]
-        angle = math.sqrt(x * x + y * y)
+        x, y, z = errors_rad[0, d], errors_rad[1, d], errors_rad[2, d]
+        angle = math.sqrt(x * x + y * y + z * z)
         rows[0, d] = math.cos(angle / 2)
         rows[1, d] = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
-        rows[2, d] = math.cos(errors_rad[2, d] / 2)
-        rows[3, d] = math.sin(errors_rad[2, d] / 2)
+        rows[2, d] = math.cos(heading_rad[d] / 2)
+        rows[3, d] = math.sin(heading_rad[d] / 2)
     for d in range(errors_rad.shape[1]):
-        x, y, cosine, sine = rows[1, d] * errors_rad[0, d], rows[1, d] * errors_rad[1, d], rows[2, d], rows[3, d]
-        s, p, q, r = cosine * rows[0, d], cosine * x - sine * y, cosine * y + sine * x, sine * rows[0, d]
+        a, scale, cosine, sine = rows[0, d], rows[1, d], rows[2, d], rows[3, d]
+        x, y, z = scale * errors_rad[0, d], scale * errors_rad[1, d], scale * errors_rad[2, d]
+        s, p, q, r = cosine * a - sine * z, cosine * x - sine * y, cosine * y + sine * x, cosine * z + sine * a
         w, x = s * b - p * c - q * e - r * f, s * c + p * b + q * f - r * e  # a quaternion's product
         y, z = s * e - p * f + q * b + r * c, s * f + p * e - q * c + r * b
         rows[0, d], rows[4, d], rows[8, d] = (

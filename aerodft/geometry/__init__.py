@@ -33,7 +33,7 @@ from aerodft.geometry.lens import (
     rays_with_jacobian,
     reproject,
 )
-from aerodft.geometry.poses import camera_pose, moved_on, pose_covariance
+from aerodft.geometry.poses import UNKNOWN_HEADING_VAR, camera_pose, moved_on, pose_covariance
 from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, rotated_pixels
 from aerodft.geometry.robust import middle_and_std, robust_std
 from aerodft.geometry.rotation import (

@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.geometry.rotation import camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model import FloatArray, Pose, PoseStd
 
-_UNKNOWN_HEADING_VAR: Final = (2 * math.pi) ** 2
+UNKNOWN_HEADING_VAR: Final = (2 * math.pi) ** 2
 """Variance of an unknown heading, one turn of std: larger values would only drown the other errors numerically."""
 
 
@@ -30,7 +30,7 @@ def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> Floa
     cov = np.zeros((*up_cam.shape[:-1], 6, 6))
     for axis, variance in enumerate((horizontal, horizontal, height, tilt, pan, roll)):
         cov[..., axis, axis] = variance
-    heading = np.minimum(heading, _UNKNOWN_HEADING_VAR)
+    heading = np.minimum(heading, UNKNOWN_HEADING_VAR)
     cov[..., 3:, 3:] += heading[..., None, None] * up_cam[..., :, None] * up_cam[..., None, :]
     return cov
 

@@ -1,15 +1,15 @@
 // The page: what people do with pointer and keys, and what they see of it.
 
-import { Health, clock } from "./health.js";
+import { Health, clock } from "./tools/health.js";
 import { Link } from "./link.js";
-import { Landmarks } from "./landmarks.js";
-import { Live } from "./live.js";
-import { GroundMap } from "./map.js";
-import { OverlayLayer } from "./overlay.js";
-import { Picture } from "./picture.js";
-import { Plots } from "./plots.js";
-import { RiverLayer } from "./river.js";
-import { copyText, poseText, quality, reachText, samplingText, valueText } from "./words.js";
+import { Landmarks } from "./tools/landmarks.js";
+import { Live } from "./time/live.js";
+import { GroundMap } from "./tools/map.js";
+import { OverlayLayer } from "./stage/overlay.js";
+import { Picture } from "./stage/picture.js";
+import { Plots } from "./time/plots.js";
+import { RiverLayer } from "./tools/river.js";
+import { copyText, poseText, quality, reachText, samplingText, valueText } from "./measuring/words.js";
 
 const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00"]; // Okabe and Ito
 const COUNTS = { width: 2, distance: 2, height: 2, position: 1, landmark: 1, length: 256, area: 256 };

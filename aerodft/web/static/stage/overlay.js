@@ -1,6 +1,6 @@
 // What helps to read the image: the horizon, a grid of metres on the ground, and the values of the station's probes.
 
-import { valueText } from "./words.js";
+import { valueText } from "../measuring/words.js";
 
 const HORIZON = "#d55e00", GRID = "#ffffff", PROBE = "#cc79a7";
 

@@ -36,8 +36,8 @@ def opened_service(*arguments):
 def _opened(*words):
     command = [sys.executable, "-m", "aerodft", *map(str, words)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        lines, reader = [], None
         try:
-            lines = []
             for line in process.stderr:
                 lines.append(line)
                 if found := re.search(r"open (http://\S+)", line):
@@ -50,6 +50,8 @@ def _opened(*words):
         finally:
             process.terminate()
             process.wait(30)
+            if reader is not None:
+                reader.join()  # before the pipe is closed under it, which would fail whatever test is running
 
 
 def shown(browser, address, **options):

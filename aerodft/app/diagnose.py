@@ -1,7 +1,7 @@
 """Diagnosing a log or a live link: what it holds, what is wrong with it, and what to do about it."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,13 +10,13 @@ from typing import Any, Final
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station
 from aerodft.adapters.telemetry import followed_by, opened_signing
-from aerodft.adapters.telemetry.mavlink import Followed, MavlinkLink, is_link, parse_address
+from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts, MavlinkLink, is_link, parse_address
 from aerodft.app.assembly import open_telemetry_log
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, RequestOutcome, document, notes, problems, request_messages
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import Camera, RawBlock
-from aerodft.service import Batches, Inbox, LiveFeed, SigningSettings
+from aerodft.service import Batches, Inbox, LiveFeed, SigningSettings, TelemetrySettings
 from aerodft.service.clocks import WallClock
 
 _TICK_NS: Final = 50_000_000
@@ -122,6 +122,20 @@ def diagnose(
         _check_for_log(str(target), link)
         report = _diagnose_log(Path(target), new(), topics or (None if station is None else station.topics))
     return Diagnosis(replace(report, camera=reference), requests)
+
+
+def diagnose_heard(blocks: Iterable[RawBlock], settings: TelemetrySettings) -> Diagnosis:
+    """Diagnose what a station has heard.
+
+    Args:
+        blocks: In order of arrival.
+        settings: What the station asks of its telemetry.
+    """
+    diagnosis, frames = LogDiagnosis("the station's link", followed=followed_by(settings), settings=settings), 0
+    for block in blocks:
+        diagnosis.add(block)
+        frames += len(block.arrival_ns)
+    return Diagnosis(diagnosis.report(counts=FrameCounts(frames=frames)))
 
 
 def _check_for_log(target: str, link: LinkOptions | None) -> None:

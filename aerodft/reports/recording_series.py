@@ -89,7 +89,8 @@ class RecordingSeries:
 
     Attributes:
         probes: By name and kind.
-        poses: ``height_m``, ``tilt_deg`` and their stds; ``east_m``, ``north_m``; ``height_source`` as texts.
+        poses: ``height_m``, ``tilt_deg`` and their stds; ``telemetry_age_s``; ``east_m``, ``north_m``;
+            ``height_source`` as texts.
         events: In order of time.
         remarks: What measurements with a value say of themselves, and how many say it.
         softwares: What made the measurements, and how many.
@@ -183,6 +184,7 @@ class _Reader:
                 height_std_m=std.get("height_agl_m") if has_pose else None,
                 tilt_deg=item["tilt_deg"],
                 tilt_std_deg=std.get("tilt_deg") if has_pose else None,
+                telemetry_age_s=item["telemetry_age_s"],
                 east_m=place[_EAST],
                 north_m=place[_NORTH],
             )

@@ -13,6 +13,7 @@ from aerodft.service import Batches, StepOutputs
 _LONGEST_S: Final = 3.0
 """Without an image; and how long without telemetry."""
 _MOST_LOSS: Final = 0.1
+_LEAST_FREE_BYTES: Final = 2_000_000_000
 
 Sentences = Iterator[tuple[str, str]]
 
@@ -41,21 +42,27 @@ class Alerts:
         with self._lock:
             self._status = value
 
-    def now(self) -> list[dict[str, Any]]:
-        """What is wrong: a ``key``, ``since_ns`` (UTC, as text) and a ``text`` each."""
+    def now(self, free_bytes: int) -> list[dict[str, Any]]:
+        """What is wrong: a ``key``, ``since_ns`` (UTC, as text) and a ``text`` each.
+
+        Args:
+            free_bytes: On the disk of the recording.
+        """
         with self._lock:
-            found = dict(self._found())
+            found = dict(self._found(free_bytes))
             stamp_ns = 0 if self._status is None else self._status.stamp_ns
             self._since_ns = {key: self._since_ns.get(key, stamp_ns) for key in found}
             return [{"key": key, "since_ns": str(self._since_ns[key]), "text": text} for key, text in found.items()]
 
-    def _found(self) -> Sentences:
+    def _found(self, free_bytes: int) -> Sentences:
         silent_s = time.monotonic() - self._image_s
         if silent_s > _LONGEST_S:
             yield "images", f"no image has come for {silent_s:.0f} s: is the stream still there?"
         if self._motion is not None and self._motion.state not in {Steadiness.STEADY, Steadiness.UNCHECKED}:
             turned_deg = math.degrees(math.hypot(*self._motion.turn_rad))
             yield "camera", f"the camera has moved ({self._motion.state}), by {turned_deg:.2f} deg: calibrate it anew"
+        if free_bytes < _LEAST_FREE_BYTES:
+            yield "room", f"only {free_bytes / 1e9:.1f} GB are left on the disk of the recording: make room"
         if self._status is not None:
             yield from _of_status(self._status)
 

@@ -11,6 +11,7 @@ import tomli_w
 from aerodft.adapters.images import STILLS, SeekableVideo, read_camera_image, refuse_other_size
 from aerodft.app.calibrate import CalibrationResult, calibrate
 from aerodft.app.measure import MeasuredSurface, image_setup
+from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.app.viewing.view import Document, View, ViewedImage
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup
@@ -94,6 +95,11 @@ class FixedCameraView(View):
         self._check(number)
         return self._options
 
+    @property
+    def can_calibrate(self) -> bool:
+        """See ``View``."""
+        return True
+
     def calibrate(self, evidence: Document, unknowns: Sequence[str], *, use: bool) -> Document:
         """See ``View``."""
         found = self._found(evidence, unknowns)
@@ -102,10 +108,14 @@ class FixedCameraView(View):
         if use:
             file = self._path.with_name(f"{self._path.stem}-calibration.toml")
             found.save(file)
-            self._scene = image_setup(self._camera, None, calibration=file, surface=self._surface)
+            self._scene = self._calibrated(file)
             kept = {name: value for name, value in self._options.items() if name == "camera"}
             self._options = kept | {"calibration": str(file)}
             document["file"] = str(file)
+        if found.refusal(is_saved=True) is None:
+            with TemporaryDirectory() as folder:
+                found.save(file := Path(folder) / "calibration.toml")
+                document["overlay"] = scene_overlay(*self._calibrated(file))
         return document
 
     def _found(self, evidence: Document, unknowns: Sequence[str]) -> CalibrationResult:
@@ -117,6 +127,9 @@ class FixedCameraView(View):
             except AerodftError as error:
                 hint, got, expected = error.hint, error.got, error.expected
                 raise type(error)(error.what, where="what was marked", got=got, expected=expected, hint=hint) from None
+
+    def _calibrated(self, file: Path) -> Scene:
+        return image_setup(self._camera, None, calibration=file, surface=self._surface)
 
     def _check(self, number: int) -> None:
         if not 0 <= number < len(self._media_ns):

@@ -1,8 +1,9 @@
 """The images of a station that measures, as they come."""
 
+import shutil
 import threading
 import time
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,13 +16,14 @@ from aerodft.adapters.images import decode_jpeg, encode_jpeg
 from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.adapters.wire.status import StationStatus, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
+from aerodft.app.diagnose import diagnose_heard
 from aerodft.app.station import Station
 from aerodft.app.viewing.alerts import Alerts
-from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.app.viewing.view import Document, View, ViewedImage, doctor_document
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import AerodftError, NoAnswerError
-from aerodft.model import Camera, Image, ImageArray, Measurement, PoseSample
+from aerodft.model import Camera, Image, ImageArray, Measurement, PoseSample, RawBlock
 from aerodft.service import Batches, PipelineSettings, StepOutputs
 
 _MOST_HZ: Final = 15.0
@@ -32,6 +34,8 @@ _KEPT_PICTURES: Final = 48
 """Those of three seconds: an image waits for its telemetry for two."""
 _KEPT_POSES: Final = 2000
 """A page that was paused minutes ago goes on measuring in its image."""
+_KEPT_BLOCKS: Final = 500
+"""Of telemetry, for doctor: of half a minute, or more."""
 _JPEG_QUALITY: Final = 85
 
 
@@ -70,6 +74,7 @@ class LiveView(View):
         self._lock = threading.Lock()
         self._images: OrderedDict[int, _LiveImage] = OrderedDict()
         self._measured: dict[str, Measurement] = {}
+        self._heard: deque[RawBlock] = deque(maxlen=_KEPT_BLOCKS)
         self._status: StationStatus | None = None
         self._alerts = Alerts()
         self._asked_s = -_IDLE_S
@@ -115,7 +120,8 @@ class LiveView(View):
 
         Returns:
             ``image``: ``number``, ``stamp_ns``, ``has_picture`` and what ``seen`` says; None before the first one.
-            ``status``: the station's, as published. ``alerts``: what is wrong, see ``Alerts``.
+            ``status``: the station's, as published. ``alerts``: what is wrong, see ``Alerts``. ``disk``: that of the
+            recording, with its ``free_bytes``.
         """
         self._asked_s = time.monotonic()
         with self._lock:
@@ -126,7 +132,14 @@ class LiveView(View):
             image = {"number": number, "stamp_ns": str(shown.stamp_ns), "has_picture": shown.has_picture}
             image |= self.seen(number)
         state = None if status is None else orjson.loads(encode_status(status))
-        return {"image": image, "status": state, "alerts": self._alerts.now()}
+        free_bytes = self._free_bytes()
+        alerts = self._alerts.now(free_bytes)
+        return {"image": image, "status": state, "alerts": alerts, "disk": {"free_bytes": free_bytes}}
+
+    def doctor(self) -> Document | None:
+        """See ``View``: of the last half minute."""
+        settings = self._settings.telemetry
+        return None if settings is None else doctor_document(diagnose_heard(tuple(self._heard), settings))
 
     def measured(self, number: int) -> list[Document]:
         """See ``View``: of every probe the newest."""
@@ -161,6 +174,7 @@ class LiveView(View):
     def take(self, batches: Batches, outputs: StepOutputs) -> None:
         """See ``Sink``."""
         self._alerts.take(batches, outputs)
+        self._heard.extend(batches.raw)
         if time.monotonic() - self._asked_s > _IDLE_S:
             return
         for image in batches.images:
@@ -190,6 +204,10 @@ class LiveView(View):
     def close(self) -> None:
         """End the thread that encodes."""
         self._queue.close()
+
+    def _free_bytes(self) -> int:
+        folder = self._recording.absolute()
+        return shutil.disk_usage(next(each for each in (folder, *folder.parents) if each.exists())).free
 
     def _is_due(self, image: Image) -> bool:
         return self._last_ns is None or image.arrival_ns - self._last_ns >= 0.9 * SECOND_NS / _MOST_HZ

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.dft import Setup
-from aerodft.geometry import Plane, camera_angles, footprint, horizon_line, matrix, pixels_from_rays
+from aerodft.geometry import Plane, camera_angles, footprint, horizon_line, lat_lon, matrix, pixels_from_rays
 from aerodft.model import Camera, FloatArray, Pose, PoseSample
 
 _REACH_HEIGHTS: Final = 10.0
@@ -25,13 +25,14 @@ def scene_overlay(setup: Setup, sample: PoseSample) -> dict[str, Any]:
         sample: The image's pose.
 
     Returns:
-        ``horizon``: lines of pixels. ``grid``: lines on the ground every ``spacing_m``, each with ``pixels`` and its
-        ``label``, of level or sloping ground. ``footprint_enu_m``: corners, up to ten camera heights away.
-        ``camera_enu_m`` and ``heading_deg``. Empty where there is no pose.
+        ``horizon``: lines of pixels. ``grid``: lines on the ground every ``spacing_m``, each with its ``pixels`` and
+        how far to the ``right`` or ``ahead`` of the camera it is (``axis`` and ``at_m``), of level or sloping ground.
+        ``footprint_enu_m``: corners, up to ten camera heights away. ``camera_enu_m`` and ``heading_deg``. ``geo``:
+        where on the map the camera is, None where nobody knows. Without a pose there is nothing.
     """
     pose = sample.pose
     if pose is None:
-        return {"horizon": [], "grid": [], "spacing_m": None, "footprint_enu_m": []}
+        return {"horizon": [], "grid": [], "spacing_m": None, "footprint_enu_m": [], "geo": None}
     height_m = float(pose.position_enu_m[2]) - sample.datum_enu_m
     reach_m = min(_REACH_HEIGHTS * height_m, setup.max_range_m or math.inf)
     outline = footprint(setup.camera, pose, reach_m, ground=setup.ground)
@@ -43,6 +44,7 @@ def scene_overlay(setup: Setup, sample: PoseSample) -> dict[str, Any]:
         "footprint_enu_m": [] if outline is None else outline.tolist(),
         "camera_enu_m": pose.position_enu_m.tolist(),
         "heading_deg": math.degrees(heading_rad),
+        "geo": _geo(sample, pose),
     }
     if outline is not None and (setup.ground is None or isinstance(setup.ground, Plane)):
         ahead = np.array([math.sin(heading_rad), math.cos(heading_rad)])
@@ -52,6 +54,17 @@ def scene_overlay(setup: Setup, sample: PoseSample) -> dict[str, Any]:
         grid = _grid(setup.camera, pose, setup.ground, (axes, seen_m), spacing_m)
         found |= {"spacing_m": spacing_m, "grid": list(grid)}
     return found
+
+
+def _geo(sample: PoseSample, pose: Pose) -> dict[str, Any] | None:
+    """Latitude and longitude of the camera, its east and north, and how many metres a degree is there."""
+    if sample.origin is None:
+        return None
+    east_m, north_m = pose.position_enu_m[:2].tolist()
+    steps_m = np.array([[east_m, north_m], [east_m + 1.0, north_m], [east_m, north_m + 1.0]])
+    (lat, lon), (_, lon_east), (lat_north, _) = np.degrees(lat_lon(sample.origin, steps_m)).tolist()
+    per_deg = [1.0 / (lon_east - lon), 1.0 / (lat_north - lat)]
+    return {"lat_deg": lat, "lon_deg": lon, "east_m": east_m, "north_m": north_m, "metres_per_deg": per_deg}
 
 
 def _spacing(extent_m: float) -> float:
@@ -67,14 +80,14 @@ def _grid(
     """The lines of a grid, in the parts that are in the image."""
     axes, seen_m = seen
     low, high = seen_m.min(axis=0), seen_m.max(axis=0)
-    for across, word in ((0, "right"), (1, "ahead")):
+    for across, axis in ((0, "right"), (1, "ahead")):
         along_m = np.linspace(low[1 - across], high[1 - across], _LINE_POINTS)
         first, last = math.ceil(low[across] / spacing_m), math.floor(high[across] / spacing_m)
         for number in range(first, last + 1):
             line_m = np.empty((_LINE_POINTS, 2))
             line_m[:, across], line_m[:, 1 - across] = number * spacing_m, along_m
             for part in _in_image(camera, _pixels(camera, pose, plane, line_m @ axes)):
-                yield {"pixels": part.round(_DIGITS).tolist(), "label": f"{number * spacing_m:g} m {word}"}
+                yield {"pixels": part.round(_DIGITS).tolist(), "axis": axis, "at_m": number * spacing_m}
 
 
 def _pixels(camera: Camera, pose: Pose, plane: Plane | None, away_m: FloatArray) -> FloatArray:

@@ -7,9 +7,10 @@ from threading import Lock
 from typing import Final
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_images
+from aerodft.app.diagnose import diagnose
 from aerodft.app.measure import RecordedScenes
 from aerodft.app.recordings import StationRecording
-from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.app.viewing.view import Document, View, ViewedImage, doctor_document
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup
 from aerodft.errors import NoAnswerError, located
@@ -87,9 +88,9 @@ class RecordingView(View):
 
         Returns:
             ``probes``: ``name``, ``kind``, ``unit``, ``seconds``, ``value``, ``low``, ``high``, ``status`` of each;
-            ``poses``: ``seconds``, ``height_m``, ``tilt_deg`` with their stds, ``height_source``, ``status``, the
-            track's ``east_m`` and ``north_m``; ``events``: ``seconds``, ``kind`` and ``text`` of each. None for what
-            is not known.
+            ``poses``: ``seconds``, ``height_m``, ``tilt_deg`` with their stds, ``height_source``,
+            ``telemetry_age_s``, ``status``, the track's ``east_m`` and ``north_m``; ``events``: ``seconds``, ``kind``
+            and ``text`` of each. None for what is not known.
 
         Raises:
             InputError: The recording is damaged.
@@ -97,7 +98,7 @@ class RecordingView(View):
         found = read_series(self._recording.reader)
         zero_ns = found.zero_ns
         poses = found.poses
-        columns = ("height_m", "height_std_m", "tilt_deg", "tilt_std_deg", "east_m", "north_m")
+        columns = ("height_m", "height_std_m", "tilt_deg", "tilt_std_deg", "telemetry_age_s", "east_m", "north_m")
         return {
             "probes": [
                 {
@@ -123,6 +124,10 @@ class RecordingView(View):
                 for each in found.events
             ],
         }
+
+    def doctor(self) -> Document:
+        """See ``View``."""
+        return doctor_document(diagnose(self._recording.path))
 
     def options(self, number: int) -> dict[str, str]:
         """See ``View``."""

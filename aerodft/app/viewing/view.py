@@ -13,6 +13,7 @@ import numpy as np
 from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire.measurement import encode_measurement, measurement_payload
 from aerodft.adapters.wire.pose import summary_payload
+from aerodft.app.diagnose import Diagnosis
 from aerodft.app.measure import Distance, ImageProbe, requests_of
 from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.overlay import scene_overlay
@@ -21,7 +22,7 @@ from aerodft.dft import Request, Setup, Share, advice, explain, measure
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
-from aerodft.vision.river import RiverHints, RiverView
+from aerodft.vision.river import River, RiverHints, RiverView
 from replay.export import MapCrs, geojson_text, map_features
 
 Document: TypeAlias = dict[str, Any]
@@ -43,6 +44,11 @@ def measured_document(measurement: Measurement, budget: Sequence[Share] | None) 
         document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
         document["advice"] = advice(tuple(budget))
     return document
+
+
+def doctor_document(found: Diagnosis) -> Document:
+    """What ``View.doctor`` says of a diagnosis."""
+    return {"problems": found.problems, "notes": found.notes, "clock": found.report.clock.host_minus_utc_s}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,14 +118,26 @@ class View(ABC):
             hinted: Number of the image that the hints are of; they are carried on the water's plane.
 
         Returns:
-            Banks, transects and width; where there is none its ``status`` says why.
+            Banks, transects and width; where there is none its ``status`` says why. ``water``: outlines of what was
+            taken for water, in pixels. ``banks_enu_m``: the banks from above, lines of east and north.
 
         Raises:
             NoAnswerError: An image has no pose.
         """
         here, there = self._river_view(number), self._river_view(hinted)
         told = hints if number == hinted else hints.carried(there.plane, here.plane)
-        return survey_image(here, river_question(told, _SPACING_M, None)).document
+        survey = survey_image(here, river_question(told, _SPACING_M, None))
+        water = survey.found.outlines_px if isinstance(survey.found, River) else []
+        banks = [here.plane.places_en_m(np.array(line)) for line in survey.document["banks"].values() if line]
+        return survey.document | {
+            "water": [outline.round(1).tolist() for outline in water],
+            "banks_enu_m": [bank[np.isfinite(bank).all(axis=1)].tolist() for bank in banks],
+        }
+
+    @property
+    def can_calibrate(self) -> bool:
+        """Whether the pose can be found from what is known of the view."""
+        return False
 
     def calibrate(self, evidence: Document, unknowns: Sequence[str], *, use: bool) -> Document:
         """Find the camera's pose from what is known of the view of a fixed camera.
@@ -131,13 +149,25 @@ class View(ABC):
 
         Returns:
             The document of ``aerodft calibrate --json``; its ``marks`` say where the calibrated camera sees what was
-            marked (``seen_px``, ``expected_px``).
+            marked (``seen_px``, ``expected_px``), its ``overlay`` is that of ``overlay``.
 
         Raises:
             AerodftError: It is not determined, or this is no image of a fixed camera.
         """
         del evidence, unknowns, use
         raise UsageError("there is nothing to calibrate", expected="an image or a video of a fixed camera")
+
+    def doctor(self) -> Document | None:
+        """What is wrong with the telemetry, in sentences, as ``aerodft doctor`` says it; None where there is none.
+
+        Returns:
+            ``problems`` and ``notes``, lists of sentences; ``clock``: arrival minus the vehicle's UTC in seconds, None
+            where it is not known.
+
+        Raises:
+            AerodftError: A recording is damaged.
+        """
+        return None
 
     def _river_view(self, number: int) -> RiverView:
         setup, sample = self.scene(number)

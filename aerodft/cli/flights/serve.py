@@ -12,7 +12,7 @@ import typer
 
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
-from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, page_of
+from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, TilesOption, page_of
 from aerodft.cli.summary import report
 
 
@@ -27,6 +27,7 @@ def serve(
     host: HostOption = "127.0.0.1",
     port: PortOption = 0,
     read_only: ReadOnlyOption = False,
+    tiles: TilesOption = None,
 ) -> None:
     r"""Measure live until SIGINT or SIGTERM: every configured probe, for every image.
 
@@ -42,7 +43,7 @@ def serve(
         if web:
             from aerodft.app.viewing import LiveView
 
-            address = stack.enter_context(page_of(LiveView.of(station), host, port, read_only=read_only))
+            address = stack.enter_context(page_of(LiveView.of(station), host, port, read_only=read_only, tiles=tiles))
         stack.enter_context(station)
         stack.enter_context(_stop_on_signal(station.stop))
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s

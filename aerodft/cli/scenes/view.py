@@ -10,7 +10,7 @@ import typer
 
 from aerodft.cli.interrupts import wait_in_main_thread
 from aerodft.cli.output import say
-from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, page_of
+from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, TilesOption, page_of
 from aerodft.cli.scenes.image_options import (
     CameraOption,
     HeadingOption,
@@ -44,6 +44,7 @@ def view(
     host: HostOption = "127.0.0.1",
     port: PortOption = 0,
     read_only: ReadOnlyOption = False,
+    tiles: TilesOption = None,
     browser: Annotated[bool, typer.Option("--open", help="Open it in the browser of this machine.")] = False,
 ) -> None:
     r"""Show an image, a video or a recording as a page: zoom, click, and read distances with their intervals.
@@ -62,7 +63,7 @@ def view(
     shown.station_file = station
     with (
         suppress(KeyboardInterrupt),
-        page_of(shown, host, port, read_only=read_only, std_px=parse_stds(std).px) as address,
+        page_of(shown, host, port, read_only=read_only, tiles=tiles, std_px=parse_stds(std).px) as address,
     ):
         say(f"{shown.title}: open {address} in a browser; stop with Ctrl-C")
         if browser:

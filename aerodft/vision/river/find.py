@@ -94,6 +94,13 @@ class River:
         """Which of the widths, ``(k,)``, are measured from."""
         return np.array([self.status[row] is RiverStatus.OK for row in self.rows], dtype=bool)
 
+    @property
+    def outlines_px(self) -> list[FloatArray]:
+        """The water's outlines in the image, closed lines ``(k, 2)``; what one within another surrounds is dry."""
+        mask = self.water.water.astype(np.uint8)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
+        return [self.copy.to_image(outline[:, 0].astype(np.float64)) for outline in outlines if len(outline) > 2]  # noqa: PLR2004 - an area
+
 
 def find_river(
     image: ImageArray, setup: Setup, pose: Pose, question: RiverQuestion, later: LaterLook | None = None

@@ -1,0 +1,241 @@
+"""What a page fetches: its files, the images and what is known of them; and the WebSocket that it asks over."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import orjson
+from tornado.web import HTTPError, RequestHandler, StaticFileHandler
+from tornado.websocket import WebSocketHandler
+
+from aerodft.app.viewing import LiveView, RecordingView, View
+from aerodft.errors import AerodftError
+from aerodft.web.access import Access
+from aerodft.web.answers import Answers
+
+T = TypeVar("T")
+
+_STATIC: Final = Path(__file__).parent / "static"
+_COOKIE: Final = "aerodft_token"
+_NEWS_S: Final = 1.0
+"""A page waits so long for a new image, at the most, before it is told that there is none."""
+
+
+class Page:
+    """What all requests share: the view, who may see it, and threads: for measuring, for pictures, for long reading.
+
+    Args:
+        view: What is shown.
+        access: Who may see it.
+        std_px: Of each pixel coordinate that people click.
+    """
+
+    def __init__(self, view: View, access: Access, std_px: float) -> None:
+        self.view = view
+        self.access = access
+        self._answers = Answers(view, std_px, is_read_only=access.is_read_only)
+        self._quick = ThreadPoolExecutor(1, "page-measures")
+        self._slow = ThreadPoolExecutor(1, "page-pictures")
+        self._long = ThreadPoolExecutor(1, "page-reads")
+
+    async def found(self, work: Callable[[], T], *, is_long: bool = False) -> T:
+        """The result of work on an image, or where it is long on a whole recording.
+
+        Raises:
+            HTTPError: 404: there is none, or it is damaged.
+        """
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._long if is_long else self._slow, work)
+        except AerodftError as error:
+            raise HTTPError(404, reason=str(error).encode("ascii", "replace").decode()) from error
+
+    async def answer(self, request: bytes) -> dict[str, Any]:
+        """The answer to a message of the page, see ``Answers``: with the ``id`` of that, or with an ``error``."""
+        number: object = None
+        try:
+            asked = self._answers.question(request)
+            number = asked.get("id")
+            pool = self._quick if self._answers.is_quick(asked) else self._slow
+            answer = await asyncio.get_running_loop().run_in_executor(pool, self._answers.answer, asked)
+        except AerodftError as error:
+            answer = {"error": str(error)}
+        return {"id": number, **answer}
+
+    def close(self) -> None:
+        """Finish what is under way; what waits is given up."""
+        self._quick.shutdown(cancel_futures=True)
+        self._slow.shutdown(cancel_futures=True)
+        self._long.shutdown(cancel_futures=True)
+
+
+class _Guarded(RequestHandler):
+    """Refuses what does not come from the page itself, and from somebody with the token."""
+
+    def initialize(self, page: Page) -> None:
+        """Tornado's own constructor of handlers."""
+        self.page = page
+
+    def set_default_headers(self) -> None:
+        """Of every answer, errors too."""
+        self.clear_header("Server")
+        for name, value in self.application.settings["page_headers"].items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        """Refuse, or let go on.
+
+        Raises:
+            HTTPError: 403.
+        """
+        access, headers = self.page.access, self.request.headers
+        host = headers.get("Host", "")
+        if not access.allows_host(host):
+            raise HTTPError(403, reason="this page is not at that host")
+        if not access.allows_origin(headers.get("Origin"), host):
+            raise HTTPError(403, reason="the request comes from another site")
+        given = self.get_query_argument("token", None)
+        if not access.allows_token(given or self.get_cookie(_COOKIE)):
+            raise HTTPError(403, reason="the token is missing or wrong: open the address that was printed")
+        if given is not None:
+            self.set_cookie(_COOKIE, given, httponly=True, samesite="Strict")
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Tornado's own
+        """One sentence, and nothing of the program."""
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{status_code}: {self._reason}\n")
+
+
+class _File(_Guarded, StaticFileHandler):
+    """A file of the page."""
+
+    def initialize(self, page: Page) -> None:  # type: ignore[override]  # its folder is always the same
+        """See ``_Guarded``."""
+        _Guarded.initialize(self, page)
+        StaticFileHandler.initialize(self, str(_STATIC), "index.html")
+
+    def set_extra_headers(self, path: str) -> None:  # noqa: ARG002 - Tornado's own
+        """Nothing is kept by the browser: the next version's files bear the same names."""
+        self.set_header("Cache-Control", "no-store")
+
+
+class _Json(_Guarded):
+    """A document."""
+
+    def send(self, document: object) -> None:
+        """Answer with it."""
+        self.set_header("Content-Type", "application/json")
+        self.write(orjson.dumps(document))
+
+
+class _Description(_Json):
+    """What the view holds."""
+
+    def get(self) -> None:
+        """JSON: ``title``, what it is and can do, the camera's size, ``stamp_ns`` and ``seconds`` of every image."""
+        view, access = self.page.view, self.page.access
+        self.send(
+            {
+                "title": view.title,
+                "is_live": isinstance(view, LiveView),
+                "is_recording": isinstance(view, RecordingView),
+                "can_calibrate": view.can_calibrate,
+                "can_save": view.station_file is not None and not access.is_read_only,
+                "tiles": access.tiles,
+                "width_px": view.camera.width_px,
+                "height_px": view.camera.height_px,
+                "images": [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images],
+            }
+        )
+
+
+class _Picture(_Guarded):
+    """One image."""
+
+    async def get(self, number: str) -> None:
+        """JPEG; 404 where there is none, or it is damaged."""
+        data = await self.page.found(lambda: self.page.view.jpeg(int(number)))
+        self.set_header("Content-Type", "image/jpeg")
+        self.write(data)
+
+
+class _Seen(_Json):
+    """What is known of an image without asking for anything."""
+
+    async def get(self, number: str) -> None:
+        """JSON as ``View.seen``; 404 where there is no such image."""
+        self.send(await self.page.found(lambda: self.page.view.seen(int(number))))
+
+
+class _Series(_Json):
+    """What was measured over time."""
+
+    async def get(self) -> None:
+        """JSON as ``RecordingView.series``.
+
+        Raises:
+            HTTPError: 404: what is shown is no recording, or it is damaged.
+        """
+        view = self.page.view
+        if not isinstance(view, RecordingView):
+            raise HTTPError(404, reason="this is no recording")
+        self.send(await self.page.found(view.series, is_long=True))
+
+
+class _Doctor(_Json):
+    """What is wrong with the telemetry."""
+
+    async def get(self) -> None:
+        """JSON as ``View.doctor``."""
+        self.send(await self.page.found(self.page.view.doctor, is_long=True))
+
+
+class _News(_Json):
+    """What a station that measures has that a page has not shown yet."""
+
+    async def get(self) -> None:
+        """JSON as ``LiveView.news``: as soon as there is an image after that of ``after``, or after a second.
+
+        Raises:
+            HTTPError: 404: what is shown is not live.
+        """
+        view = self.page.view
+        if not isinstance(view, LiveView):
+            raise HTTPError(404, reason="this is no live station")
+        after, came, loop = self.get_query_argument("after", ""), asyncio.Event(), asyncio.get_running_loop()
+        with view.heard_by(lambda: loop.call_soon_threadsafe(came.set)):
+            news = view.news()  # asked first: a station prepares images only while somebody asks
+            if str(view.newest) == after:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(came.wait(), _NEWS_S)
+                news = view.news()
+        self.send(news)
+
+
+class _Measuring(_Guarded, WebSocketHandler):
+    """Measures as the pointer moves: one request at a time, so that none pile up."""
+
+    def check_origin(self, origin: str) -> bool:
+        """See ``Access``; a browser always says where a WebSocket comes from."""
+        return self.page.access.allows_origin(origin, self.request.headers.get("Host", ""))
+
+    async def on_message(self, message: str | bytes) -> None:
+        """Answer; the next message is read when this one is answered."""
+        data = message.encode() if isinstance(message, str) else message
+        await self.write_message(orjson.dumps(await self.page.answer(data)).decode())
+
+
+ROUTES: Final = (
+    (r"/view\.json", _Description),
+    (r"/images/(\d{1,9})\.jpg", _Picture),
+    (r"/images/(\d{1,9})\.json", _Seen),
+    (r"/series\.json", _Series),
+    (r"/doctor\.json", _Doctor),
+    (r"/news\.json", _News),
+    (r"/measure", _Measuring),
+    (r"/(.*)", _File),
+)
+"""Paths, and what answers there; each is given the ``page``."""

@@ -1,5 +1,6 @@
 """A page of its own for a test: the real command in a process of its own, what it opened, and what a browser reads."""
 
+import math
 import re
 import shutil
 import subprocess
@@ -75,6 +76,18 @@ def value_of(page, row=0):
 def copied(page, form):
     page.click(f"[data-copy={form}]")
     return page.input_value("#copied")
+
+
+def shown_number(value, low, high):
+    """A number as the page shows it: with two digits of its interval."""
+    return f"{value:.{min(max(1 - math.floor(math.log10(high - low)), 0), 6)}f}"
+
+
+def shown_measurement(found):
+    """A measurement of a length of ``aerodft measure --json``, as the page shows it."""
+    low, high = found["ci95"]
+    value, low_text, high_text = (shown_number(each, low, high) for each in (found["value"], low, high))
+    return f"{value} m [{low_text} … {high_text}] 95 %"
 
 
 def numbers(text):

@@ -1,63 +1,99 @@
 // Measurements as words: the numbers are those that the program sent, with two digits of their interval.
 
-const FEET = { m: ["ft", 1 / 0.3048], m2: ["ft²", 1 / 0.3048 ** 2] }, SIGNS = { m2: "m²", deg: "°" };
+const FOOT_M = 0.3048, SIGNS = { m2: "m²", deg: "°" };
+
+// ---- numbers with their unit
+
+function converted(value, unit, units) { // value and sign of the unit that people chose
+  if (units === "ft" && unit === "m") return [value / FOOT_M, "ft"];
+  if (units === "ft" && unit === "m2") return [value / FOOT_M ** 2, "ft²"];
+  return [value, SIGNS[unit] || unit];
+}
+
+function rounded(value, interval) { // with two digits of its interval
+  const digits = interval > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(interval)), 0), 6) : 3;
+  return value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
+}
+
+export function lengthText(metres, units, interval = Math.abs(metres) || 1) {
+  const [value, sign] = converted(metres, "m", units);
+  return `${rounded(value, converted(interval, "m", units)[0])} ${sign}`;
+}
+
+// ---- measurements
 
 export function valueText(measurement, units) {
   if (measurement.status !== "ok") return refusalText(measurement);
-  if (measurement.value === null) {
-    const [x, y] = measurement.ground_m[0], ellipse = measurement.ellipse95;
-    const spread = ellipse ? ` ± ${number(ellipse.semi_major_m, ellipse.semi_major_m)} m (95 %)` : "";
-    return `right ${number(x, ellipse?.semi_major_m)} m, ahead ${number(y, ellipse?.semi_major_m)} m${spread}`;
-  }
-  const [unit, factor] = (units === "ft" && FEET[measurement.unit]) || [SIGNS[measurement.unit] || measurement.unit, 1];
-  const [low, high] = (measurement.ci95 || [measurement.value, measurement.value]).map((each) => each * factor);
-  return `${number(measurement.value * factor, high - low)} ${unit} [${number(low, high - low)} … ${number(high, high - low)}] 95 %`;
+  if (measurement.value === null) return placeText(measurement, units);
+  const [value, sign] = converted(measurement.value, measurement.unit, units);
+  const [low, high] = (measurement.ci95 || [measurement.value, measurement.value])
+    .map((each) => converted(each, measurement.unit, units)[0]);
+  const text = (each) => rounded(each, high - low);
+  return `${text(value)} ${sign} [${text(low)} … ${text(high)}] 95 %`;
 }
 
-export function refusalText(measurement) {
-  return `${measurement.status.toUpperCase()}: ${measurement.reasons.join("; ")}`;
+function placeText({ ground_m: [[x, y]], ellipse95: ellipse }, units) {
+  const spread = ellipse?.semi_major_m, text = (metres) => lengthText(metres, units, spread);
+  const side = x < 0 ? `left ${text(-x)}` : `right ${text(x)}`;
+  return `${side}, ahead ${text(y)}${spread ? ` ± ${text(spread)} (95 %)` : ""}`;
 }
 
-export function quality(measurement) {
-  if (measurement.status !== "ok") return "refused";
-  if (!measurement.value || !measurement.std) return "good";
-  const share = measurement.std / Math.abs(measurement.value);
-  return share < 0.02 ? "good" : share < 0.1 ? "fair" : "poor";
+export const refusalText = (measurement) => `${measurement.status.toUpperCase()}: ${measurement.reasons.join("; ")}`;
+
+export function labelText(measurement, units) { // short enough to stand in the image
+  if (measurement.status !== "ok") return `${measurement.name} ${measurement.status.toUpperCase()}`;
+  return measurement.value === null ? measurement.name : `${measurement.name} ${valueText(measurement, units).replace("] 95 %", "]")}`;
 }
 
-export function poseText(pose) {
-  if (!pose) return "The camera's pose is not known yet: place landmarks.";
-  if (pose.status !== "ok") return `${pose.status.toUpperCase()}: ${pose.reasons.join("; ")}`;
-  const std = (name) => pose.std[name].toPrecision(2), source = pose.height_source ? ` (${pose.height_source})` : "";
-  const age = pose.telemetry_age_s === null ? "" : `, telemetry ${pose.telemetry_age_s.toFixed(2)} s old`;
-  return `Height ${pose.height_agl_m.toFixed(2)} ± ${std("height_agl_m")} m${source}, tilt ${pose.tilt_deg.toFixed(2)} ± ${std("tilt_deg")}°,`
-    + ` heading ${pose.heading_deg.toFixed(1)}°${age} (± is one standard deviation)`;
-}
-
-export function samplingText([across, down]) {
-  const metres = (value) => (value < 0.1 ? `${(100 * value).toPrecision(2)} cm` : `${value.toPrecision(2)} m`);
-  return `a pixel is ${metres(across)} wide, ${metres(down)} deep`;
+export function quality({ status, value, std, ellipse95, ground_m: ground }) {
+  if (status !== "ok") return "refused";
+  const share = value === null ? (ellipse95?.semi_major_m ?? 0) / 1.96 / Math.hypot(...ground[0]) : std / Math.abs(value);
+  return share >= 0.1 ? "poor" : share >= 0.02 ? "fair" : "good";
 }
 
 export function reachText(river, units) {
   if (!river.width_m) return refusalText(river);
   const { median, ci95, transects } = river.width_m;
-  const value = valueText({ status: "ok", value: median, ci95, unit: "m" }, units);
-  return `${value}, the median of ${transects} transects. ${river.reasons.join("; ")}`;
+  return `${valueText({ status: "ok", value: median, ci95, unit: "m" }, units)}, the median of ${transects} transects.`;
 }
 
-function number(value, interval) {
-  const digits = interval > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(interval)), 0), 6) : 3;
-  return (Math.round(value * 10 ** digits) / 10 ** digits || 0).toFixed(digits); // no -0
+// ---- what is known of an image
+
+export function poseText(pose, units) {
+  if (!pose) return "The camera's pose is not known yet: mark what you know of the view.";
+  if (pose.status !== "ok") return refusalText(pose);
+  const degrees = (value, std) => `${value.toFixed(2)} ± ${std.toPrecision(2)}°`;
+  const height = lengthText(pose.height_agl_m, units, pose.std.height_agl_m), std = lengthText(pose.std.height_agl_m, units);
+  const age = pose.telemetry_age_s === null ? "" : `, telemetry ${pose.telemetry_age_s.toFixed(2)} s old`;
+  return `Height ${height} ± ${std}${pose.height_source ? ` (${pose.height_source})` : ""},`
+    + ` tilt ${degrees(pose.tilt_deg, pose.std.tilt_deg)}, heading ${pose.heading_deg.toFixed(1)}°${age}; ± is one standard deviation.`;
 }
 
-export function copyText(form, measurement, units) {
-  if (form === "json") return JSON.stringify(measurement, null, 2);
-  if (form === "command") return measurement.command;
-  if (form === "geojson") return measurement.geojson || "Nobody knows where on the map this is: the pose has no place.";
-  if (form === "probe") {
-    const pixels = measurement.pixels.map(([u, v]) => `[${u}, ${v}]`).join(", ");
-    return `[[probe]]\nname = "${measurement.name}"\nkind = "${measurement.kind}"\npixels = [${pixels}]\n`;
-  }
-  return `${measurement.name}: ${valueText(measurement, units)}`;
+export function samplingText(sampling, units) {
+  if (!sampling) return "";
+  const [across, down] = sampling.map((metres) => (metres < 0.1 && units === "m"
+    ? `${(100 * metres).toPrecision(2)} cm` : lengthText(metres, units)));
+  return `a pixel is ${across} wide, ${down} deep`;
+}
+
+export function gridText({ at_m: at, axis }, units) {
+  const [ahead, behind] = axis === "right" ? ["right", "left"] : ["ahead", "behind"];
+  const [value, sign] = converted(Math.abs(at), "m", units);
+  return at === 0 ? `0 ${sign}` : `${Number(value.toPrecision(3))} ${sign} ${at > 0 ? ahead : behind}`;
+}
+
+export const clock = (stampNs) => `${new Date(Number(BigInt(stampNs) / 1000000n)).toISOString().slice(11, 19)} UTC`;
+
+export const day = (stampNs) => new Date(Number(BigInt(stampNs) / 1000000n)).toISOString().replace("T", " ").replace("Z", " UTC");
+
+// ---- what is taken along
+
+export function copyText(form, mark, units) {
+  const { name, kind, found, points } = mark;
+  if (form === "json") return JSON.stringify(found, null, 2);
+  if (form === "command") return found.command;
+  if (form === "geojson") return found.geojson || "Nobody knows where on the map this is: the pose has no place.";
+  if (form === "text") return `${name}: ${valueText(found, units)}`;
+  const pixels = points.map(([u, v]) => `[${u}, ${v}]`).join(", ");
+  return `[[probe]]\nname = "${name}"\nkind = "${kind}"\npixels = [${pixels}]\n`;
 }

@@ -1,6 +1,6 @@
 // What helps to read the image: the horizon, a grid of metres on the ground, and the values of the station's probes.
 
-import { valueText } from "../measuring/words.js";
+import { gridText, labelText } from "../measuring/words.js";
 
 const HORIZON = "#d55e00", GRID = "#ffffff", PROBE = "#cc79a7";
 
@@ -20,13 +20,22 @@ export class OverlayLayer {
     });
   }
 
-  shapes(units) {
-    const probes = (this.seen?.measurements || []).filter((each) => each.pixels.length).map((each) => ({
-      points: each.pixels.filter(([u, v]) => u !== null && v !== null), colour: PROBE, closed: each.kind === "area",
-      label: each.status === "ok" && each.value !== null ? `${each.name} ${valueText(each, units)}` : "",
-    }));
-    if (!this.isShown || !this.scene) return probes;
-    const grid = this.scene.grid.map((each) => ({ points: each.pixels, colour: GRID, thin: true, tag: each.label }));
-    return [...grid, ...this.scene.horizon.map((points) => ({ points, colour: HORIZON, plain: true })), ...probes];
+  get probes() {
+    return this.seen?.measurements || [];
   }
+
+  shapes(units) {
+    const probes = this.probes.filter((each) => each.pixels.length).map((each) => ({
+      points: each.pixels.filter(([u, v]) => u !== null && v !== null), colour: PROBE, closed: each.kind === "area",
+      label: labelText(each, units),
+    }));
+    return this.isShown && this.scene ? [...gridShapes(this.scene, units), ...probes] : probes;
+  }
+}
+
+export function gridShapes({ grid, horizon }, units) {
+  return [
+    ...grid.map((line) => ({ points: line.pixels, colour: GRID, style: "thin", tag: gridText(line, units) })),
+    ...horizon.map((points) => ({ points, colour: HORIZON, style: "line" })),
+  ];
 }

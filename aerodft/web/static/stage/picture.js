@@ -1,6 +1,10 @@
 // The image on a canvas, zoomed and moved. Pixel (0, 0) is the middle of the top-left pixel, as everywhere in aerodft.
+//
+// A shape is { points: [[u, v]], colour, style, closed, label, tag }. Its style is "mark" (a line and its points, as people
+// click them), "line", "dashed", "thin" (a line of the grid, with its tag) or "fill" (of rings, what is within two is left out).
 
-const POINT_PX = 7, LOUPE_ZOOM = 8;
+const POINT_PX = 7, LOUPE_ZOOM = 8, LABEL_PX = 22, LABEL_TOPS = [-34, 12, -58, 36, -82, 60], EDGE_PX = 40;
+const HALO = "#000", CIRCLE = 2 * Math.PI;
 
 export class Picture {
   constructor(canvas, loupe) {
@@ -11,22 +15,32 @@ export class Picture {
     this.scale = 1;
     this.left = 0;
     this.top = 0;
-    this.shapes = []; // { points: [[u, v]], colour, closed, label, dashed, plain: without its points, thin: a line of the grid, with its tag }
+    this.shapes = [];
     new ResizeObserver(() => this.resized()).observe(canvas);
   }
 
   show(bitmap) {
-    const first = !this.bitmap || this.bitmap.width !== bitmap.width || this.bitmap.height !== bitmap.height;
+    const isFirst = !this.bitmap || this.bitmap.width !== bitmap.width || this.bitmap.height !== bitmap.height;
+    this.bitmap?.close?.();
     this.bitmap = bitmap;
-    if (first) this.fit();
+    this.canvas.parentElement.style.aspectRatio = `${bitmap.width} / ${bitmap.height}`;
+    if (isFirst) this.fit();
     this.draw();
   }
+
+  blank(width, height) { // a station whose images have no picture is measured in all the same
+    const canvas = new OffscreenCanvas(width, height);
+    canvas.getContext("2d").fillRect(0, 0, width, height);
+    this.show(canvas);
+  }
+
+  // ---- where it is on the screen
 
   resized() {
     const ratio = devicePixelRatio || 1;
     this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
     this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
-    if (this.bitmap && !this.moved) this.fit();
+    if (this.bitmap && !this.isMoved) this.fit();
     this.draw();
   }
 
@@ -35,7 +49,7 @@ export class Picture {
     this.scale = Math.min(clientWidth / width, clientHeight / height) || 1;
     this.left = (clientWidth - width * this.scale) / 2;
     this.top = (clientHeight - height * this.scale) / 2;
-    this.moved = false;
+    this.isMoved = false;
     this.draw();
   }
 
@@ -44,15 +58,21 @@ export class Picture {
     this.left = x - ((x - this.left) * scale) / this.scale;
     this.top = y - ((y - this.top) * scale) / this.scale;
     this.scale = scale;
-    this.moved = true;
+    this.isMoved = true;
     this.draw();
   }
 
   move(dx, dy) {
     this.left += dx;
     this.top += dy;
-    this.moved = true;
+    this.isMoved = true;
     this.draw();
+  }
+
+  reveal(pixel) { // a pixel that keys went to
+    const [x, y] = this.screenAt(pixel), { clientWidth, clientHeight } = this.canvas;
+    const dx = within(x, EDGE_PX, clientWidth - EDGE_PX) - x, dy = within(y, EDGE_PX, clientHeight - EDGE_PX) - y;
+    if (dx || dy) this.move(dx, dy);
   }
 
   pixelAt(x, y) { // hundredths are finer than anybody clicks, and read the same in every program
@@ -64,6 +84,8 @@ export class Picture {
     return [(u + 0.5) * this.scale + this.left, (v + 0.5) * this.scale + this.top];
   }
 
+  // ---- drawing
+
   draw() {
     const { pen, canvas, bitmap } = this, ratio = devicePixelRatio || 1;
     pen.setTransform(1, 0, 0, 1, 0, 0);
@@ -72,77 +94,126 @@ export class Picture {
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.imageSmoothingEnabled = this.scale < 3;
     pen.drawImage(bitmap, this.left, this.top, bitmap.width * this.scale, bitmap.height * this.scale);
-    for (const shape of this.shapes) this.drawShape(shape);
+    const onScreen = (points) => points.map((point) => this.screenAt(point));
+    const drawn = this.shapes.map((shape) => ({ ...shape, at: onScreen(shape.points || []), rings: (shape.rings || []).map(onScreen) }))
+      .filter(({ at, rings }) => at.length || rings.length);
+    for (const shape of drawn) this.drawShape(shape);
+    const taken = []; // no text stands on another
+    for (const { at, label, colour } of [...drawn].reverse()) if (label) this.drawLabel(at, label, colour, taken);
+    for (const { at, tag, colour } of drawn) if (tag) this.drawTag(at[0], tag, colour, taken);
   }
 
-  drawShape({ points, colour, closed, label, dashed, plain, thin, tag }) {
-    const { pen } = this, at = points.map((point) => this.screenAt(point));
-    if (!at.length) return;
-    if (thin) return this.drawThin(at, colour, tag);
-    for (const [paint, width] of [["#000", 5], [colour, 2.5]]) {
-      pen.strokeStyle = paint;
-      pen.lineWidth = width;
-      pen.setLineDash(dashed ? [6, 6] : []);
-      pen.beginPath();
-      at.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
-      if (closed) pen.closePath();
-      pen.stroke();
-      pen.setLineDash([]);
-      for (const [x, y] of dashed || plain ? [] : at) {
-        pen.beginPath();
-        pen.arc(x, y, POINT_PX, 0, 2 * Math.PI);
-        pen.moveTo(x - 2, y); pen.lineTo(x + 2, y); pen.moveTo(x, y - 2); pen.lineTo(x, y + 2);
-        pen.stroke();
+  drawShape({ at, rings, colour, style = "mark", closed }) {
+    if (style === "fill") this.fill(rings, colour);
+    else if (style === "thin") this.stroke(at, colour, { width: 1, alpha: 0.6, closed });
+    else {
+      const dash = style === "dashed" ? [6, 6] : [];
+      for (const [paint, width] of [[HALO, 5], [colour, 2.5]]) {
+        this.stroke(at, paint, { width, dash, closed });
+        if (style === "mark") for (const point of at) this.drawPoint(point);
       }
     }
-    if (!label) return;
-    const x = at.reduce((sum, each) => sum + each[0], 0) / at.length, y = at.reduce((sum, each) => sum + each[1], 0) / at.length;
-    pen.font = "bold 15px system-ui, sans-serif";
-    const width = pen.measureText(label).width;
-    pen.fillStyle = "#000c";
-    pen.fillRect(x - width / 2 - 6, y - 34, width + 12, 22);
-    pen.fillStyle = "#fff";
-    pen.fillText(label, x - width / 2, y - 18);
   }
 
-  drawThin(at, colour, tag) {
-    const { pen } = this, [x, y] = at[Math.floor(at.length / 2)];
-    pen.strokeStyle = colour;
-    pen.lineWidth = 1;
-    pen.globalAlpha = 0.6;
-    pen.beginPath();
-    for (const point of at) pen.lineTo(...point);
-    pen.stroke();
-    pen.globalAlpha = 1;
-    pen.font = "12px system-ui, sans-serif";
-    for (const [paint, shift] of [["#000", 1], [colour, 0]]) {
-      pen.fillStyle = paint;
-      pen.fillText(tag, x + 3 + shift, y - 3 + shift);
+  fill(rings, colour) {
+    const { pen } = this, path = new Path2D();
+    for (const [[x, y], ...rest] of rings) {
+      path.moveTo(x, y);
+      for (const point of rest) path.lineTo(...point);
+      path.closePath();
     }
+    pen.fillStyle = colour;
+    pen.fill(path, "evenodd");
   }
 
-  blank(width, height) { // a station whose images have no picture is measured in all the same
-    const canvas = new OffscreenCanvas(width, height);
-    canvas.getContext("2d").fillRect(0, 0, width, height);
-    this.show(canvas);
+  stroke(at, colour, { width, dash = [], alpha = 1, closed = false }) {
+    const { pen } = this;
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    pen.globalAlpha = alpha;
+    pen.setLineDash(dash);
+    trace(pen, at, closed);
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.globalAlpha = 1;
+  }
+
+  drawPoint([x, y]) {
+    const { pen } = this;
+    pen.beginPath();
+    pen.arc(x, y, POINT_PX, 0, CIRCLE);
+    pen.moveTo(x - 2, y);
+    pen.lineTo(x + 2, y);
+    pen.moveTo(x, y - 2);
+    pen.lineTo(x, y + 2);
+    pen.stroke();
+  }
+
+  drawLabel(at, text, colour, taken) { // above or below the middle of its shape, inside the view
+    const { pen, canvas } = this, [x, y] = mean(at);
+    pen.font = "bold 15px system-ui, sans-serif";
+    const width = pen.measureText(text).width + 15, left = within(x - width / 2, 2, canvas.clientWidth - width - 2);
+    const boxes = LABEL_TOPS.map((dy) => ({ left, width, height: LABEL_PX, top: within(y + dy, 2, canvas.clientHeight - LABEL_PX - 2) }));
+    const box = boxes.find((each) => !hides(each, taken)) || boxes[0];
+    taken.push(box);
+    pen.fillStyle = "#000c";
+    pen.fillRect(left, box.top, width, LABEL_PX);
+    pen.fillStyle = colour;
+    pen.fillRect(left, box.top, 4, LABEL_PX);
+    pen.fillStyle = "#fff";
+    pen.fillText(text, left + 9, box.top + 16);
+  }
+
+  drawTag([x, y], text, colour, taken) { // where there is room
+    const { pen, canvas } = this;
+    pen.font = "12px system-ui, sans-serif";
+    const width = pen.measureText(text).width, left = within(x + 4, 2, canvas.clientWidth - width - 2);
+    const base = within(y - 4, 12, canvas.clientHeight - 4), box = { left, width, top: base - 12, height: 16 };
+    if (hides(box, taken)) return;
+    taken.push(box);
+    for (const [paint, shift] of [[HALO, 1], [colour, 0]]) {
+      pen.fillStyle = paint;
+      pen.fillText(text, left + shift, base + shift);
+    }
   }
 
   drawLoupe(pixel) {
     const { loupe, bitmap } = this;
     loupe.hidden = !pixel || !bitmap;
     if (loupe.hidden) return;
-    const pen = loupe.getContext("2d"), half = loupe.width / 2, [u, v] = pixel;
+    const pen = loupe.getContext("2d"), half = loupe.width / 2, [u, v] = pixel, [x, y] = this.screenAt(pixel);
+    const isCovered = x > this.canvas.clientWidth - 1.5 * loupe.width && y < 1.5 * loupe.height;
+    loupe.classList.toggle("left", isCovered); // a finger or pointer would cover it
     pen.imageSmoothingEnabled = false;
     pen.fillStyle = "#000";
     pen.fillRect(0, 0, loupe.width, loupe.height);
-    pen.drawImage(bitmap, half - (u + 0.5) * LOUPE_ZOOM, half - (v + 0.5) * LOUPE_ZOOM, bitmap.width * LOUPE_ZOOM, bitmap.height * LOUPE_ZOOM);
-    for (const [paint, width] of [["#000", 3], ["#fff", 1]]) {
+    pen.drawImage(bitmap, half - (u + 0.5) * LOUPE_ZOOM, half - (v + 0.5) * LOUPE_ZOOM,
+      bitmap.width * LOUPE_ZOOM, bitmap.height * LOUPE_ZOOM);
+    for (const [paint, width] of [[HALO, 3], ["#fff", 1]]) {
       pen.strokeStyle = paint;
       pen.lineWidth = width;
       pen.beginPath();
-      pen.moveTo(half, half - 24); pen.lineTo(half, half - 4); pen.moveTo(half, half + 4); pen.lineTo(half, half + 24);
-      pen.moveTo(half - 24, half); pen.lineTo(half - 4, half); pen.moveTo(half + 4, half); pen.lineTo(half + 24, half);
+      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+        pen.moveTo(half + 4 * dx, half + 4 * dy);
+        pen.lineTo(half + 24 * dx, half + 24 * dy);
+      }
       pen.stroke();
     }
   }
+}
+
+export function trace(pen, at, closed) {
+  pen.beginPath();
+  for (const [x, y] of at) pen.lineTo(x, y);
+  if (closed) pen.closePath();
+}
+
+const hides = (box, others) => others.some((each) => box.left < each.left + each.width && each.left < box.left + box.width
+  && box.top < each.top + each.height && each.top < box.top + box.height);
+
+const within = (value, low, high) => Math.max(low, Math.min(value, high));
+
+function mean(points) {
+  const sum = (axis) => points.reduce((total, point) => total + point[axis], 0);
+  return [sum(0) / points.length, sum(1) / points.length];
 }

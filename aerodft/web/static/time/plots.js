@@ -1,53 +1,64 @@
 // Values over time, each with its 95 % band; a click or a drag shows the image of that time.
 
-const ROW_PX = 84, LEFT_PX = 150, RIGHT_PX = 12, FOOT_PX = 20, MOST_LIVE = 3000;
+const ROW_PX = 84, LEFT_PX = 170, RIGHT_PX = 12, FOOT_PX = 22, MOST_LIVE = 3000, MOST_DRAWN = 4000;
 const BAND = "#56b4e966", LINE = "#0072b2", BAD = "#d55e00", EVENT = "#cc79a7";
+const SOURCES = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"];
+const KNOWN = [ // of the pose: name, unit, and its keys in the series of a recording and in what is seen live
+  ["height", "m", "height_m", "height_std_m", (pose) => [pose.height_agl_m, pose.std.height_agl_m]],
+  ["tilt", "deg", "tilt_deg", "tilt_std_deg", (pose) => [pose.tilt_deg, pose.std.tilt_deg]],
+  ["telemetry's age", "s", "telemetry_age_s", null, (pose) => [pose.telemetry_age_s, null]],
+];
+const edge = (value, std, sign) => (value === null || std === null ? null : value + sign * 1.96 * std);
 
 export class Plots {
-  constructor(canvas, onTime) {
+  constructor(canvas) {
     this.canvas = canvas;
-    this.onTime = onTime;
+    this.onTime = () => {};
     this.isShown = false;
     this.now = 0;
-    this.clear();
+    this.rows = []; // { name, unit, seconds, value, low, high, status, source }
+    this.events = [];
     const seek = (event) => { if (event.buttons & 1) this.brush(event.offsetX); };
     canvas.onpointerdown = (event) => { canvas.setPointerCapture(event.pointerId); seek(event); };
     canvas.onpointermove = seek;
     new ResizeObserver(() => this.draw()).observe(canvas.parentElement);
   }
 
-  clear() {
-    this.rows = []; // { name, unit, seconds, value, low, high, status }
-    this.events = [];
+  at(seconds) {
+    this.now = seconds;
+    this.draw();
   }
 
-  take({ probes, poses, events }) {
-    const band = (values, stds, sign) => values.map((value, at) => (value === null || stds[at] === null ? null : value + sign * 1.96 * stds[at]));
-    const known = (name, unit, values, stds) => ({
-      name, unit, seconds: poses.seconds, value: values, low: band(values, stds, -1), high: band(values, stds, 1), status: poses.status,
+  take({ probes, poses, events }) { // of a recording
+    const { seconds, status, height_source: source } = poses, unknown = seconds.map(() => null);
+    const known = KNOWN.map(([name, unit, key, stdKey]) => {
+      const value = poses[key], stds = stdKey ? poses[stdKey] : unknown;
+      const band = (sign) => value.map((each, at) => edge(each, stds[at], sign));
+      return { name, unit, seconds, value, low: band(-1), high: band(1), status, source: name === "height" ? source : null };
     });
-    this.rows = probes.filter((each) => each.value.some((value) => value !== null));
-    this.rows.push(known("height", "m", poses.height_m, poses.height_std_m), known("tilt", "deg", poses.tilt_deg, poses.tilt_std_deg));
+    this.rows = [...probes.filter((each) => each.value.some((value) => value !== null)), ...known];
     this.events = events;
     this.draw();
   }
 
-  add(seconds, seen) { // what a live station has measured since
-    const put = (name, unit, value, low, high, status) => {
+  add(seconds, { measurements, pose }) { // what a live station has measured since
+    const put = (name, unit, value, low, high, status, source) => {
       let row = this.rows.find((each) => each.name === name);
-      if (!row) this.rows.push(row = { name, unit, seconds: [], value: [], low: [], high: [], status: [] });
+      if (!row) this.rows.push(row = { name, unit, seconds: [], value: [], low: [], high: [], status: [], source: source && [] });
       if (row.seconds.at(-1) === seconds) return;
-      for (const [key, one] of Object.entries({ seconds, value, low, high, status })) {
-        row[key].push(one);
-        if (row[key].length > MOST_LIVE) row[key].shift();
+      for (const [key, one] of Object.entries({ seconds, value, low, high, status, source })) {
+        row[key]?.push(one);
+        if (row[key]?.length > MOST_LIVE) row[key].shift();
       }
     };
-    for (const each of seen.measurements) if (each.value !== null || this.rows.some((row) => row.name === each.name)) put(each.name, each.unit, each.value, each.ci95?.[0] ?? null, each.ci95?.[1] ?? null, each.status);
-    for (const [name, key, unit] of [["height", "height_agl_m", "m"], ["tilt", "tilt_deg", "deg"]]) {
-      const value = seen.pose[key], std = seen.pose.std[key];
-      put(name, unit, value, value === null ? null : value - 1.96 * std, value === null ? null : value + 1.96 * std, seen.pose.status);
+    for (const { name, unit, value, ci95, status } of measurements) {
+      const isPlotted = value !== null || this.rows.some((row) => row.name === name);
+      if (isPlotted) put(name, unit, value, ci95?.[0] ?? null, ci95?.[1] ?? null, status);
     }
-    this.draw();
+    for (const [name, unit, , , of] of KNOWN) {
+      const [value, std] = of(pose);
+      put(name, unit, value, edge(value, std, -1), edge(value, std, 1), pose.status, name === "height" ? pose.height_source || "" : undefined);
+    }
   }
 
   get span() {
@@ -61,59 +72,101 @@ export class Plots {
     this.onTime(first + Math.min(Math.max((x - LEFT_PX) / width, 0), 1) * (last - first));
   }
 
+  // ---- drawing
+
   draw() {
     if (!this.isShown) return;
-    const { canvas } = this, ratio = devicePixelRatio || 1, height = this.rows.length * ROW_PX + FOOT_PX;
+    const { canvas } = this, ratio = devicePixelRatio || 1, height = this.rows.length * ROW_PX + FOOT_PX, [first, last] = this.span;
     canvas.style.height = `${height}px`;
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d"), ink = getComputedStyle(document.body).color, [first, last] = this.span;
-    const width = canvas.clientWidth - LEFT_PX - RIGHT_PX, x = (seconds) => LEFT_PX + ((seconds - first) / (last - first)) * width;
+    const pen = this.pen = canvas.getContext("2d"), width = canvas.clientWidth - LEFT_PX - RIGHT_PX;
+    this.ink = getComputedStyle(document.body).color;
+    this.x = (seconds) => LEFT_PX + ((seconds - first) / (last - first)) * width;
     pen.scale(ratio, ratio);
     pen.font = "13px system-ui, sans-serif";
-    this.rows.forEach((row, number) => this.drawRow(pen, row, number * ROW_PX, x, ink));
-    for (const event of this.events) {
-      pen.fillStyle = EVENT;
-      pen.fillRect(x(event.seconds) - 1, 0, 2, height - FOOT_PX);
-    }
-    pen.fillStyle = ink;
-    pen.fillText(`${first.toFixed(1)} s`, LEFT_PX, height - 5);
-    pen.fillText(`${last.toFixed(1)} s`, LEFT_PX + width - 48, height - 5);
-    const near = this.events.filter((each) => Math.abs(each.seconds - this.now) < (last - first) / 60)[0];
-    pen.fillText(near ? `${near.kind}: ${near.text}`.slice(0, 90) : "95 % bands; orange: no answer; purple: events", LEFT_PX + 80, height - 5);
-    pen.fillRect(x(this.now) - 0.75, 0, 1.5, height - FOOT_PX);
+    this.rows.forEach((row, number) => this.drawRow(row, number * ROW_PX));
+    pen.fillStyle = EVENT;
+    for (const event of this.events) pen.fillRect(this.x(event.seconds) - 1, 0, 2, height - FOOT_PX);
+    pen.fillStyle = this.ink;
+    pen.fillRect(this.x(this.now) - 0.75, 0, 1.5, height - FOOT_PX);
+    this.drawFoot(height - 6, first, last);
   }
 
-  drawRow(pen, row, top, x, ink) {
-    const numbers = [...row.low, ...row.high, ...row.value].filter((each) => each !== null).sort((a, b) => a - b);
-    const share = (part) => numbers[Math.min(Math.floor(part * numbers.length), numbers.length - 1)];
-    const low = share(0.01), high = share(0.99), room = ROW_PX - 22, bottom = top + ROW_PX - 10;
+  drawFoot(y, first, last) {
+    const { pen } = this, end = `${last.toFixed(1)} s`;
+    const near = this.events.find((each) => Math.abs(each.seconds - this.now) < (last - first) / 60);
+    const text = near ? `${near.kind}: ${near.text}` : "95 % bands; orange below: no answer; purple: events";
+    pen.fillText(`${first.toFixed(1)} s`, LEFT_PX, y);
+    pen.fillText(end, this.x(last) - pen.measureText(end).width, y);
+    pen.fillText(text, LEFT_PX + 80, y, this.x(last) - LEFT_PX - 160);
+  }
+
+  drawRow(row, top) {
+    const { pen, x } = this, bottom = top + ROW_PX - 10, room = ROW_PX - 22, [low, high] = range(row);
     const y = (value) => bottom - Math.min(Math.max((value - low) / (high - low || 1), -0.05), 1.05) * room;
-    const known = row.seconds.map((_, at) => at).filter((at) => row.value[at] !== null);
-    pen.fillStyle = ink;
-    pen.fillText(row.name.slice(0, 18), 6, top + 24);
-    if (numbers.length) {
-      const digits = Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(high - low || 1))));
-      pen.fillText(`${low.toFixed(digits)} … ${high.toFixed(digits)} ${row.unit}`, 6, top + 44);
-    }
-    for (let from = 0; from < known.length;) { // a gap in the values is one in the band
-      let to = from;
-      while (to + 1 < known.length && known[to + 1] === known[to] + 1) to += 1;
-      const part = known.slice(from, to + 1);
+    this.drawTitle(row, top, low, high);
+    for (const part of parts(row)) {
       pen.fillStyle = BAND;
       pen.beginPath();
       for (const at of part) if (row.high[at] !== null) pen.lineTo(x(row.seconds[at]), y(row.high[at]));
       for (const at of [...part].reverse()) if (row.low[at] !== null) pen.lineTo(x(row.seconds[at]), y(row.low[at]));
       pen.fill();
-      pen.strokeStyle = LINE;
+      pen.strokeStyle = row.source ? this.colourOf(row, row.source[part[0]]) : LINE;
       pen.lineWidth = 1.5;
       pen.beginPath();
       for (const at of part) pen.lineTo(x(row.seconds[at]), y(row.value[at]));
-      if (part.length === 1) pen.arc(x(row.seconds[part[0]]), y(row.value[part[0]]), 1.5, 0, 7);
+      if (part.length === 1) pen.arc(x(row.seconds[part[0]]), y(row.value[part[0]]), 1.5, 0, 2 * Math.PI);
       pen.stroke();
-      from = to + 1;
     }
     pen.fillStyle = BAD;
     row.status.forEach((status, at) => { if (status !== "ok") pen.fillRect(x(row.seconds[at]) - 1, bottom + 3, 2, 4); });
   }
+
+  drawTitle({ name, unit, seconds, value, status, source }, top, low, high) {
+    const { pen } = this, digits = Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(high - low || 1))));
+    const at = lastBefore(seconds, this.now), isNear = at >= 0 && this.now - seconds[at] < 2, room = LEFT_PX - 12;
+    pen.fillStyle = this.ink;
+    pen.fillText(name, 6, top + 18, room);
+    if (Number.isFinite(low)) pen.fillText(`${low.toFixed(digits)} … ${high.toFixed(digits)} ${unit}`, 6, top + 36, room);
+    if (isNear) pen.fillText(value[at] === null ? status[at].toUpperCase() : `now ${value[at].toFixed(digits + 1)} ${unit}`, 6, top + 54, room);
+    let left = 6;
+    for (const each of new Set(source || [])) {
+      pen.fillStyle = this.colourOf({ source }, each);
+      pen.fillText(each, left, top + 72);
+      left += pen.measureText(each).width + 8;
+    }
+  }
+
+  colourOf({ source }, one) {
+    return SOURCES[[...new Set(source)].indexOf(one) % SOURCES.length];
+  }
+}
+
+function range({ low, high, value }) { // of all but the strangest hundredth
+  const numbers = [...low, ...high, ...value].filter((each) => each !== null).sort((a, b) => a - b);
+  const share = (part) => numbers[Math.min(Math.floor(part * numbers.length), numbers.length - 1)] ?? NaN;
+  return [share(0.01), share(0.99)];
+}
+
+function parts({ seconds, value, source }) { // rows to be joined: a gap in the values is one in the line
+  const every = Math.ceil(seconds.length / MOST_DRAWN), found = [];
+  let before = null;
+  for (let at = 0; at < seconds.length; at += every) {
+    if (value[at] === null) { before = null; continue; }
+    if (before !== null && (!source || source[before] === source[at])) found.at(-1).push(at);
+    else found.push([at]);
+    before = at;
+  }
+  return found;
+}
+
+function lastBefore(seconds, now) {
+  let low = 0, high = seconds.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (seconds[middle] <= now + 1e-6) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
 }

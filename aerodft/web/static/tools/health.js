@@ -1,57 +1,71 @@
-// Whether the station is well: alerts that stay until somebody has seen them, and what it says of itself.
+// Whether the station is well: alerts that stay until somebody has seen them, what it says of itself, and what doctor says.
+
+import { clock } from "../measuring/words.js";
+
+const DOCTOR_AGAIN_MS = 10_000;
 
 export class Health {
-  constructor(alerts, list) {
-    this.box = alerts;
-    this.list = list;
+  constructor({ alerts, list, doctor, details }) {
+    Object.assign(this, { box: alerts, list, doctor, details });
     this.alerts = new Map(); // key and since: text, whether it lasts
     this.dismissed = new Set();
+    details.ontoggle = () => { if (details.open) this.ask(); };
   }
 
-  take({ alerts, status }) {
+  // ---- alerts
+
+  take({ alerts, status, image, disk }) { // news of a live station
+    this.isLive = true;
     for (const each of this.alerts.values()) each.lasts = false;
     for (const { key, since_ns: since, text } of alerts) {
       const id = `${key} ${since}`;
       if (!this.dismissed.has(id)) this.alerts.set(id, { text, since, lasts: true });
     }
     this.drawAlerts();
-    if (status) this.drawStatus(status);
+    this.list.replaceChildren(...rowsOf(status, image?.pose, disk).flatMap(([name, value]) => [element("dt", name), element("dd", value)]));
   }
 
   drawAlerts() {
-    const shown = [...this.alerts].map(([id, { text, since, lasts }]) => `${id}|${lasts}|${text}|${since}`).join();
-    if (shown === this.shown) return;
+    const shown = JSON.stringify([...this.alerts]);
+    if (shown === this.shown) return; // nothing moves under a finger
     this.shown = shown;
     this.box.hidden = !this.alerts.size;
     this.box.replaceChildren(...[...this.alerts].map(([id, { text, since, lasts }]) => {
-      const row = document.createElement("p"), seen = document.createElement("button");
       const when = since === "0" ? "" : ` (since ${clock(since)}${lasts ? "" : ", over now"})`;
-      row.textContent = `${text}${when} `;
-      seen.textContent = "Seen";
+      const row = element("p", `${text}${when} `), seen = element("button", "Seen");
       seen.onclick = () => { this.dismissed.add(id); this.alerts.delete(id); this.drawAlerts(); };
       row.append(seen);
       return row;
     }));
   }
 
-  drawStatus({ text, counts, health }) {
-    const rows = [["State", text], ["Images", `${counts.images ?? 0} measured`]];
-    if (health) {
-      const ages = Object.entries(health.ages_s).map(([name, age]) => `${name} ${age.toFixed(1)} s`).join(", ");
-      rows.push(["Link", `${health.link.received} frames, ${health.link.lost} lost in the last seconds`], ["Telemetry's age", ages || "none yet"]);
-      rows.push(["GPS", health.gps.fix === null ? "not heard" : `fix ${health.gps.fix}, ${health.gps.satellites ?? "?"} satellites`]);
-    }
-    const lost = (counts.shed_messages ?? 0) + (counts.lost_messages ?? 0), gone = (counts.shed_images ?? 0) + (counts.lost_images ?? 0);
-    rows.push(["Recorder", `${counts.recorded_messages ?? 0} messages, ${counts.recorded_images ?? 0} images; lost ${lost} and ${gone}`]);
-    this.list.replaceChildren(...rows.flatMap(([name, value]) => {
-      const term = document.createElement("dt"), said = document.createElement("dd");
-      term.textContent = name;
-      said.textContent = value;
-      return [term, said];
-    }));
+  // ---- doctor
+
+  async ask() { // while somebody looks
+    if (!this.doctor.children.length) this.doctor.replaceChildren(element("li", "Reading the telemetry …"));
+    const answer = await fetch("doctor.json").catch(() => null), found = answer?.ok ? await answer.json() : null;
+    const lines = found ? [...clockLines(found.clock), ...found.problems, ...found.notes] : [];
+    this.doctor.replaceChildren(...(lines.length ? lines : ["No telemetry, nothing to say."]).map((line) => element("li", line)));
+    clearTimeout(this.again);
+    if (this.details.open && this.isLive) this.again = setTimeout(() => this.ask(), DOCTOR_AGAIN_MS);
   }
 }
 
-export function clock(stampNs) {
-  return `${new Date(Number(BigInt(stampNs) / 1000000n)).toISOString().slice(11, 19)} UTC`;
+function rowsOf(status, pose, disk) {
+  const rows = [["Height from", pose?.height_source ? `${pose.height_source}, ${pose.telemetry_age_s?.toFixed(1) ?? "?"} s old` : "not known yet"]];
+  if (disk) rows.push(["Disk", `${(disk.free_bytes / 1e9).toFixed(1)} GB free`]);
+  if (!status) return rows;
+  const { text, counts, health } = status, count = (...names) => names.reduce((sum, name) => sum + (counts[name] ?? 0), 0);
+  rows.unshift(["State", text], ["Images", `${count("images")} measured`]);
+  rows.push(["Recorder", `${count("recorded_messages")} messages, ${count("recorded_images")} images; lost `
+    + `${count("shed_messages", "lost_messages")} and ${count("shed_images", "lost_images")}`]);
+  if (!health) return rows;
+  const ages = Object.entries(health.ages_s).map(([name, age]) => `${name} ${age.toFixed(1)} s`).join(", ");
+  rows.push(["Link", `${health.link.received} frames, ${health.link.lost} lost in the last seconds`], ["Telemetry's age", ages || "none yet"]);
+  rows.push(["GPS", health.gps.fix === null ? "not heard" : `fix ${health.gps.fix}, ${health.gps.satellites ?? "?"} satellites`]);
+  return rows;
 }
+
+const clockLines = (seconds) => (seconds === null ? [] : [`Clock: telemetry arrives ${seconds.toFixed(3)} s after its UTC`]);
+
+const element = (name, text) => Object.assign(document.createElement(name), { textContent: text });

@@ -1,60 +1,125 @@
-// The view from above, in metres of the station: what the image shows of the ground, the camera's way, and what is measured.
+// The view from above, north up, in metres of the station: what the image shows of the ground, the camera's way, the
+// river's banks and what is measured; on a grid, and on the tiles of a server where one is configured.
 
-const FOOTPRINT = "#56b4e955", TRACK = "#999999", CAMERA = "#d55e00", EDGE_PX = 24;
+import { gridText } from "../measuring/words.js";
+import { trace } from "../stage/picture.js";
+
+const FOOTPRINT = "#56b4e944", TRACK = "#999999", CAMERA = "#d55e00", BANKS = "#f0e442", PROBE = "#cc79a7";
+const EDGE_PX = 24, TILE_PX = 256, MOST_TILES = 64, DEEPEST = 19, EQUATOR_M = 40075016.68557849;
 
 export class GroundMap {
-  constructor(canvas) {
+  constructor(canvas, onTile) {
     this.canvas = canvas;
+    this.onTile = onTile;
+    this.template = null; // address of a tile, with {z}, {x} and {y}
+    this.tiles = new Map(); // address: image
     this.track = []; // [[east, north]]
   }
 
-  draw(scene, marks, ink) {
+  draw({ scene, marks, probes, banks, ink, units }) {
     const { canvas } = this, ratio = devicePixelRatio || 1, side = canvas.clientWidth;
     if (!side || !scene?.camera_enu_m) return;
-    canvas.width = Math.round(side * ratio);
-    canvas.height = Math.round(side * ratio);
-    const pen = canvas.getContext("2d"), measured = marks.filter((each) => each.found?.enu_m);
-    const all = [scene.camera_enu_m, ...scene.footprint_enu_m, ...measured.flatMap((each) => each.found.enu_m)];
-    const [west, east] = extent(all, 0), [south, north] = extent(all, 1), wide = Math.max(east - west, north - south, 1);
-    const scale = (side - 2 * EDGE_PX) / wide, at = ([x, y]) => [EDGE_PX + (x - (west + east - wide) / 2) * scale, side - EDGE_PX - (y - (south + north - wide) / 2) * scale];
+    canvas.width = canvas.height = Math.round(side * ratio);
+    const pen = this.pen = canvas.getContext("2d"), measured = marks.filter((mark) => mark.found?.enu_m);
+    const seen = probes.filter((probe) => probe.enu_m && probe.status === "ok");
+    const all = [scene.camera_enu_m, ...scene.footprint_enu_m, ...measured.flatMap((mark) => mark.found.enu_m)];
+    const view = viewOf(all, side), at = ([east, north]) => [view.x(east), view.y(north)];
     pen.scale(ratio, ratio);
     pen.font = "13px system-ui, sans-serif";
-    this.drawGrid(pen, at, [west, east, south, north, wide], side, ink);
-    line(pen, scene.footprint_enu_m.map(at), { fill: FOOTPRINT, stroke: ink, closed: true });
-    line(pen, this.track.map(at), { stroke: TRACK });
-    for (const { found, colour, kind } of measured) line(pen, found.enu_m.map(at), { stroke: colour, closed: kind === "area", width: 3, dots: true });
-    const [x, y] = at(scene.camera_enu_m), turn = (scene.heading_deg * Math.PI) / 180;
-    line(pen, [[-6, 8], [0, -10], [6, 8]].map(([dx, dy]) => [x + dx * Math.cos(turn) - dy * Math.sin(turn), y + dx * Math.sin(turn) + dy * Math.cos(turn)]), { fill: CAMERA, closed: true });
+    this.drawTiles(scene.geo, view);
+    this.drawGrid(view, ink, units);
+    this.line(scene.footprint_enu_m.map(at), { fill: FOOTPRINT, stroke: ink, closed: true });
+    this.line(this.track.map(at), { stroke: TRACK });
+    for (const bank of banks) this.line(bank.map(at), { stroke: BANKS, width: 3, halo: true });
+    for (const { enu_m: points, kind } of seen) this.line(points.map(at), { stroke: PROBE, closed: kind === "area", width: 3, dots: true });
+    for (const { found, colour, kind } of measured) this.line(found.enu_m.map(at), { stroke: colour, closed: kind === "area", width: 3, dots: true });
+    this.drawCamera(at(scene.camera_enu_m), scene.heading_deg);
     pen.fillStyle = ink;
     pen.fillText("N ↑", side - 34, 18);
   }
 
-  drawGrid(pen, at, [west, east, south, north, wide], side, ink) {
-    const power = 10 ** Math.floor(Math.log10(wide / 4)), step = [1, 2, 5, 10].map((each) => each * power).find((each) => each >= wide / 6);
-    pen.strokeStyle = `${ink}`;
+  drawCamera([x, y], headingDeg) { // an arrow in its direction
+    const turn = (headingDeg * Math.PI) / 180, [cos, sin] = [Math.cos(turn), Math.sin(turn)];
+    const arrow = [[-6, 8], [0, -10], [6, 8]].map(([dx, dy]) => [x + dx * cos - dy * sin, y + dx * sin + dy * cos]);
+    this.line(arrow, { fill: CAMERA, stroke: "#fff", width: 1, closed: true });
+  }
+
+  drawGrid({ x, y, west, east, south, north, side }, ink, units) {
+    const { pen } = this, step = spacing(east - west);
+    pen.strokeStyle = ink;
     pen.globalAlpha = 0.25;
     pen.lineWidth = 1;
     pen.beginPath();
-    for (let k = Math.ceil((west - wide) / step); k * step < east + wide; k += 1) { const [x] = at([k * step, 0]); pen.moveTo(x, 0); pen.lineTo(x, side); }
-    for (let k = Math.ceil((south - wide) / step); k * step < north + wide; k += 1) { const [, y] = at([0, k * step]); pen.moveTo(0, y); pen.lineTo(side, y); }
+    for (let k = Math.ceil(west / step); k * step < east; k += 1) { pen.moveTo(x(k * step), 0); pen.lineTo(x(k * step), side); }
+    for (let k = Math.ceil(south / step); k * step < north; k += 1) { pen.moveTo(0, y(k * step)); pen.lineTo(side, y(k * step)); }
     pen.stroke();
     pen.globalAlpha = 1;
     pen.fillStyle = ink;
-    pen.fillText(`a square is ${step} m`, 6, side - 6);
+    pen.fillText(`a square is ${gridText({ at_m: step, axis: "" }, units).replace(" ahead", "")}`, 6, side - 6);
+  }
+
+  drawTiles(geo, { x, y, west, east, south, north, scale }) { // Web Mercator, straightened to metres around the camera
+    if (!this.template || !geo) return;
+    const { lat_deg: lat, lon_deg: lon, east_m: east0, north_m: north0, metres_per_deg: [perLon, perLat] } = geo;
+    const lonAt = (metres) => lon + (metres - east0) / perLon, latAt = (metres) => lat + (metres - north0) / perLat;
+    const finest = Math.log2((EQUATOR_M * Math.cos((lat * Math.PI) / 180) * scale) / TILE_PX);
+    for (let zoom = Math.min(Math.max(Math.round(finest), 0), DEEPEST); zoom >= 0; zoom -= 1) {
+      const [left, right] = [lonAt(west), lonAt(east)].map((each) => Math.floor(column(each, zoom)));
+      const [top, bottom] = [latAt(north), latAt(south)].map((each) => Math.floor(row(each, zoom)));
+      if ((right - left + 1) * (bottom - top + 1) > MOST_TILES) continue;
+      const px = (col) => x(east0 + (lonOf(col, zoom) - lon) * perLon), py = (line) => y(north0 + (latOf(line, zoom) - lat) * perLat);
+      for (let col = left; col <= right; col += 1) {
+        for (let line = top; line <= bottom; line += 1) {
+          const tile = this.tile(zoom, col, line);
+          if (tile.naturalWidth) this.pen.drawImage(tile, px(col), py(line), px(col + 1) - px(col), py(line + 1) - py(line));
+        }
+      }
+      return;
+    }
+  }
+
+  tile(zoom, col, line) {
+    const address = this.template.replace("{z}", zoom).replace("{x}", col).replace("{y}", line);
+    if (!this.tiles.has(address)) {
+      const image = new Image();
+      image.referrerPolicy = "origin"; // some servers want to know who asks
+      image.onload = this.onTile;
+      image.src = address;
+      this.tiles.set(address, image);
+    }
+    return this.tiles.get(address);
+  }
+
+  line(points, { fill, stroke, closed, width = 1.5, dots, halo }) {
+    const { pen } = this;
+    if (!points.length) return;
+    trace(pen, points, closed);
+    if (fill) { pen.fillStyle = fill; pen.fill(); }
+    for (const [paint, wide] of [...(halo ? [["#000", width + 2]] : []), [stroke, width]]) { pen.strokeStyle = paint; pen.lineWidth = wide; pen.stroke(); }
+    pen.fillStyle = stroke;
+    for (const [x, y] of dots ? points : []) { pen.beginPath(); pen.arc(x, y, 4, 0, 2 * Math.PI); pen.fill(); }
   }
 }
 
-function extent(points, axis) {
-  const values = points.map((each) => each[axis]);
-  return [Math.min(...values), Math.max(...values)];
+function viewOf(points, side) { // a square that holds all points, with how metres become pixels
+  const [[west, east], [south, north]] = [0, 1].map((axis) => {
+    const values = points.map((each) => each[axis]);
+    return [Math.min(...values), Math.max(...values)];
+  });
+  const wide = Math.max(east - west, north - south, 1), scale = (side - 2 * EDGE_PX) / wide, half = side / 2 / scale;
+  const [middleEast, middleNorth] = [(west + east) / 2, (south + north) / 2];
+  return {
+    side, scale, west: middleEast - half, east: middleEast + half, south: middleNorth - half, north: middleNorth + half,
+    x: (metres) => side / 2 + (metres - middleEast) * scale, y: (metres) => side / 2 - (metres - middleNorth) * scale,
+  };
 }
 
-function line(pen, points, { fill, stroke, closed, width = 1.5, dots }) {
-  if (!points.length) return;
-  pen.beginPath();
-  points.forEach(([x, y]) => pen.lineTo(x, y));
-  if (closed) pen.closePath();
-  if (fill) { pen.fillStyle = fill; pen.fill(); }
-  if (stroke) { pen.strokeStyle = stroke; pen.lineWidth = width; pen.stroke(); }
-  if (dots) for (const [x, y] of points) { pen.fillStyle = stroke; pen.beginPath(); pen.arc(x, y, 4, 0, 7); pen.fill(); }
+function spacing(wide) {
+  const power = 10 ** Math.floor(Math.log10(wide / 4));
+  return [1, 2, 5, 10].map((each) => each * power).find((each) => each >= wide / 7);
 }
+
+const column = (lonDeg, zoom) => ((lonDeg + 180) / 360) * 2 ** zoom;
+const row = (latDeg, zoom) => (0.5 - Math.asinh(Math.tan((latDeg * Math.PI) / 180)) / (2 * Math.PI)) * 2 ** zoom;
+const lonOf = (col, zoom) => (col / 2 ** zoom) * 360 - 180;
+const latOf = (line, zoom) => (Math.atan(Math.sinh(Math.PI * (1 - (2 * line) / 2 ** zoom))) * 180) / Math.PI;

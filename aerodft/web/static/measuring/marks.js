@@ -1,0 +1,135 @@
+// What people measure: marks in the image, the one that is being made, and their numbers.
+
+import { labelText, quality, samplingText, valueText } from "./words.js";
+
+export const KINDS = { // how many points, the key, and what to do
+  width: { least: 2, most: 2, key: "w", help: "Click two banks." },
+  distance: { least: 2, most: 2, key: "d", help: "Click two points on the ground." },
+  length: { least: 2, most: 256, key: "l", help: "Click along the path; a double-click ends it." },
+  area: { least: 3, most: 256, key: "a", help: "Click around the area; a double-click ends it." },
+  height: { least: 2, most: 2, key: "h", help: "Click the base, on the ground, then the top." },
+  position: { least: 1, most: 1, key: "p", help: "Click a point on the ground." },
+};
+export const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00"]; // Okabe and Ito
+const DRAFT = "#fff", VERTICAL = "#f0e442";
+
+export class Marks {
+  constructor(link, changed) {
+    this.link = link;
+    this.changed = changed;
+    this.items = []; // { name, kind, points, colour, found: its measurement, before: what it was }
+    this.draft = []; // points of the mark that is being made
+    this.vertical = []; // the line that stands on the base of a height
+    this.kind = "width";
+    this.image = 0;
+    this.selected = null;
+    this.made = 0;
+  }
+
+  get state() {
+    return { items: this.items.map((mark) => ({ ...mark, found: null, before: null })), draft: this.draft };
+  }
+
+  set state({ items, draft }) {
+    Object.assign(this, { items, draft, vertical: [] });
+    this.measure();
+  }
+
+  get current() {
+    return this.items.find((mark) => mark === this.selected) || this.items.at(-1);
+  }
+
+  get canEnd() {
+    const { least, most } = KINDS[this.kind];
+    return most > least && this.draft.length >= least;
+  }
+
+  choose(kind) {
+    Object.assign(this, { kind, draft: [], vertical: [] });
+  }
+
+  // ---- making and changing
+
+  place(pixel) {
+    const last = this.draft.at(-1);
+    if (last && last[0] === pixel[0] && last[1] === pixel[1]) return; // the second click of a double-click
+    this.draft.push(pixel);
+    if (this.draft.length === KINDS[this.kind].most) this.end();
+  }
+
+  end() {
+    if (this.draft.length < KINDS[this.kind].least) return;
+    this.made += 1;
+    const mark = { kind: this.kind, points: this.draft, colour: COLOURS[(this.made - 1) % COLOURS.length], found: null };
+    mark.name = this.freeName();
+    this.items.push(mark);
+    Object.assign(this, { selected: mark, draft: [], vertical: [] });
+    this.measure();
+  }
+
+  freeName() {
+    const isTaken = (name) => this.items.some((mark) => mark.name === name);
+    let number = 1;
+    while (isTaken(`${this.kind}-${number}`)) number += 1;
+    return `${this.kind}-${number}`;
+  }
+
+  moved() {
+    this.measure();
+  }
+
+  rename(mark, wanted) { // where the name can be one
+    const name = wanted.trim().replace(/\s+/g, "-");
+    if (name && !this.items.some((each) => each !== mark && each.name === name)) mark.name = name;
+    this.measure();
+  }
+
+  remove(mark) {
+    this.items = this.items.filter((each) => each !== mark);
+    this.changed();
+  }
+
+  // ---- numbers
+
+  measure(image = this.image) {
+    this.image = image;
+    this.changed();
+    if (!this.items.length) return;
+    const asked = this.items, probes = asked.map(probeOf);
+    this.link.ask("marks", { image, probes, budget: true }, (answer) => {
+      asked.forEach((mark, index) => { mark.found = answer.measurements?.[index] || refusal(answer.error); });
+      this.changed();
+    });
+  }
+
+  follow(pointer, hasSampling, units, say) { // what would be measured if the next point were where the pointer is
+    const { least, most } = KINDS[this.kind], points = this.draft.length < most ? [...this.draft, pointer] : this.draft;
+    const isWhole = points.length >= least;
+    const probe = isWhole ? { kind: this.kind, pixels: points } : { kind: "position", pixels: [pointer] };
+    const vertical = this.kind === "height" && this.draft.length === 1;
+    const question = { image: this.image, probes: [probe], vertical, sampling: hasSampling };
+    this.link.ask("pointer", question, (answer) => {
+      if (answer.error) return say(answer.error, "refused");
+      const [found] = answer.measurements, isWorthSaying = isWhole || found.status !== "ok" || !this.draft.length;
+      const lines = [isWorthSaying ? valueText(found, units) : "", samplingText(answer.sampling_m, units)];
+      this.vertical = answer.vertical || [];
+      say(lines.filter(Boolean).join("\n"), quality(found));
+    });
+  }
+
+  shapes(pointer, units) {
+    const open = pointer && this.draft.length ? [...this.draft, pointer] : this.draft;
+    return [
+      ...this.items.map((mark) => ({
+        points: mark.points, colour: mark.colour, closed: mark.kind === "area",
+        label: mark.found ? labelText({ ...mark.found, name: mark.name }, units) : "",
+      })),
+      { points: open, colour: DRAFT, closed: this.kind === "area" && open.length > 2 },
+      { points: this.vertical, colour: VERTICAL, style: "dashed" },
+    ];
+  }
+}
+
+export const probeOf = (mark) => ({ kind: mark.kind, pixels: mark.points, name: mark.name });
+
+const refusal = (text) => ({ status: "refused", reasons: [text], value: null, pixels: [] });

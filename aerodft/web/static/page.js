@@ -133,8 +133,14 @@ async function show(wanted, { hasPicture, seen }) { // an image with what is kno
   if (bitmap) picture.show(bitmap);
   else if (isNew) picture.blank(view.width_px, view.height_px);
   marks.measure(image);
-  overlay.look(image);
+  lookAround();
   river.look(image);
+  follow();
+}
+
+function lookAround() { // at the ground, for whoever looks at the grid or the map
+  if (overlay.isShown || find("above").open) overlay.look(image);
+  draw();
 }
 
 function toggle(id, part) {
@@ -144,7 +150,7 @@ function toggle(id, part) {
 
 function showGrid() {
   toggle("grid", overlay);
-  draw();
+  lookAround();
 }
 
 function showPlots() {
@@ -208,8 +214,8 @@ find("plot").onclick = showPlots;
 find("undo").onclick = undo;
 find("end").onclick = end;
 find("whole").onclick = () => picture.fit();
-find("above").ontoggle = draw;
-find("units").onchange = draw;
+find("above").ontoggle = lookAround;
+find("units").onchange = follow;
 find("forget").onclick = () => { history.keep(); river.forget(); river.look(); draw(); };
 
 // ---- the beginning

@@ -1,7 +1,7 @@
 // The list of what is measured, and of the selected one where its uncertainty comes from, and how it is taken along.
 
 import { COLOURS, probeOf } from "./marks.js";
-import { copyText, quality, valueText } from "./words.js";
+import { copyText, quality, stdText, valueText } from "./words.js";
 
 const LEAST_SHARE = 0.01;
 const find = (id) => document.getElementById(id);
@@ -71,7 +71,7 @@ export class Panel {
     find("shares").replaceChildren(...parts.filter(({ share }) => share >= LEAST_SHARE).map(({ source, share, std, colour }) => {
       const line = element("span"), swatch = element("i");
       swatch.style.background = colour;
-      line.append(swatch, `${source} ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} % (${std.toPrecision(2)} ${found.unit})`);
+      line.append(swatch, `${source} ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} % (${stdText(std, found.unit, this.units)})`);
       return line;
     }));
     find("advice").textContent = found.advice || "";

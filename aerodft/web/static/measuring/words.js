@@ -20,6 +20,11 @@ export function lengthText(metres, units, interval = Math.abs(metres) || 1) {
   return `${rounded(value, converted(interval, "m", units)[0])} ${sign}`;
 }
 
+export function stdText(std, unit, units) {
+  const [value, sign] = converted(std, unit, units);
+  return `${Number(value.toPrecision(2))} ${sign}`;
+}
+
 // ---- measurements
 
 export function valueText(measurement, units) {

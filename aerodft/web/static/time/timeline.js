@@ -89,10 +89,11 @@ export class Timeline {
     this.startSeconds ??= seconds;
     this.plots.add(seconds - this.startSeconds, image);
     this.plots.at(seconds - this.startSeconds);
+    if (this.playing && image.number !== this.target) {
+      this.target = image.number;
+      await this.show(image.number, { hasPicture: image.has_picture, seen: image });
+    }
     find("when").textContent = this.playing ? `image ${image.number}, ${clock(image.stamp_ns)}`
       : `stopped at image ${this.target}; the station goes on (${clock(image.stamp_ns)})`;
-    if (!this.playing || image.number === this.target) return;
-    this.target = image.number;
-    await this.show(image.number, { hasPicture: image.has_picture, seen: image });
   }
 }

@@ -112,16 +112,20 @@ class FromFile(Table):
         return self
 
 
-class Uncertain(Table, Generic[Quantity]):
-    """A quantity with its standard deviation in the same unit; a bare number is one without."""
-
-    value: Quantity
-    std: Annotated[float, Field(ge=0, le=_LARGEST_STD)] = 0.0
+class Lifted(Table):
+    """A table with the key ``value``, which may stand in its place."""
 
     @model_validator(mode="before")
     @classmethod
     def _lift(cls, document: object) -> object:
-        return {"value": document} if isinstance(document, int | float) and not isinstance(document, bool) else document
+        return document if isinstance(document, dict | Lifted) else {"value": document}
+
+
+class Uncertain(Lifted, Generic[Quantity]):
+    """A quantity with its standard deviation in the same unit; a bare number is one without."""
+
+    value: Quantity
+    std: Annotated[float, Field(ge=0, le=_LARGEST_STD)] = 0.0
 
 
 _NEIGHBOURS = 6

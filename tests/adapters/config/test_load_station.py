@@ -278,7 +278,7 @@ def test_a_calibration_of_the_wrong_kind_is_refused() -> None:
         ("[bias]\ntilt_deg = { value = 90 }\n", "c.toml: bias.tilt_deg.value: got 90, expected at most 45"),
         ("[bias]\ntilt_deg = { value = 1, std = -1 }\n", "c.toml: bias.tilt_deg.std: got -1, expected at least 0"),
         ("[bias]\ntilt_deg = { value = 1, sigma = 1 }\n", "c.toml: bias.tilt_deg.sigma: unknown key; known keys here"),
-        ('[bias]\ntilt_deg = "1"\n', 'c.toml: bias.tilt_deg: got "1", expected a table'),
+        ('[bias]\ntilt_deg = "1"\n', 'c.toml: bias.tilt_deg.value: got "1", expected a number'),
         ("[pose]\ntilt_deg = 1\n", "c.toml: pose.height_agl_m: got nothing, expected a value"),
     ],
 )

@@ -24,14 +24,12 @@ from aerodft.adapters.config.evidence.cross_checks import (
     frame_around,
 )
 from aerodft.adapters.config.evidence.evidence_tables import (
-    CameraPriorTable,
     EvidenceTable,
-    ImageTable,
     LandmarkTable,
     ObservationTable,
     priors_from,
 )
-from aerodft.adapters.config.evidence.images import Flight, FlightDocument, ImageEntry, flight_from, read_flight
+from aerodft.adapters.config.evidence.images import Flight, ImagesTable, flight_from, read_tables
 from aerodft.adapters.config.evidence.landmark_list import is_gcp_list, read_landmarks
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
@@ -95,18 +93,7 @@ class _Row:
 class _File:
     table: EvidenceTable
     rows: list[_Row]
-    flight: FlightDocument | None = None
     is_list: bool = False
-
-    @property
-    def images(self) -> Sequence[ImageTable | ImageEntry]:
-        """What it says of its images."""
-        return (self.table.image,) if self.flight is None else self.flight.entries
-
-    @property
-    def cameras(self) -> Sequence[CameraPriorTable]:
-        """What it says of where a camera is."""
-        return (self.table.camera,) if self.flight is None else self.flight.entries
 
 
 def load_evidence(
@@ -167,11 +154,10 @@ def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> Evidence
 
 def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
     table, rows = file.table, file.rows
-    sizes = ((each.width_px, each.height_px) for each in file.images)  # of one camera's mode, they are equal
-    size_px = next(((width, height) for width, height in sizes if width is not None and height is not None), None)
+    size_px = next((each.size_px for each in table.images if each.size_px), None)  # one camera's mode has one size
     stated = tuple(Stated.of(row.label, row.table) for row in rows)
     crs = checked_crs(table.crs)
-    for camera in file.cameras:
+    for camera in table.cameras:
         check_datums(stated, camera, crs)
     names = _names(rows)
     check_names(names, stated)
@@ -179,21 +165,21 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
     check_duplicates(stated)
     if takes_degrees(crs):
         check_degrees(stated)
-    frame = frame_around(stated, table.model_copy(update={"camera": file.cameras[0]}), crs)
+    frame = frame_around(stated, table.model_copy(update={"camera": table.cameras[0]}), crs)
     check_together(stated, frame)
     priors, fixed = priors_from(table, frame)
     evidence = tuple(row.table.observation(name, frame) for row, name in zip(rows, names, strict=True))
-    images = (path.parent / each.file for each in file.images if each.file is not None)
+    images = (path.parent / each.file for each in table.images if each.file is not None)
     return EvidenceFile(
         known=EvidenceSet(evidence=evidence, priors=priors),
         frame=frame,
         fixed=fixed,
         stated=stated,
-        image=table.image.file,
+        image=table.image_file,
         image_size_px=size_px,
         sha256=sha256,
         path=path,
-        flight=None if file.flight is None else flight_from(file.flight, stated, evidence, frame, path),
+        flight=flight_from(table, stated, evidence, frame, path) if isinstance(table, ImagesTable) else None,
         notes=(*check_is_map(stated, crs), *_plane_note(file, frame)),
         image_paths=tuple(each for each in images if each.is_file()),
     )
@@ -236,9 +222,8 @@ def check_against(found: EvidenceFile, camera: Camera) -> None:
 
 
 def _from_document(document: dict[str, Any]) -> _File:
-    flight, document = read_flight(document)
-    table = validated(EvidenceTable, document)
-    kinds = [key for key, value in document.items() if isinstance(value, list)]
+    table = read_tables(document)
+    kinds = [key for key, value in document.items() if isinstance(value, list) and key != "image"]
     rows = [
         _Row(kind, f"{kind}[{index}]", each)
         for kind in kinds
@@ -248,16 +233,16 @@ def _from_document(document: dict[str, Any]) -> _File:
         expected = "[[landmark]], [[range]], [[length]] or another observation"
         raise ConfigError("no observations", expected=expected)
     for row in rows:
-        _check_image(row, flight)
-    return _File(table, rows, flight)
+        _check_image(row, [each.name for each in table.image] if isinstance(table, ImagesTable) else None)
+    return _File(table, rows)
 
 
-def _check_image(row: _Row, flight: FlightDocument | None) -> None:
-    """Refuse an observation of which nobody knows what image it is in."""
-    image, names = row.table.image, () if flight is None else flight.names
-    if image is not None and flight is None:
+def _check_image(row: _Row, names: list[str] | None) -> None:
+    """Refuse an observation of which nobody knows what image it is in; no names are one image alone."""
+    image = row.table.image
+    if image is not None and names is None:
         raise ConfigError(f"{row.label}.image", got="it without [[image]]", expected="one image alone")
-    if flight is not None and image not in names:
+    if names is not None and image not in names:
         got = "nothing" if image is None else f'"{image}"'
         expected = f"one of {', '.join(names[:_MOST_NAMES])}{', ...' if len(names) > _MOST_NAMES else ''}"
         raise ConfigError(f"{row.label}.image", got=got, expected=expected)

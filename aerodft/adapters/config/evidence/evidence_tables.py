@@ -1,6 +1,7 @@
 """The tables of a file of evidence, with their checks: observations, each of which makes its own, and the camera."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
@@ -9,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.keys import Quantity, impossible
-from aerodft.adapters.config.tables import LOCAL, SiAttribute, Table, si_value
+from aerodft.adapters.config.tables import LOCAL, Lifted, SiAttribute, Table, si_value
 from aerodft.model import (
     Evidence,
     GroundLines,
@@ -271,21 +272,14 @@ class HorizonTable(ObservationTable):
     sea: Annotated[bool, SiAttribute("is_sea")] = False
 
 
-class _Lifted(Table):
-    @model_validator(mode="before")
-    @classmethod
-    def _lift(cls, document: object) -> object:
-        return document if isinstance(document, dict) else {"value": document}
-
-
-class Known(_Lifted, Generic[Quantity]):
+class Known(Lifted, Generic[Quantity]):
     """A quantity and how well it is known; a bare one is taken as exact."""
 
     value: Quantity
     std: PriorStd | None = None
 
 
-class PlaceTable(_Lifted):
+class PlaceTable(Lifted):
     """East and north or easting and northing, and perhaps a height; one std for all, or one for each of them."""
 
     value: Annotated[tuple[keys.Real, ...], Field(strict=False, min_length=PLANE, max_length=SPACE)]
@@ -354,13 +348,6 @@ class CameraPriorTable(InDegrees):
         return self
 
 
-def check_size(width_px: int | None, height_px: int | None) -> None:
-    """Refuse half of a size (for validators)."""
-    if (width_px is None) != (height_px is None):
-        missing = "width_px" if width_px is None else "height_px"
-        raise impossible(missing, got="nothing", expected="both width_px and height_px, or none of them")
-
-
 class ImageTable(Table):
     """The image that the pixels were read in."""
 
@@ -368,9 +355,16 @@ class ImageTable(Table):
     width_px: keys.Count | None = None
     height_px: keys.Count | None = None
 
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """Width and height; None where they are not stated."""
+        return None if self.width_px is None or self.height_px is None else (self.width_px, self.height_px)
+
     @model_validator(mode="after")
     def _size_is_whole(self) -> Self:
-        check_size(self.width_px, self.height_px)
+        if (self.width_px is None) != (self.height_px is None):
+            missing = "width_px" if self.width_px is None else "height_px"
+            raise impossible(missing, got="nothing", expected="both width_px and height_px, or none of them")
         return self
 
 
@@ -390,6 +384,21 @@ class EvidenceTable(Table):
     parallel: Rows[ParallelTable] = ()
     right_angle: Rows[RightAngleTable] = ()
     horizon: Rows[HorizonTable] = ()
+
+    @property
+    def images(self) -> Sequence[ImageTable]:
+        """What it says of its images."""
+        return (self.image,)
+
+    @property
+    def cameras(self) -> Sequence[CameraPriorTable]:
+        """What it says of where a camera is."""
+        return (self.camera,)
+
+    @property
+    def image_file(self) -> str | None:
+        """File name of the one image, as stated."""
+        return self.image.file
 
 
 def camera_priors(camera: CameraPriorTable, frame: LocalFrame) -> dict[str, tuple[float, float | None]]:

@@ -10,7 +10,13 @@ from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.cross_checks import Stated
-from aerodft.adapters.config.evidence.evidence_tables import CameraPriorTable, Known, camera_priors, check_size
+from aerodft.adapters.config.evidence.evidence_tables import (
+    CameraPriorTable,
+    EvidenceTable,
+    ImageTable,
+    Known,
+    camera_priors,
+)
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import validated
@@ -27,13 +33,10 @@ _OWN = ("log", "origin", "time_offset_s", "noise_share", "noise")
 Vector = Annotated[tuple[keys.Real, keys.Real, keys.Real], Field(strict=False)]
 
 
-class ImageEntry(CameraPriorTable):
+class ImageEntry(ImageTable, CameraPriorTable):
     """One image: its pose by telemetry as it is written here, or a stamp at which to look the pose up."""
 
     name: keys.Text
-    file: keys.Text | None = None
-    width_px: keys.Count | None = None
-    height_px: keys.Count | None = None
     velocity_mps: Vector | None = None
     rates_dps: Vector | None = None
     utc: keys.Text | None = None
@@ -58,7 +61,6 @@ class ImageEntry(CameraPriorTable):
                 iso_to_unix_ns(self.utc)
             except ValueError as error:
                 raise impossible("utc", got=str(error), expected="UTC like 2026-11-21T01:57:26.5Z") from None
-        check_size(self.width_px, self.height_px)
         stated = [key for key in _POSE if key in self.model_fields_set]
         stamps = [key for key in ("utc", "index") if getattr(self, key) is not None]
         if len(stamps) > 1 or (stamps and stated):
@@ -156,58 +158,58 @@ class Flight:
     origin: GeoOrigin | None
 
 
-@dataclass(frozen=True, slots=True)
-class FlightDocument:
-    """What a file says of its images."""
+class ImagesTable(EvidenceTable):
+    """The file, where there are many images."""
 
-    entries: tuple[ImageEntry, ...]
-    telemetry: FlightTable
-
-    @property
-    def sizes_px(self) -> tuple[tuple[int, int], ...]:
-        """Width and height of the images that state them."""
-        sizes = ((entry.width_px, entry.height_px) for entry in self.entries)
-        return tuple((width, height) for width, height in sizes if width is not None and height is not None)
+    image: keys.Many[ImageEntry]  # type: ignore[assignment]  # in double brackets
+    telemetry: FlightTable = FlightTable()
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the images."""
-        return tuple(entry.name for entry in self.entries)
+    def images(self) -> Sequence[ImageEntry]:
+        """What it says of its images."""
+        return self.image
+
+    @property
+    def cameras(self) -> Sequence[ImageEntry]:
+        """What it says of where a camera is."""
+        return self.image
+
+    @property
+    def image_file(self) -> None:
+        """None: there are many."""
+        return
+
+    @model_validator(mode="after")
+    def _of_one_camera(self) -> Self:
+        first: dict[str, int] = {}
+        for index, entry in enumerate(self.image):
+            if first.setdefault(entry.name, index) != index:
+                got = f'"{entry.name}", which image[{first[entry.name]}] has'
+                raise impossible(f"image[{index}].name", got=got, expected="a name of its own")
+        if len(sizes := list(dict.fromkeys(each.size_px for each in self.image if each.size_px))) > 1:
+            got = " and ".join(f"{width} x {height}" for width, height in sizes[:2])
+            raise impossible("image", got=f"{got} pixels", expected="images of one size: one camera in one mode")
+        for key in self.camera.model_fields_set - {"focal_px"}:
+            raise impossible(f"camera.{key}", got="it beside [[image]]", expected="it in the images")
+        return self
 
 
-def read_flight(document: dict[str, Any]) -> tuple[FlightDocument | None, dict[str, Any]]:
-    """The tables of many images, and the rest of the document; None for a file of one image.
+def read_tables(document: dict[str, Any]) -> EvidenceTable:
+    """The tables of a file of evidence, of one image or of many.
 
     Raises:
-        ConfigError: A table is wrong, or two images have one name.
+        ConfigError: A table is wrong.
     """
-    rows = document.get("image")
-    if not isinstance(rows, list):
-        if "telemetry" in document:
-            expected = "[[image]] tables, each with a name and utc or index"
-            raise ConfigError("telemetry", got="it without [[image]]", expected=expected)
-        return None, document
-    entries = tuple(validated(ImageEntry, row, f"image[{index}].") for index, row in enumerate(rows))
-    first: dict[str, int] = {}
-    for index, entry in enumerate(entries):
-        if first.setdefault(entry.name, index) != index:
-            got = f'"{entry.name}", which image[{first[entry.name]}] has'
-            raise ConfigError(f"image[{index}].name", got=got, expected="a name of its own")
-    tables = FlightDocument(entries, validated(FlightTable, document.get("telemetry", {}), "telemetry."))
-    if len(sizes := dict.fromkeys(tables.sizes_px)) > 1:
-        (width, height), (other_width, other_height), *_ = sizes
-        got = f"{width} x {height} and {other_width} x {other_height} pixels"
-        raise ConfigError("image", got=got, expected="images of one size: one camera in one mode")
-    rest = {key: value for key, value in document.items() if key not in ("image", "telemetry")}
-    camera = rest.get("camera", {})
-    more = [key for key in camera if key != "focal_px"] if isinstance(camera, dict) else []
-    if more:
-        raise ConfigError(f"camera.{more[0]}", got="it beside [[image]]", expected="it in the images")
-    return tables, rest
+    if isinstance(document.get("image"), list):
+        return validated(ImagesTable, document)
+    if "telemetry" in document:
+        expected = "[[image]] tables, each with a name and utc or index"
+        raise ConfigError("telemetry", got="it without [[image]]", expected=expected)
+    return validated(EvidenceTable, document)
 
 
 def flight_from(
-    tables: FlightDocument, stated: Sequence[Stated], evidence: Sequence[Evidence], frame: LocalFrame, path: Path
+    tables: ImagesTable, stated: Sequence[Stated], evidence: Sequence[Evidence], frame: LocalFrame, path: Path
 ) -> Flight:
     """The images with their evidence.
 
@@ -225,13 +227,13 @@ def flight_from(
     by_image: dict[str | None, list[Evidence]] = {}
     for each, known in zip(stated, evidence, strict=True):
         by_image.setdefault(each.image, []).append(known)
-    for index, name in enumerate(tables.names):
-        if name not in by_image:
-            expected, hint = f'an observation with image = "{name}"', "or remove it"
+    for index, entry in enumerate(tables.image):
+        if entry.name not in by_image:
+            expected, hint = f'an observation with image = "{entry.name}"', "or remove it"
             raise ConfigError(f"image[{index}]", got="no observation in it", expected=expected, hint=hint)
     offset = telemetry.time_offset_s
     return Flight(
-        images=tuple(_image(entry, tuple(by_image[entry.name]), frame) for entry in tables.entries),
+        images=tuple(_image(entry, tuple(by_image[entry.name]), frame) for entry in tables.image),
         log=None if telemetry.log is None else path.parent / telemetry.log,
         settings=telemetry_from(telemetry),
         says_settings=bool(telemetry.model_fields_set - set(_OWN)),

@@ -301,16 +301,9 @@ class TcpListener(_TcpPeers):
 
     def __init__(self, address: LinkAddress) -> None:
         family, place = _resolve(address, socket.SOCK_STREAM)
-        self._listener = socket.socket(family, socket.SOCK_STREAM)
-        try:
-            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-            self._listener.bind(place)
-            self._listener.listen()
-            self._listener.setblocking(False)
-        except OSError:
-            self._listener.close()
-            raise
+        self._listener = socket.create_server(place, family=family)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        self._listener.setblocking(False)
         super().__init__()
         self._selector.register(self._listener, selectors.EVENT_READ)
 

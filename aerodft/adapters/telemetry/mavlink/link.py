@@ -4,7 +4,6 @@ import logging
 import queue
 import threading
 import time
-from types import TracebackType
 from typing import Final, Self
 
 from pymavlink.dialects.v20 import ardupilotmega
@@ -134,9 +133,7 @@ class MavlinkLink:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def send(self, sender: str, frame: bytes) -> None:

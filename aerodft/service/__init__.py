@@ -1,4 +1,4 @@
-"""The pipeline and what it needs, behind ports; it knows no wire, no file and no wall clock."""
+"""The measurement pipeline and its inputs, behind ports; without wire formats, files or wall clock."""
 
 from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of

@@ -1,4 +1,4 @@
-"""What is done with images and observations whose poses are there: measured, learned from, tracked."""
+"""Turns images and observations with poses into outputs: measurements, calibration updates, object tracks."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -36,19 +36,19 @@ from aerodft.service.ports import (
 )
 from aerodft.service.settings import OBJECTS, PipelineSettings
 
-_DECIMALS: Final = 3  # of a pixel that follows the ground; a turn is not known better
-_UNCERTAIN: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # enough to be drawn
-_LOOKING_DOWN: Final = PoseBatch.of([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN)])
+_PIXEL_DECIMALS: Final = 3  # of pixels moved with a camera's rotation, which is not known better
+_UNCERTAIN_POSE: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # has draws
+_WARM_UP_POSES: Final = PoseBatch.of([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN_POSE)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Helpers:
-    """Who else has a say; None where nobody asks for that.
+class Estimators:
+    """Optional estimators beside the engine.
 
     Attributes:
         calibrator: Refines every pose.
-        observer: Learns from observed landmarks.
-        tracker: Follows what moves.
+        observer: Updates the calibration by observed landmarks.
+        tracker: Tracks moving objects.
     """
 
     calibrator: Calibrator[Any] | None = None
@@ -62,10 +62,10 @@ class ReadyWork:
 
     Attributes:
         work: The work.
-        poses: Of each, as the telemetry has it.
-        tick: ``(n,)`` on which of all ticks of the step each is answered.
-        group: ``(n,)`` not decreasing number of the occasion on which it is: what is learned on one is used for the
-            stamps after it only.
+        poses: Unrefined poses ``(n,)``.
+        tick: ``(n,)`` number of the tick, in the step, at which each is answered.
+        group: ``(n,)`` number of the answer time, not decreasing; landmarks of one group refine only later stamps in
+            it.
     """
 
     work: WorkList
@@ -75,99 +75,99 @@ class ReadyWork:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Measured:
-    """Images, or observations, ``(n,)`` that are yet to be refined and measured.
+class _WorkPart:
+    """Images or observations ``(n,)`` to be refined and measured.
 
     Attributes:
-        tick: Of the step, on which each is answered.
-        order: Its place among the outputs of the step.
-        work: What is answered.
-        poses: As the telemetry has them.
-        known: Which of the calibrator's states in this step each is refined with.
-        fixed: The fixed probes' requests in them; empty before the poses are refined.
+        tick: Number of the tick in the step.
+        order: Position among the outputs of the step.
+        work: The work.
+        poses: Unrefined poses.
+        state_index: Index of the calibrator's state in this step.
+        fixed: Requests of the fixed probes; empty before the poses are refined.
     """
 
     tick: IntArray
     order: IntArray
     work: WorkList
     poses: PoseBatch
-    known: IntArray
+    state_index: IntArray
     fixed: tuple[Request, ...] = ()
 
-    def rows(self, rows: IntArray) -> "_Measured":
-        tick, order, known = self.tick[rows], self.order[rows], self.known[rows]
-        return _Measured(tick, order, self.work.rows(rows), self.poses.rows(rows), known)
+    def rows(self, rows: IntArray) -> "_WorkPart":
+        tick, order, state_index = self.tick[rows], self.order[rows], self.state_index[rows]
+        return _WorkPart(tick, order, self.work.rows(rows), self.poses.rows(rows), state_index)
 
     @staticmethod
-    def joined(parts: Sequence["_Measured"]) -> "_Measured | None":
-        """Parts as one, in the order of their answers; None where there is nothing in them."""
+    def joined(parts: Sequence["_WorkPart"]) -> "_WorkPart | None":
+        """Concatenate parts in the order of their answers; None if all are empty."""
         parts = [part for part in parts if len(part.tick)]
         if not parts:
             return None
-        return _Measured(
+        return _WorkPart(
             np.concatenate([part.tick for part in parts]),
             np.concatenate([part.order for part in parts]),
             WorkList.joined([part.work for part in parts]),
             PoseBatch.joined([part.poses for part in parts]),
-            np.concatenate([part.known for part in parts]),
+            np.concatenate([part.state_index for part in parts]),
         )
 
 
 _DescribeSwitch: TypeAlias = Callable[[HeightSource, HeightSource, int, int], HeightSwitch]
-"""Describes a change of the height's source at a stamp (UTC), which is that of a row of ``ReadyWork``."""
+"""Describes a change of the height source from the sources before and after, the stamp (UTC), and a row of work."""
 
 _RequestKey: TypeAlias = tuple[str, int, float | None]
-"""Name of a probe, number of pixels (0 where it was not seen) and their std: what one request can be measured by."""
+"""Name of a probe, number of pixels (0 where not detected) and their std: equal for observations in one request."""
 
 
 class Answering:
-    """Turns work whose poses are there into outputs.
+    """Turns work with poses into outputs.
 
     Args:
-        settings: Probes.
-        setup: What all measurements share.
-        helpers: Who refines, learns and follows.
+        settings: Probes and fixed pose.
+        setup: Camera, model and ground.
+        helpers: Calibrator, landmark observer and tracker.
 
     Attributes:
         last_pose: The pose of the newest answered image; None before the first.
     """
 
-    def __init__(self, settings: PipelineSettings, setup: Setup, helpers: Helpers) -> None:
+    def __init__(self, settings: PipelineSettings, setup: Setup, estimators: Estimators) -> None:
         self.last_pose: PoseSample | None = None
         self._observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
         fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
         self._fixed = link_requests(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
         self._setup = setup
-        self._is_watched = settings.fixed_pose is not None and helpers.calibrator is not None
-        self._calibrator, self._observer, self._tracker = helpers.calibrator, helpers.observer, helpers.tracker
+        self._is_watched = settings.fixed_pose is not None and estimators.calibrator is not None
+        self._calibrator, self._observer, self._tracker = estimators.calibrator, estimators.observer, estimators.tracker
         self._height_source: HeightSource | None = None
-        self._known = [None if self._calibrator is None else self._calibrator.known()]
+        self._states = [None if self._calibrator is None else self._calibrator.known()]
         self._begin_step()
 
     def warm_up(self) -> None:
-        """Load and compile what answers are made with, whatever may be asked."""
-        measure(self._setup, _LOOKING_DOWN, (*self._fixed, *_one_of_each_kind(self._setup.camera)))
+        """Load and compile what measurements of any kind need."""
+        measure(self._setup, _WARM_UP_POSES, (*self._fixed, *_one_of_each_kind(self._setup.camera)))
 
     def tasks(self, observation: Observation) -> tuple[bool, list[Task]]:
-        """Whether an observation's name says anything to anybody, and what it is good for."""
+        """Whether an observation's name is known, and the tasks that the observation is used for."""
         probe, observer = self._observed.get(observation.name), self._observer
         is_landmark = observer is not None and observer.observes(observation.name)
         is_object = self._tracker is not None and observation.name == OBJECTS
-        wanted = {
+        applies = {
             Task.MEASURE: probe is not None and can_answer(probe, observation),
             Task.LEARN: is_landmark and observer is not None and observer.fits(observation),
             Task.TRACK: is_object,
         }
-        return probe is not None or is_landmark or is_object, [task for task, is_so in wanted.items() if is_so]
+        return probe is not None or is_landmark or is_object, [task for task, applies in applies.items() if applies]
 
     def add(self, ready: ReadyWork, describe_switch: _DescribeSwitch) -> None:
-        """Take in what is answered in some ticks of a step: refine its poses, learn, track; it is measured later.
+        """Process work of some ticks: refine poses, learn from landmarks, track; measurements follow in ``outputs``.
 
         Args:
-            ready: What is answered.
-            describe_switch: Describes a change of the height's source.
+            ready: Work to answer.
+            describe_switch: Describes a change of the height source.
         """
-        for task, rows in self._segments(ready):
+        for task, rows in self._in_answer_order(ready):
             work, tick = ready.work.rows(rows), ready.tick[rows]
             if task is Task.LEARN:
                 self._learn(work, ready.poses.rows(rows), tick)
@@ -182,13 +182,13 @@ class Answering:
                 if row in switches:
                     self._add_single(int(tick[row]), switches[row])
                 order[row] = next(self._order)
-            part = _Measured(tick, order, work, poses, np.full(len(rows), len(self._known) - 1))
+            part = _WorkPart(tick, order, work, poses, np.full(len(rows), len(self._states) - 1))
             self._images.append(part.rows(np.flatnonzero(work.task == Task.IMAGE)))
-            for key, own in _kinds(part):
-                self._observed_parts.setdefault(key, []).append(part.rows(own))
+            for key, rows_of_request in _group_by_request(part):
+                self._observed_parts.setdefault(key, []).append(part.rows(rows_of_request))
 
     def outputs(self) -> StepOutputs:
-        """The outputs of a step: what was taken in, with what is measured in it."""
+        """Measure the work of a step and return the step's outputs."""
         images = self._refined(self._images)
         if images is not None:
             self.last_pose = images.poses[len(images.tick) - 1]
@@ -203,109 +203,109 @@ class Answering:
 
     def _begin_step(self) -> None:
         self._order = count()
-        self._known = self._known[-1:]
+        self._states = self._states[-1:]
         self._singles: list[SingleOutput] = []
-        self._images: list[_Measured] = []
-        self._observed_parts: dict[_RequestKey, list[_Measured]] = {}
+        self._images: list[_WorkPart] = []
+        self._observed_parts: dict[_RequestKey, list[_WorkPart]] = {}
 
     def _add_single(self, tick: int, content: Observation | Estimate | HeightSwitch | MeasurementBatch) -> None:
         self._singles.append(SingleOutput(tick=tick, order=next(self._order), content=content))
 
-    def refined(self, poses: PoseBatch, known: IntArray | None = None) -> PoseBatch:
-        """Poses as the calibrator corrects them by its newest state, or by those of this step ``known (n,)``."""
+    def refined(self, poses: PoseBatch, state_index: IntArray | None = None) -> PoseBatch:
+        """Poses refined by the calibrator's newest state, or by its states ``state_index (n,)`` in this step."""
         if self._calibrator is None:
             return poses
-        which = np.full(len(poses), len(self._known) - 1) if known is None else known
-        return self._calibrator.refine(poses, self._known, which)
+        state_index = np.full(len(poses), len(self._states) - 1) if state_index is None else state_index
+        return self._calibrator.refine(poses, self._states, state_index)
 
-    def _refined(self, parts: Sequence[_Measured]) -> _Measured | None:
-        """Parts as one, with refined poses; None where there is nothing in them."""
-        whole = _Measured.joined(parts)
-        if whole is None:
+    def _refined(self, parts: Sequence[_WorkPart]) -> _WorkPart | None:
+        """Parts as one, with refined poses; None if all are empty."""
+        joined = _WorkPart.joined(parts)
+        if joined is None:
             return None
-        poses = self.refined(whole.poses, whole.known)
-        return replace(whole, poses=poses, fixed=self._fixed_in(whole.poses, poses))
+        poses = self.refined(joined.poses, joined.state_index)
+        return replace(joined, poses=poses, fixed=self._fixed_in(joined.poses, poses))
 
-    def _fixed_in(self, stated: PoseBatch, refined: PoseBatch) -> tuple[Request, ...]:
-        """Requests of the fixed probes in images ``(n,)``: a watched camera's pixels stay on the ground as it turns.
+    def _fixed_in(self, original: PoseBatch, refined: PoseBatch) -> tuple[Request, ...]:
+        """Requests of the fixed probes in images ``(n,)``; pixels follow the ground as a fixed camera rotates.
 
         Args:
-            stated: The poses that the pixels were chosen at.
-            refined: The poses after the camera's turn.
+            original: Poses at which the pixels were chosen.
+            refined: Poses after the camera's rotation.
         """
         if not (self._is_watched and self._fixed):
             return self._fixed
-        has_turned = refined.has_pose & np.any(refined.pose.wxyz != stated.pose.wxyz, axis=-1)
-        if not np.any(has_turned):
+        has_rotated = refined.has_pose & np.any(refined.pose.wxyz != original.pose.wxyz, axis=-1)
+        if not np.any(has_rotated):
             return self._fixed
-        now_SO3_stated = multiply(inverse(refined.pose.wxyz[has_turned]), stated.pose.wxyz[has_turned])  # noqa: N806
+        now_SO3_original = multiply(inverse(refined.pose.wxyz[has_rotated]), original.pose.wxyz[has_rotated])  # noqa: N806
 
-        def held(request: Request) -> Request:
+        def moved(request: Request) -> Request:
             pixels = np.tile(request.pixels_px, (len(refined), 1, 1))
-            turned = rotated_pixels(self._setup.camera, now_SO3_stated, request.pixels_px)
-            pixels[has_turned] = np.round(turned, _DECIMALS)
+            moved_px = rotated_pixels(self._setup.camera, now_SO3_original, request.pixels_px)
+            pixels[has_rotated] = np.round(moved_px, _PIXEL_DECIMALS)
             return replace(request, pixels=pixels, on_top_of=None)
 
-        return link_requests(map(held, self._fixed))
+        return link_requests(map(moved, self._fixed))
 
-    def _segments(self, ready: ReadyWork) -> Iterator[tuple[Task, IntArray]]:
-        """Rows that are answered one segment after the other.
+    def _in_answer_order(self, ready: ReadyWork) -> Iterator[tuple[Task, IntArray]]:
+        """Segments of rows in the order of their answers, with their task.
 
-        Of one occasion landmarks are learned from before what bears a later stamp, in order of their stamps; objects
-        are tracked last. What neither waits for is one segment over all occasions.
+        Within a group, landmarks are used in the order of their stamps, before work with later stamps; objects are
+        tracked last. Other work is one segment across groups where nothing is between.
         """
         task, stamp_ns, group = ready.work.task, ready.work.stamp_ns, ready.group
-        is_plain = ~np.isin(task, (Task.LEARN, Task.TRACK))
-        ahead_of = np.where(is_plain, np.arange(len(task)), len(task))  # the row that each is answered with or before
+        is_measured = ~np.isin(task, (Task.LEARN, Task.TRACK))
+        answered_with = np.where(is_measured, np.arange(len(task)), len(task))  # or before that row
         for row in np.flatnonzero(task == Task.LEARN).tolist():
-            later = np.flatnonzero(is_plain & (group == group[row]) & (stamp_ns > stamp_ns[row]))
-            if len(later):  # else it is learned from at the end of its occasion
-                ahead_of[row] = later[0]
-        order = np.lexsort((stamp_ns, np.where(is_plain, len(Task), task), ahead_of, group))
-        segment = np.where(is_plain, -1, len(Task) * group + task)[order]
+            later = np.flatnonzero(is_measured & (group == group[row]) & (stamp_ns > stamp_ns[row]))
+            if len(later):  # else it is used at the end of its group
+                answered_with[row] = later[0]
+        order = np.lexsort((stamp_ns, np.where(is_measured, len(Task), task), answered_with, group))
+        segment = np.where(is_measured, -1, len(Task) * group + task)[order]
         for rows in np.split(order, np.flatnonzero(np.diff(segment)) + 1):
-            yield Task.IMAGE if is_plain[rows[0]] else Task(task[rows[0]]), rows
+            yield Task.IMAGE if is_measured[rows[0]] else Task(task[rows[0]]), rows
 
     def _learn(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:
-        """Learn from landmarks in order of their stamps, those of one image at once."""
+        """Update the calibration by landmarks in the order of their stamps, one image at a time."""
         if self._observer is not None:
-            for first, stop in _same_stamps(work.stamp_ns):
+            for first, stop in _runs_of_stamps(work.stamp_ns):
                 estimate = self._observer.observe(poses[first], _observations(work, first, stop))
                 self._add_single(int(tick[first]), estimate)
             if self._calibrator is not None:
-                self._known.append(self._calibrator.known())
+                self._states.append(self._calibrator.known())
 
     def _track(self, work: WorkList, poses: PoseBatch, tick: IntArray) -> None:
-        """Follow objects in order of their stamps, those of one image at once."""
+        """Track objects in the order of their stamps, one image at a time."""
         if self._tracker is not None:
-            for first, stop in _same_stamps(work.stamp_ns):
-                found = _observations(work, first, stop)
-                tracks = self._tracker.follow(self._setup, poses[first], found, found[0].image)
-                for content in (*found, *(() if tracks is None else (tracks,))):
+            for first, stop in _runs_of_stamps(work.stamp_ns):
+                observations = _observations(work, first, stop)
+                tracks = self._tracker.follow(self._setup, poses[first], observations, observations[0].image)
+                for content in (*observations, *(() if tracks is None else (tracks,))):
                     self._add_single(int(tick[first]), content)
 
     def _switches(
         self, work: WorkList, poses: PoseBatch, rows: IntArray, describe_switch: _DescribeSwitch
     ) -> dict[int, HeightSwitch]:
-        """By row, where an image's height is of another source than the last one's."""
+        """Changes of the height source from image to image, by row."""
         sources = [variant.height_source for variant in poses.variants]
-        found: dict[int, HeightSwitch] = {}
+        switches: dict[int, HeightSwitch] = {}
         if len(set(sources) | {self._height_source}) == 1:
-            return found
+            return switches
         for row in np.flatnonzero(work.task == Task.IMAGE).tolist():
             before, after = self._height_source, sources[int(poses.variant_index[row])]
             self._height_source = after or before
             if before is not None and after is not None and before != after:
-                found[row] = describe_switch(before, after, int(work.stamp_ns[row]), int(rows[row]))
-        return found
+                switches[row] = describe_switch(before, after, int(work.stamp_ns[row]), int(rows[row]))
+        return switches
 
-    def _image_outputs(self, part: _Measured) -> ImageOutputs:
+    def _image_outputs(self, part: _WorkPart) -> ImageOutputs:
         measured = measure(self._setup, part.poses, part.fixed, part.work.image) if part.fixed else None
         return ImageOutputs(
             tick=part.tick, order=part.order, images=part.work.image, poses=part.poses, measurements=measured
         )
 
-    def _observation_outputs(self, name: str, part: _Measured) -> ObservationOutputs:
+    def _observation_outputs(self, name: str, part: _WorkPart) -> ObservationOutputs:
         probe, observations = self._observed[name], _observations(part.work, 0, len(part.work))
         if observations[0].is_empty:
             measured = unseen(self._setup, part.poses, probe, observations, part.work.image)
@@ -315,38 +315,38 @@ class Answering:
         return ObservationOutputs(tick=part.tick, order=part.order, observations=observations, measurements=measured)
 
 
-def _kinds(part: _Measured) -> Iterator[tuple[_RequestKey, IntArray]]:
-    """Observations that one request can be measured by, as rows of the part; an outline's request is its own."""
-    kinds: dict[_RequestKey, list[int]] = {}
+def _group_by_request(part: _WorkPart) -> Iterator[tuple[_RequestKey, IntArray]]:
+    """Keys of requests and rows of the observations that one request can hold; an outline has a request of its own."""
+    rows_by_key: dict[_RequestKey, list[int]] = {}
     for row in np.flatnonzero(part.work.task == Task.MEASURE).tolist():
-        seen = part.work.observations[row]
-        if seen is not None:
-            pixels = -1 - int(part.order[row]) if seen.has_outline else len(seen.pixels)
-            kinds.setdefault((seen.name, pixels, seen.std_px), []).append(row)
-    for key, rows in kinds.items():
+        observation = part.work.observations[row]
+        if observation is not None:
+            pixels = -1 - int(part.order[row]) if observation.has_outline else len(observation.pixels)
+            rows_by_key.setdefault((observation.name, pixels, observation.std_px), []).append(row)
+    for key, rows in rows_by_key.items():
         yield key, np.array(rows)
 
 
-def _same_stamps(stamps_ns: IntArray) -> Iterator[tuple[int, int]]:
-    """First and stop of each run of one stamp."""
+def _runs_of_stamps(stamps_ns: IntArray) -> Iterator[tuple[int, int]]:
+    """Start and stop of each run of equal stamps."""
     edges = np.flatnonzero(np.diff(stamps_ns)) + 1
     yield from pairwise([0, *edges.tolist(), len(stamps_ns)])
 
 
 def _observations(work: WorkList, first: int, stop: int) -> tuple[Observation, ...]:
-    """The observations of some rows, each with the number of its image."""
+    """Observations of the rows ``first`` to ``stop``, with their images' numbers."""
     pairs = zip(work.observations[first:stop], work.image[first:stop].tolist(), strict=True)
     return tuple(
-        seen if seen.image is not None or image == NO_IMAGE else replace(seen, image=image)
-        for seen, image in pairs
-        if seen is not None
+        observation if observation.image is not None or image == NO_IMAGE else replace(observation, image=image)
+        for observation, image in pairs
+        if observation is not None
     )
 
 
 def _one_of_each_kind(camera: Camera) -> tuple[Request, ...]:
-    """A request of every kind, around the image's middle."""
-    across, down = camera.width_px / 4, camera.height_px / 4
-    corners = ((across, down), (3 * across, down), (3 * across, 3 * down), (across, 3 * down))
+    """A request of every kind around the image's middle."""
+    quarter_px, down = camera.width_px / 4, camera.height_px / 4
+    corners = ((quarter_px, down), (3 * quarter_px, down), (3 * quarter_px, 3 * down), (quarter_px, 3 * down))
     pixels = {name: next(n for n in range(1, 5) if kind.takes_pixels(n)) for name, kind in PROBE_KINDS.items()}
     return tuple(
         Request(probe=Probe(name=name, kind=name, source=PixelSource.OBSERVED), pixels=corners[:count], std_px=1.0)

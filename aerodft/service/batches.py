@@ -1,4 +1,4 @@
-"""What arrives, one by one or many as one; and everything that arrived within some ticks, which the pipeline takes."""
+"""Batches: all events that arrived within some ticks; helpers for single events and blocks of events."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,48 +22,48 @@ from aerodft.model import (
     joined_images,
 )
 
-_MANY: Final = (RawBlock, ImageRows)
-_MOST_FRAMES: Final = 5000  # a second: ten and more vehicles
+_BLOCK_TYPES: Final = (RawBlock, ImageRows)
+_MAX_FRAMES_PER_S: Final = 5000  # ten and more vehicles
 
 
 def tick_after(arrival_ns: int, tick_ns: int) -> int:
-    """The tick that an arrival belongs to: the first multiple of ``tick_ns`` that is not before it."""
+    """Tick of an arrival: the first multiple of ``tick_ns`` not before it."""
     return -(-arrival_ns // tick_ns) * tick_ns
 
 
 def first_arrival_ns(event: Arrival) -> int:
-    """Arrival time of an event; of a block's first frame, and of the first of many images."""
-    return int(event.arrival_ns[0]) if isinstance(event, _MANY) else event.arrival_ns
+    """Arrival of an event; of a block, that of its first row."""
+    return int(event.arrival_ns[0]) if isinstance(event, _BLOCK_TYPES) else event.arrival_ns
 
 
 def arrivals_ns(events: Sequence[Arrival]) -> IntArray:
-    """All arrivals among some events ``(n,)``, in no order."""
-    many = [event.arrival_ns for event in events if isinstance(event, _MANY)]
-    others = np.array([event.arrival_ns for event in events if not isinstance(event, _MANY)], dtype=np.int64)
+    """Arrivals ``(n,)`` of all rows of events, unsorted."""
+    many = [event.arrival_ns for event in events if isinstance(event, _BLOCK_TYPES)]
+    others = np.array([event.arrival_ns for event in events if not isinstance(event, _BLOCK_TYPES)], dtype=np.int64)
     return np.concatenate([*many, others])
 
 
-def is_any(event: Arrival) -> bool:
+def has_rows(event: Arrival) -> bool:
     """Whether the event has any rows."""
-    return not isinstance(event, _MANY) or len(event.arrival_ns) > 0
+    return not isinstance(event, _BLOCK_TYPES) or len(event.arrival_ns) > 0
 
 
-def subjects(event: Arrival) -> int:
-    """How many images and observations it is."""
-    if isinstance(event, _MANY):
+def workload(event: Arrival) -> int:
+    """Number of images and observations in an event."""
+    if isinstance(event, _BLOCK_TYPES):
         return len(event) if isinstance(event, ImageRows) else 0
     return 1
 
 
 def cut_all(events: Sequence[Arrival], until_ns: int) -> tuple[list[Arrival], list[Arrival]]:
-    """What arrived by ``until_ns``, and the rest."""
+    """Parts of events that arrived by ``until_ns``, and the remaining parts."""
     parts = [cut(event, until_ns) for event in events]
     return [head for head, _ in parts if head is not None], [tail for _, tail in parts if tail is not None]
 
 
 def cut(event: Arrival, until_ns: int) -> tuple[Arrival | None, Arrival | None]:
-    """The part of an event that arrived by ``until_ns``, and the rest."""
-    if not isinstance(event, _MANY):
+    """The part of an event that arrived by ``until_ns``, and the remaining part; None for an empty one."""
+    if not isinstance(event, _BLOCK_TYPES):
         return (event, None) if event.arrival_ns <= until_ns else (None, event)
     count = len(event.arrival_ns)
     split = int(np.searchsorted(event.arrival_ns, until_ns, side="right"))
@@ -73,34 +73,34 @@ def cut(event: Arrival, until_ns: int) -> tuple[Arrival | None, Arrival | None]:
 
 
 class ArrivalLimiter:
-    """Arrivals of a link's frames, no more of them in a second than a link gives.
+    """Limits arrivals to as many frames a second as a link can carry.
 
-    Where a clock steps back by an hour the arrival is held: all of that hour would be in one tick, and in memory.
+    After a clock steps back by an hour arrivals stand still: otherwise that hour would be one tick, all in memory.
     """
 
     def __init__(self) -> None:
-        self._last_ns = np.full(_MOST_FRAMES, -SECOND_NS, dtype=np.int64)
+        self._last_ns = np.full(_MAX_FRAMES_PER_S, -SECOND_NS, dtype=np.int64)
 
-    def kept(self, arrival_ns: IntArray) -> IntArray:
-        """Arrivals ``(n,)`` that follow those before, none earlier than given, and not decreasing."""
-        kept_ns: IntArray = np.maximum(arrival_ns, self._last_ns[-1])
-        for first in range(0, len(kept_ns), _MOST_FRAMES):
-            part = kept_ns[first : first + _MOST_FRAMES]
+    def limited(self, arrival_ns: IntArray) -> IntArray:
+        """Limited arrivals ``(n,)``: not decreasing, also after those before, and none earlier than given."""
+        limited_ns: IntArray = np.maximum(arrival_ns, self._last_ns[-1])
+        for first in range(0, len(limited_ns), _MAX_FRAMES_PER_S):
+            part = limited_ns[first : first + _MAX_FRAMES_PER_S]
             due_ns = np.maximum(part, self._last_ns[: len(part)] + SECOND_NS)
             part[:] = np.maximum.accumulate(np.maximum(due_ns, self._last_ns[-1]))
             self._last_ns = np.concatenate([self._last_ns[len(part) :], part])
-        return kept_ns
+        return limited_ns
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batches:
     """All events of ``n`` ticks, each kind in order of arrival.
 
-    The pipeline's answers depend on the ticks alone, not on how events were cut into reads nor ticks into batches: this
-    is what makes a recomputed flight byte-identical to the live one.
+    The pipeline's outputs depend on the ticks alone, not on how events are split into reads or ticks into batches: so a
+    recomputed flight is byte-identical to the live one.
 
     Attributes:
-        now_ns: ``(n,)`` when the ticks end; all that came before the first one's end is the first's.
+        now_ns: ``(n,)`` ends of the ticks; the first tick has all that arrived before its end.
         raw: One block for each sender, in order of first arrival, then protocol and sender.
         images: Images of all ticks.
         observations: Observations of all ticks.
@@ -113,7 +113,7 @@ class Batches:
 
     @staticmethod
     def of(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
-        """Events of ticks that end at ``now_ns (n,)``; blocks of one sender become one block."""
+        """Batches from events of ticks that end at ``now_ns (n,)``; blocks of one sender become one block."""
         senders: dict[tuple[str, str], list[RawBlock]] = {}
         images: list[Image | ImageRows] = []
         observations: list[Observation] = []
@@ -124,7 +124,7 @@ class Batches:
                 images.append(event)
             else:
                 observations.append(event)
-        raw = [joined_blocks(blocks) for blocks in senders.values()]
+        raw = [concatenate_blocks(blocks) for blocks in senders.values()]
         return Batches(
             now_ns=now_ns,
             raw=tuple(sorted(raw, key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender))),
@@ -140,8 +140,8 @@ class Batches:
         if (first, stop) == (0, len(self)):
             return self
         earliest_ns = np.iinfo(np.int64).min if first == 0 else self.now_ns[first - 1]
-        own_ns = earliest_ns, self.now_ns[stop - 1]
-        blocks = [_between(block, *own_ns) for block in self.raw]
+        span_ns = earliest_ns, self.now_ns[stop - 1]
+        blocks = [_rows_between(block, *span_ns) for block in self.raw]
         images, observations = (
             slice(*np.searchsorted(tick, (first, stop)).tolist()) for tick in (self.image_tick, self.observation_tick)
         )
@@ -158,38 +158,38 @@ class Batches:
 
     @cached_property
     def image_arrival_ns(self) -> IntArray:
-        """``(m,)`` of the images."""
+        """Arrivals ``(m,)`` of the images."""
         return _arrivals_ns(self.images)
 
     @cached_property
     def image_tick(self) -> IntArray:
-        """Number of the tick ``(m,)`` in which each of the images arrived."""
+        """Numbers ``(m,)`` of the ticks in which the images arrived."""
         return np.asarray(np.searchsorted(self.now_ns, self.image_arrival_ns))
 
     @cached_property
     def observation_tick(self) -> IntArray:
-        """Number of the tick ``(k,)`` in which each of the observations arrived."""
+        """Numbers ``(k,)`` of the ticks in which the observations arrived."""
         return np.asarray(np.searchsorted(self.now_ns, _arrivals_ns(self.observations)))
 
     @property
     def event_count(self) -> int:
-        """How many events, each frame of its own."""
+        """Number of frames, images and observations."""
         return sum(len(block.length) for block in self.raw) + len(self.images) + len(self.observations)
 
 
-def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
-    """One block of all frames of one sender's blocks, in order of arrival."""
+def concatenate_blocks(blocks: list[RawBlock]) -> RawBlock:
+    """One block of all frames in one sender's blocks, in order of arrival."""
     if len(blocks) == 1:
         return blocks[0]
     data: list[bytes] = []
     offsets = []
     size = 0
     for _, shared in groupby(blocks, key=lambda block: id(block.data)):
-        own = list(shared)
-        offset = np.concatenate([block.offset for block in own])
+        blocks_of_data = list(shared)
+        offset = np.concatenate([block.offset for block in blocks_of_data])
         start = int(offset.min())
-        stop = int((offset + np.concatenate([block.length for block in own])).max())
-        data.append(own[0].data[start:stop])
+        stop = int((offset + np.concatenate([block.length for block in blocks_of_data])).max())
+        data.append(blocks_of_data[0].data[start:stop])
         offsets.append(offset - start + size)
         size += stop - start
     arrival_ns = np.concatenate([block.arrival_ns for block in blocks])
@@ -206,7 +206,7 @@ def joined_blocks(blocks: list[RawBlock]) -> RawBlock:
 
 
 def stamps_of(events: Sequence[Image] | Sequence[Observation]) -> tuple[IntArray, BoolArray]:
-    """Stamps ``(n,)`` by the events' own clocks, and whether that is UTC."""
+    """Stamps ``(n,)`` by the events' own clocks, and whether these are UTC."""
     if isinstance(events, ImageRows):
         return events.stamp_ns, np.full(len(events), events.clock is StampClock.UTC)
     stamps_ns = np.array([event.stamp_ns for event in events], dtype=np.int64)
@@ -214,15 +214,15 @@ def stamps_of(events: Sequence[Image] | Sequence[Observation]) -> tuple[IntArray
 
 
 def numbers_of(images: Sequence[Image]) -> IntArray:
-    """Running numbers ``(n,)`` of images, ``NO_IMAGE`` of stamps alone."""
+    """Running numbers ``(n,)`` of images; ``NO_IMAGE`` for a stamp without pixels."""
     if isinstance(images, ImageRows):
         return images.indices if images.width_px is not None else np.full(len(images), NO_IMAGE)
     numbers = [NO_IMAGE if image.width_px is None else image.index for image in images]
     return np.array(numbers, dtype=np.int64)
 
 
-def _between(block: RawBlock, after_ns: int, until_ns: int) -> RawBlock | None:
-    """The part of a block that arrived after one time and by another; None where there is nothing."""
+def _rows_between(block: RawBlock, after_ns: int, until_ns: int) -> RawBlock | None:
+    """Rows of a block that arrived after ``after_ns`` and by ``until_ns``; None if there are none."""
     start, stop = np.searchsorted(block.arrival_ns, [after_ns, until_ns], side="right").tolist()
     return block.rows(start, stop) if stop > start else None
 

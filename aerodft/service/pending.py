@@ -1,4 +1,4 @@
-"""What the pipeline has yet to answer, and the images that observations may still refer to."""
+"""Work that waits for telemetry, the order of its answers, and the stamps of recent images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,31 +11,31 @@ from aerodft.dft import NO_IMAGE
 from aerodft.jit import njit
 from aerodft.model import BoolArray, IntArray, Observation, PoseSample
 
-_REMEMBERED: Final = 512  # an observation comes at most this many images after its own
+_MAX_IMAGES: Final = 512  # an observation arrives at most this many images after its own
 
 
 class Task(IntEnum):
-    """What is to be done; arrays hold these as ``int64``."""
+    """Task of an image or observation; arrays hold these as ``int64``."""
 
-    IMAGE = 0  # its pose is made, and all fixed probes are measured in it
-    MEASURE = 1  # a probe is measured by an observation
-    LEARN = 2  # an observation of a landmark is learned from
-    TRACK = 3  # an observation of an object is followed
+    IMAGE = 0  # compute the image's pose and measure all fixed probes
+    MEASURE = 1  # measure a probe with observed pixels
+    LEARN = 2  # update the calibration by an observed landmark
+    TRACK = 3  # track an observed object
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorkList:
-    """Images and observations that wait for their poses, ``n`` in the order in which they came.
+    """Images and observations ``n`` that wait for their poses, in order of arrival.
 
     Attributes:
         task: ``(n,)`` as ``Task``.
-        stamp_ns: ``(n,)`` UTC, as far as it is known.
-        by_utc: ``(n,)`` whether stamps came as UTC, by another clock than this machine's.
-        deadline_ns: ``(n,)`` tick on which each is answered with what there is.
-        tick: ``(n,)`` of the step on which each came; -1 before it.
-        image: ``(n,)`` running numbers of images, and of those that observations name; ``NO_IMAGE`` for none.
+        stamp_ns: ``(n,)`` UTC by the current clock map.
+        by_utc: ``(n,)`` whether the stamp arrived as UTC, not on this machine's clock.
+        deadline_ns: ``(n,)`` tick at which each is answered with the telemetry at hand.
+        tick: ``(n,)`` tick of arrival in the step; -1 for an earlier step.
+        image: ``(n,)`` running numbers of images, and of the observations' images; ``NO_IMAGE`` for none.
         observations: ``n`` observations with their stamps in UTC; None for images.
-        samples: ``n`` poses of what is ready, and waits for something with an earlier stamp; None for all else.
+        samples: ``n`` poses of work that is ready but waits for earlier stamps; None for other work.
     """
 
     task: IntArray
@@ -48,45 +48,45 @@ class WorkList:
     samples: list[PoseSample | None]
 
     @staticmethod
-    def none() -> "WorkList":
-        """Nothing to do."""
-        nothing = np.empty(0, dtype=np.int64)
-        return WorkList(nothing, nothing, nothing.astype(np.bool_), nothing, nothing, nothing, [], [])
+    def empty() -> "WorkList":
+        """An empty list."""
+        empty = np.empty(0, dtype=np.int64)
+        return WorkList(empty, empty, empty.astype(np.bool_), empty, empty, empty, [], [])
 
     @staticmethod
     def joined(parts: Sequence["WorkList"]) -> "WorkList":
-        """Lists one after the other."""
+        """Concatenate lists."""
         columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
         observations = [each for part in parts for each in part.observations]
         samples = [each for part in parts for each in part.samples]
         return WorkList(**columns, observations=observations, samples=samples)
 
     def in_order_of_ticks(self) -> "WorkList":
-        """The list by ticks, of one tick as it is."""
+        """The list stably sorted by tick."""
         return self.rows(np.argsort(self.tick, kind="stable"))
 
     def __len__(self) -> int:
         return len(self.task)
 
     def rows(self, rows: IntArray) -> "WorkList":
-        """What is to be done by indices ``(m,)``."""
+        """Work ``(m,)`` by its indices."""
         columns = {name: getattr(self, name)[rows] for name in _COLUMNS}
         observations, samples = ([each[row] for row in rows.tolist()] for each in (self.observations, self.samples))
         return WorkList(**columns, observations=observations, samples=samples)
 
-    def left(self, samples: Sequence[PoseSample | None]) -> "WorkList":
-        """What a next step begins with, with the poses of what is ready."""
+    def waiting(self, samples: Sequence[PoseSample | None]) -> "WorkList":
+        """The list for the next step, with the poses of ready work."""
         return replace(self, tick=np.full_like(self.tick, -1), samples=list(samples))
 
     def shifted(self, by_ns: int) -> "WorkList":
-        """The list where UTC of this machine's stamps has changed."""
+        """The list after a change ``by_ns`` of UTC for stamps on this machine's clock."""
         if not by_ns or np.all(self.by_utc):
             return self
         stamp_ns = np.where(self.by_utc, self.stamp_ns, self.stamp_ns + by_ns)
         pairs = zip(self.observations, stamp_ns.tolist(), strict=True)
-        observations = [None if each is None else replace(each, stamp_ns=own_ns) for each, own_ns in pairs]
-        kept = [each if by_utc else None for each, by_utc in zip(self.samples, self.by_utc.tolist(), strict=True)]
-        return replace(self, stamp_ns=stamp_ns, observations=observations, samples=kept)
+        observations = [None if each is None else replace(each, stamp_ns=utc_ns) for each, utc_ns in pairs]
+        valid = [each if by_utc else None for each, by_utc in zip(self.samples, self.by_utc.tolist(), strict=True)]
+        return replace(self, stamp_ns=stamp_ns, observations=observations, samples=valid)
 
 
 _COLUMNS: Final = ("task", "stamp_ns", "by_utc", "deadline_ns", "tick", "image")
@@ -94,11 +94,11 @@ _COLUMNS: Final = ("task", "stamp_ns", "by_utc", "deadline_ns", "tick", "image")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnswerTimes:
-    """When something may be answered, ``n`` times: on every tick, and on deadlines between ticks that nothing came on.
+    """Times ``n`` at which work may be answered: every tick, and deadlines at which no tick is.
 
     Attributes:
         time_ns: ``(n,)`` ascending.
-        ticks: ``(n,)`` how many ticks of the step have been taken in by then.
+        ticks: ``(n,)`` number of ticks of the step up to each.
         is_tick: ``(n,)`` whether it is a tick.
     """
 
@@ -108,7 +108,7 @@ class AnswerTimes:
 
     @staticmethod
     def of(now_ns: IntArray, deadlines_ns: IntArray) -> "AnswerTimes":
-        """The ticks ``now_ns (ticks,)``, and those of the deadlines up to the last of them that are none."""
+        """Answer times of the ticks ``now_ns (ticks,)`` and of deadlines before the last of them."""
         time_ns = np.unique(np.concatenate([now_ns, deadlines_ns[deadlines_ns < now_ns[-1]]]))
         ticks = np.searchsorted(now_ns, time_ns, side="right")
         return AnswerTimes(time_ns, ticks, now_ns[np.maximum(ticks - 1, 0)] == time_ns)
@@ -120,18 +120,17 @@ def answer_in_order(
     answer_times: tuple[IntArray, IntArray],
     last_image_ns: IntArray,
 ) -> IntArray:
-    """Occasions ``(n,)`` on which work is answered; -1 where it goes on waiting.
+    """Indices ``(n,)`` of the answer times of work; -1 where it keeps waiting.
 
-    What one stamp waits for, later ones that came after it wait for too; but nothing waits for what itself waits for
-    the image that it was seen in.
+    Work waits for earlier arrivals with earlier stamps, but not for observations that wait for their image.
 
     Args:
-        work: ``(n,)`` each, in the order in which it came: stamps, after how many ticks it is there, after how many its
-            telemetry is complete, deadlines, and the least stamp of the last image before which it is not looked at.
-        answer_times: Times ``(k,)``, and after how many ticks ``(k,)``.
-        last_image_ns: ``(k,)`` stamps of the last images on these occasions.
+        work: ``(n,)`` each, in order of arrival: stamps, numbers of ticks to arrival and to complete telemetry,
+            deadlines, and the stamps that the last image must have reached.
+        answer_times: Times ``(k,)``, and numbers of ticks up to them ``(k,)``.
+        last_image_ns: ``(k,)`` stamps of the last images at these times.
     """
-    stamp_ns, came, ready, deadline_ns, near_ns = work
+    stamp_ns, arrival_tick, ready_tick, deadline_ns, required_image_ns = work
     time_ns, ticks = answer_times
     answer = np.full(len(stamp_ns), -1)
     first = 0
@@ -140,12 +139,12 @@ def answer_in_order(
             first += 1
         blocked_ns, is_blocked = 0, False
         for k in range(first, len(answer)):
-            if came[k] > ticks[answer_time]:
+            if arrival_tick[k] > ticks[answer_time]:
                 break
             is_final = deadline_ns[k] <= time_ns[answer_time]
-            if answer[k] >= 0 or (not is_final and last_image_ns[answer_time] < near_ns[k]):
+            if answer[k] >= 0 or (not is_final and last_image_ns[answer_time] < required_image_ns[k]):
                 continue
-            if is_final or (ready[k] <= ticks[answer_time] and not (is_blocked and stamp_ns[k] >= blocked_ns)):
+            if is_final or (ready_tick[k] <= ticks[answer_time] and not (is_blocked and stamp_ns[k] >= blocked_ns)):
                 answer[k] = answer_time
             else:
                 blocked_ns = min(blocked_ns, stamp_ns[k]) if is_blocked else stamp_ns[k]
@@ -154,7 +153,7 @@ def answer_in_order(
 
 
 class RecentImages:
-    """The stamps (UTC) of the newest images, as known at each tick of the newest step."""
+    """Stamps (UTC) of the newest images, as known at each tick of the newest step."""
 
     def __init__(self) -> None:
         self._image = self._stamp_ns = np.empty(0, dtype=np.int64)
@@ -162,26 +161,26 @@ class RecentImages:
         self._end = np.zeros(1, dtype=np.int64)  # rows known at each tick
 
     def add(self, image: IntArray, stamp_ns: IntArray, by_utc: BoolArray, tick: IntArray, count: int) -> None:
-        """Remember the images ``(n,)`` of a step of so many ticks, each from its ``tick (n,)`` on."""
-        kept = slice(max(len(self._image) - _REMEMBERED, 0), None)
-        before = len(self._image[kept])
-        self._image = np.concatenate([self._image[kept], image])
-        self._stamp_ns = np.concatenate([self._stamp_ns[kept], stamp_ns])
-        self._by_utc = np.concatenate([self._by_utc[kept], by_utc])
+        """Add the images ``(n,)`` of a step of ``count`` ticks, each known from its ``tick (n,)`` on."""
+        recent = slice(max(len(self._image) - _MAX_IMAGES, 0), None)
+        before = len(self._image[recent])
+        self._image = np.concatenate([self._image[recent], image])
+        self._stamp_ns = np.concatenate([self._stamp_ns[recent], stamp_ns])
+        self._by_utc = np.concatenate([self._by_utc[recent], by_utc])
         self._end = before + np.searchsorted(tick, np.arange(count), side="right")
 
     def shift(self, by_ns: int) -> None:
-        """UTC of this machine's stamps has changed."""
+        """Apply a change ``by_ns`` of UTC to stamps on this machine's clock."""
         if by_ns:
             self._stamp_ns = np.where(self._by_utc, self._stamp_ns, self._stamp_ns + by_ns)
 
     def last_ns(self) -> IntArray:
-        """``(ticks,)`` stamps of the last images; that of the end of time before there is any."""
+        """Stamps ``(ticks,)`` of the last images; the end of time before the first image."""
         stamps_ns = np.append(self._stamp_ns, np.iinfo(np.int64).max)
         return stamps_ns[self._end - 1]
 
     def ticks_with(self, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
-        """The first of the ticks from ``ticks (n,)`` on at which the last image is not before stamps ``(n,)``.
+        """First ticks ``(n,)`` from ``ticks (n,)`` on at which the last image has reached ``stamps_ns (n,)``.
 
         The number of ticks where there is none.
         """
@@ -190,19 +189,19 @@ class RecentImages:
         return np.where(np.any(is_reached, axis=1), np.argmax(is_reached, axis=1), len(last_ns))
 
     def stamp_ns(self, image: int, tick: int) -> int | None:
-        """Stamp of the image with this number as of a tick; None where it is not remembered."""
+        """Stamp of the image with a running number as of a tick; None where it is not kept."""
         window = self._window(tick)
         rows = np.flatnonzero(self._image[window] == image)
         return int(self._stamp_ns[window][rows[-1]]) if len(rows) else None
 
     def nearest(self, stamp_ns: int, tolerance_ns: int, tick: int) -> int:
-        """Number of the image taken closest to a stamp as of a tick; ``NO_IMAGE`` where none is close."""
+        """Running number of the image closest to a stamp as of a tick; ``NO_IMAGE`` beyond the tolerance."""
         window = self._window(tick)
-        apart_ns = np.abs(self._stamp_ns[window] - stamp_ns)
-        if not len(apart_ns) or apart_ns.min() > tolerance_ns:
+        distance_ns = np.abs(self._stamp_ns[window] - stamp_ns)
+        if not len(distance_ns) or distance_ns.min() > tolerance_ns:
             return NO_IMAGE
-        return int(self._image[window][apart_ns.argmin()])
+        return int(self._image[window][distance_ns.argmin()])
 
     def _window(self, tick: int) -> slice:
         end = int(self._end[tick])
-        return slice(max(end - _REMEMBERED, 0), end)
+        return slice(max(end - _MAX_IMAGES, 0), end)

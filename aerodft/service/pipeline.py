@@ -1,9 +1,9 @@
-"""Batches in, poses and measurements out: the one path that live, imported and recomputed flights take.
+"""The pipeline from batches to poses and measurements, for live, imported and recomputed flights alike.
 
-What comes out is a function of the ticks alone, however many of them are advanced by at once. An image (or an
-observation) waits at its stamp until the first tick as of which its telemetry is complete on both sides, or until it
-has waited long enough; it is answered no earlier than what came before it with an earlier stamp. What landmarks teach
-is used from the next stamp on: of what is done on one tick, in the order of the stamps.
+Outputs depend on the ticks alone, not on how many of them a batch has. An image (or an observation) waits until the
+first tick at which its stamp is bracketed by telemetry, or until its deadline, and is answered no earlier than what
+arrived before it with an earlier stamp. A calibration updated by landmarks applies from the next stamp on; within a
+tick, work is answered in the order of stamps.
 """
 
 import threading
@@ -28,7 +28,7 @@ from aerodft.model import (
     StampClock,
     Status,
 )
-from aerodft.service.answering import Answering, Helpers, ReadyWork
+from aerodft.service.answering import Answering, Estimators, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
 from aerodft.service.clocks import Ticks
 from aerodft.service.pending import AnswerTimes, RecentImages, Task, WorkList, answer_in_order
@@ -42,7 +42,7 @@ _ANY_IMAGE: Final = np.iinfo(np.int64).min
 
 @dataclass(slots=True)
 class Counts:
-    """What came in and what could not be used."""
+    """Numbers of images and observations received, and of observations that could not be used."""
 
     images: int = 0
     observations: int = 0
@@ -51,17 +51,17 @@ class Counts:
 
 
 class Pipeline:
-    """Measures every configured probe for every image.
+    """Measures every configured probe in every image.
 
     Args:
-        settings: What the numbers depend on.
-        decoder: Turns raw telemetry into tracks.
-        calibrator: Refines every pose; None uses poses as they come.
-        observer: Learns from observed landmarks; None where there are none.
-        tracker: Follows what moves; None where nobody asks for that.
+        settings: Configuration that the outputs depend on.
+        decoder: Decodes raw telemetry to tracks.
+        calibrator: Refines every pose; None for unrefined poses.
+        observer: Updates the calibration by observed landmarks; None without landmarks.
+        tracker: Tracks moving objects; None without them.
 
     Attributes:
-        counts: What came in, and what could not be used.
+        counts: Numbers of inputs received and rejected.
     """
 
     def __init__(
@@ -84,15 +84,15 @@ class Pipeline:
             ground=settings.ground,
             camera=settings.camera,
         )
-        self._intake = _Intake(decoder, self._poses)
-        self._work = WorkList.none()
+        self._telemetry_intake = _TelemetryIntake(decoder, self._poses)
+        self._work = WorkList.empty()
         self._images = RecentImages()
-        helpers = Helpers(calibrator=calibrator, observer=observer, tracker=tracker)
-        self._answering = Answering(settings, self._setup, helpers)
-        self._lock = threading.Lock()  # between the ticks and the questions from outside
+        estimators = Estimators(calibrator=calibrator, observer=observer, tracker=tracker)
+        self._answering = Answering(settings, self._setup, estimators)
+        self._lock = threading.Lock()  # between ``advance`` and queries by other threads
 
     def warm_up(self) -> None:
-        """Load and compile now what would hold up the first measurements."""
+        """Load and compile ahead what would delay the first measurements."""
         self._answering.warm_up()
 
     @property
@@ -101,18 +101,18 @@ class Pipeline:
         return self._answering.last_pose
 
     def advance(self, batches: Batches) -> StepOutputs:
-        """Advance by some ticks: one, live, or many, recorded.
+        """Process the ticks of some batches.
 
         Returns:
             For an image its pose and its measurements; for an observation its measurement; for the landmarks of an
-            image the new estimate. They do not depend on which ticks are advanced by together.
+            image the new estimate. They do not depend on how ticks are grouped into calls.
         """
         with self._lock:
             first = 0
             while first < len(batches):
                 rest = batches[first:]
                 self._answer_overdue(int(rest.now_ns[0]), first)
-                count, shift_ns = self._intake.take(rest)
+                count, shift_ns = self._telemetry_intake.take(rest)
                 self._work = self._work.shifted(shift_ns)
                 self._images.shift(shift_ns)
                 part = rest[:count]
@@ -122,61 +122,61 @@ class Pipeline:
             return self._answering.outputs()
 
     def finish(self) -> StepOutputs:
-        """The end of the input: what still waits is answered with what there is, on a tick of its own."""
+        """Answer all waiting work with the telemetry at hand, on a tick of its own: the input has ended."""
         with self._lock:
             self._answer_overdue(None, 0)
             return self._answering.outputs()
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
-        """Answer a question from outside, from any thread.
+        """Measure requests at a stamp; from any thread.
 
         Args:
-            requests: What to measure.
+            requests: Probes with pixels.
             stamp_ns: UTC of the recent past; None for the newest answered image, or a fixed camera's pose.
         """
         with self._lock:
-            is_asked = stamp_ns is not None or self._settings.fixed_pose is not None
-            sample = self._refined_at(stamp_ns or 0) if is_asked else self.last_pose
+            has_pose = stamp_ns is not None or self._settings.fixed_pose is not None
+            sample = self._refined_at(stamp_ns or 0) if has_pose else self.last_pose
         if sample is None:
             reason = "no image has been measured yet"
             sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))
         return measure(self._setup, PoseBatch.of([sample]), tuple(requests))[0]
 
     def pose_at(self, stamp_ns: int) -> PoseSample:
-        """The pose at a stamp of the recent past, with what has arrived so far."""
+        """The refined pose at a stamp of the recent past, from the telemetry received so far."""
         with self._lock:
             return self._refined_at(stamp_ns)
 
     def health(self, host_ns: int) -> Health | None:
-        """What the vehicle had said of itself by this machine's time; None of a fixed camera."""
+        """Health of the vehicle at this machine's time ``host_ns``; None for a fixed camera."""
         if self._settings.telemetry is None:
             return None
         with self._lock:
             return self._poses.health_at(self._host_to_utc(host_ns))
 
     def rejected(self) -> dict[str, int]:
-        """Telemetry that held no value so far, by ``MESSAGE: reason``."""
+        """Numbers of telemetry messages without a usable value, by ``MESSAGE: reason``."""
         with self._lock:
-            return self._intake.rejected
+            return self._telemetry_intake.rejected
 
     def in_utc(self, image: Image) -> Image:
-        """The image with its stamp in UTC as it is known now, from any thread; what an observer's answer refers to."""
+        """The image with its stamp in UTC by the current clock map; for observers, from any thread."""
         if image.clock is StampClock.UTC:
             return image
         with self._lock:
             return replace(image, stamp_ns=self._host_to_utc(image.stamp_ns), clock=StampClock.UTC)
 
     def _accept(self, batches: Batches) -> WorkList:
-        """What comes in some ticks."""
+        """Work of the images and observations of some ticks."""
         images, tick = batches.images, batches.image_tick
         self.counts.images += len(images)
         stamps_ns, by_utc = stamps_of(images)
         stamps_ns = np.where(by_utc, stamps_ns, self._poses.clock.host_to_utc(stamps_ns, tick))
         numbers = numbers_of(images)
         has_pixels = numbers != NO_IMAGE
-        remembered = numbers[has_pixels], stamps_ns[has_pixels], by_utc[has_pixels], tick[has_pixels]
-        self._images.add(*remembered, len(batches))
-        of_images = WorkList(
+        columns = numbers[has_pixels], stamps_ns[has_pixels], by_utc[has_pixels], tick[has_pixels]
+        self._images.add(*columns, len(batches))
+        image_work = WorkList(
             task=np.full(len(images), int(Task.IMAGE)),
             stamp_ns=stamps_ns,
             by_utc=by_utc,
@@ -186,7 +186,7 @@ class Pipeline:
             observations=[None] * len(images),
             samples=[None] * len(images),
         )
-        return WorkList.joined([of_images, self._accept_observations(batches)])
+        return WorkList.joined([image_work, self._accept_observations(batches)])
 
     def _accept_observations(self, batches: Batches) -> WorkList:
         accepted: list[tuple[Task, int, Observation]] = []
@@ -208,29 +208,29 @@ class Pipeline:
             deadline_ns=self._deadline_ns(arrivals_ns),
             tick=tick,
             image=np.array([NO_IMAGE if seen.image is None else seen.image for seen in observations], dtype=np.int64),
-            observations=[replace(seen, stamp_ns=own_ns, clock=StampClock.UTC) for seen, own_ns in pairs],
+            observations=[replace(seen, stamp_ns=stamp_ns, clock=StampClock.UTC) for seen, stamp_ns in pairs],
             samples=[None] * len(observations),
         )
 
     def _stamps_of_observations(self, observations: list[Observation], tick: IntArray) -> IntArray:
-        """UTC ``(n,)``: on the host's clock that of the image, though the clocks are known better by now."""
+        """UTC stamps ``(n,)``; a host-clock stamp takes that of its image, also after the clock map has improved."""
         stamps_ns, by_utc = stamps_of(observations)
         stamps_ns = np.where(by_utc, stamps_ns, self._poses.clock.host_to_utc(stamps_ns, tick))
         for row in np.flatnonzero(~by_utc).tolist():
             image = observations[row].image
-            own_ns = None if image is None else self._images.stamp_ns(image, int(tick[row]))
-            stamps_ns[row] = stamps_ns[row] if own_ns is None else own_ns
+            image_stamp_ns = None if image is None else self._images.stamp_ns(image, int(tick[row]))
+            stamps_ns[row] = stamps_ns[row] if image_stamp_ns is None else image_stamp_ns
         return stamps_ns
 
     def _deadline_ns(self, arrival_ns: IntArray) -> IntArray:
-        """The tick ``(n,)`` on which what arrived then is answered with what there is."""
+        """Deadlines ``(n,)``: the tick at which an arrival is answered with the telemetry at hand."""
         tick_ns = self._settings.tick_ns
         return -(-(arrival_ns + self._wait_ns) // tick_ns) * tick_ns
 
     def _answer_overdue(self, now_ns: int | None, tick: int) -> None:
-        """Answer what was due before a time, or all there is, as of the last tick; on the tick of that number.
+        """Answer work with deadlines before ``now_ns`` (None: all work), and work that it held up.
 
-        And what it held up.
+        Telemetry is as of the last tick; outputs get the number ``tick``.
         """
         work = self._work
         due_ns = np.unique(work.deadline_ns if now_ns is None else work.deadline_ns[work.deadline_ns < now_ns])
@@ -239,35 +239,35 @@ class Pipeline:
         answer_times = AnswerTimes(due_ns, np.zeros_like(due_ns), np.full(len(due_ns), fill_value=False))
         last_image_ns = np.full(len(due_ns), self._images.last_ns()[-1])
         is_ready = np.array([sample is not None for sample in work.samples], dtype=np.bool_)
-        answer = self._in_order(work, np.where(is_ready, 0, 1), answer_times, last_image_ns)
-        parts = self._ready_poses(work)
+        answer = self._answer_order(work, np.where(is_ready, 0, 1), answer_times, last_image_ns)
+        parts = self._stored_poses(work)
         final = np.flatnonzero((answer >= 0) & ~is_ready)
-        parts += self._final(work, final, np.full(len(final), -1))
-        self._apply_answers(work, parts, answer, answer_times, tick)
+        parts += self._poses_at_deadline(work, final, np.full(len(final), -1))
+        self._answer_work(work, parts, answer, answer_times, tick)
 
     def _answer(self, now_ns: IntArray, first: int) -> None:
-        """Answer what is ready in the ticks ``now_ns (n,)`` of the newest step, numbered from ``first``."""
+        """Answer work that is ready in the ticks ``now_ns (n,)`` of the newest step, numbered from ``first``."""
         work, count = self._work, len(now_ns)
         if not len(work):
             return
         deadline_tick = np.searchsorted(now_ns, work.deadline_ns)
-        ready_tick, parts = self._ready(work, np.minimum(deadline_tick, count), count)
+        ready_tick, parts = self._complete_poses(work, np.minimum(deadline_tick, count), count)
         is_final = (ready_tick >= deadline_tick) & (deadline_tick < count)
         final = np.flatnonzero(is_final)
         is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
-        # What came after its deadline, in one long tick, is answered on that tick.
-        parts += self._final(work, final, np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final]))
+        # Work that arrived after its deadline, within one long tick, is answered on that tick.
+        parts += self._poses_at_deadline(work, final, np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final]))
         answer_times = AnswerTimes.of(now_ns, work.deadline_ns)
         last_image_ns = self._images.last_ns()[answer_times.ticks - 1]
-        answer = self._in_order(work, ready_tick + 1, answer_times, last_image_ns)
-        self._apply_answers(work, parts, answer, answer_times, first)
+        answer = self._answer_order(work, ready_tick + 1, answer_times, last_image_ns)
+        self._answer_work(work, parts, answer, answer_times, first)
 
-    def _in_order(self, work: WorkList, ready: IntArray, times: AnswerTimes, last_image_ns: IntArray) -> IntArray:
-        """The answer times ``(n,)`` of work that is ready after some ticks ``(n,)``; -1 where it goes on waiting."""
-        columns = work.stamp_ns, work.tick + 1, ready, work.deadline_ns, self._near_ns(work)
+    def _answer_order(self, work: WorkList, ready: IntArray, times: AnswerTimes, last_image_ns: IntArray) -> IntArray:
+        """Answer times ``(n,)`` of work that is ready after some ticks ``(n,)``; -1 where it keeps waiting."""
+        columns = work.stamp_ns, work.tick + 1, ready, work.deadline_ns, self._required_image_ns(work)
         return answer_in_order(columns, (times.time_ns, times.ticks), last_image_ns)
 
-    def _apply_answers(
+    def _answer_work(
         self,
         work: WorkList,
         parts: list[tuple[IntArray, PoseBatch]],
@@ -275,77 +275,77 @@ class Pipeline:
         answer_times: AnswerTimes,
         first: int,
     ) -> None:
-        """Have work answered on occasions ``(n,)``, of ticks that are numbered from ``first``; the rest waits on.
+        """Answer work at answer times ``answer (n,)``, ticks numbered from ``first``; work with -1 keeps waiting.
 
-        ``parts`` are all poses that are known, with the rows of the work that they are of.
+        ``parts`` are all known poses, with the rows of the work that they belong to.
         """
-        place = np.full(len(work), -1)
+        pose_index = np.full(len(work), -1)
         if parts:
-            place[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
+            pose_index[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
         poses = PoseBatch.joined([poses for _, poses in parts]) if parts else None
-        left = np.flatnonzero(answer < 0)
-        samples = [None if poses is None or k < 0 else poses[k] for k in place[left].tolist()]
-        self._work = work.rows(left).left(samples)
+        waiting = np.flatnonzero(answer < 0)
+        samples = [None if poses is None or k < 0 else poses[k] for k in pose_index[waiting].tolist()]
+        self._work = work.rows(waiting).waiting(samples)
         rows = np.flatnonzero(answer >= 0)
         if poses is None or not len(rows):
             return
         rows = rows[np.argsort(answer[rows], kind="stable")]
-        on = answer[rows]
-        as_of = answer_times.ticks[on] - 1
-        # What is due between two ticks comes out on the second of them, before what is answered there.
-        tick = first + as_of + ~answer_times.is_tick[on]
-        self._add(ReadyWork(work.rows(rows), poses.rows(place[rows]), tick, on), as_of)
+        occasion = answer[rows]
+        as_of = answer_times.ticks[occasion] - 1
+        # Deadlines between two ticks are answered on the second of them, before its own work.
+        tick = first + as_of + ~answer_times.is_tick[occasion]
+        self._pass_on(ReadyWork(work.rows(rows), poses.rows(pose_index[rows]), tick, occasion), as_of)
 
-    def _near_ns(self, work: WorkList) -> IntArray:
-        """Least stamps ``(n,)`` of the last image for work to be looked at: an observation may be faster than it."""
-        waits = (work.task != Task.IMAGE) & (work.image == NO_IMAGE)
-        return np.where(waits, work.stamp_ns - self._settings.match_tolerance_ns, _ANY_IMAGE)
+    def _required_image_ns(self, work: WorkList) -> IntArray:
+        """Stamps ``(n,)`` that the last image must have reached: an observation may arrive before its image."""
+        has_no_image = (work.task != Task.IMAGE) & (work.image == NO_IMAGE)
+        return np.where(has_no_image, work.stamp_ns - self._settings.match_tolerance_ns, _ANY_IMAGE)
 
-    def _final(self, work: WorkList, rows: IntArray, as_of: IntArray) -> list[tuple[IntArray, PoseBatch]]:
-        """The poses of rows as of ticks ``(n,)`` with what there is, with their rows."""
+    def _poses_at_deadline(self, work: WorkList, rows: IntArray, as_of: IntArray) -> list[tuple[IntArray, PoseBatch]]:
+        """Poses of rows as of ticks ``(n,)`` from the telemetry at hand, with the rows."""
         if not len(rows):
             return []
-        known = np.full(len(rows), fill_value=True)
-        return [(rows, self._poses_at(work.stamp_ns[rows], as_of, final=known, by_utc=work.by_utc[rows])[0])]
+        final = np.full(len(rows), fill_value=True)
+        return [(rows, self._poses_at(work.stamp_ns[rows], as_of, final=final, by_utc=work.by_utc[rows])[0])]
 
     @staticmethod
-    def _ready_poses(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
-        """The poses that are there already, with their rows."""
+    def _stored_poses(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
+        """Poses stored with waiting work, with the rows."""
         rows = [row for row, sample in enumerate(work.samples) if sample is not None]
         samples = [sample for sample in work.samples if sample is not None]
         return [(np.array(rows), PoseBatch.of(samples))] if rows else []
 
-    def _ready(
+    def _complete_poses(
         self, work: WorkList, until_tick: IntArray, count: int
     ) -> tuple[IntArray, list[tuple[IntArray, PoseBatch]]]:
-        """Ticks ``(n,)`` as of which the telemetry of work is complete, before ``until_tick (n,)``; else ``count``.
+        """Ticks ``(n,)`` at which the telemetry of work is complete, before ``until_tick (n,)``; else ``count``.
 
-        And the poses as of these ticks, with the rows of the work that they are of; -1 for what was ready before.
+        Also the poses at these ticks, with the rows of the work; the tick is -1 for work with a stored pose.
         """
-        near_ns, tick = self._near_ns(work), np.maximum(work.tick, 0)
+        required_image_ns, tick = self._required_image_ns(work), np.maximum(work.tick, 0)
         if self._settings.fixed_pose is None:
-            passed = np.searchsorted(np.maximum.accumulate(self._poses.watermark_ns(count)), work.stamp_ns)
-            tick = np.maximum(tick, passed)
-        ready_tick, parts = np.full(len(work), count), self._ready_poses(work)
+            watermark_tick = np.searchsorted(np.maximum.accumulate(self._poses.watermark_ns(count)), work.stamp_ns)
+            tick = np.maximum(tick, watermark_tick)
+        ready_tick, parts = np.full(len(work), count), self._stored_poses(work)
         for rows, _ in parts:
             ready_tick[rows] = -1
         rows = np.flatnonzero((tick < until_tick) & (ready_tick >= 0))
         tick = tick[rows]
         while len(rows):
-            waits = np.flatnonzero(near_ns[rows] != _ANY_IMAGE)
-            tick[waits] = self._images.ticks_with(near_ns[rows[waits]], tick[waits])
+            has_no_image = np.flatnonzero(required_image_ns[rows] != _ANY_IMAGE)
+            tick[has_no_image] = self._images.ticks_with(required_image_ns[rows[has_no_image]], tick[has_no_image])
             is_early = tick < until_tick[rows]
             rows, tick = rows[is_early], tick[is_early]
-            no = np.full(len(rows), fill_value=False)
-            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick, final=no, by_utc=work.by_utc[rows])
+            final = np.full(len(rows), fill_value=False)
+            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick, final=final, by_utc=work.by_utc[rows])
             done = np.flatnonzero(~is_pending)
             ready_tick[rows[done]] = tick[done]
             parts.append((rows[done], poses.rows(done)))
             rows, tick = rows[is_pending], tick[is_pending] + 1
         return ready_tick, [part for part in parts if len(part[0])]
 
-    def _add(self, ready: ReadyWork, as_of: IntArray) -> None:
-        """Have work answered, each as of a tick ``(n,)`` of the newest step."""
+    def _pass_on(self, ready: ReadyWork, as_of: IntArray) -> None:
+        """Pass work on to be answered, each as of a tick ``(n,)`` of the newest step, with observations' images."""
         work = ready.work
         for row in np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE)).tolist():
             tolerance_ns = self._settings.match_tolerance_ns
@@ -359,7 +359,7 @@ class Pipeline:
     def _poses_at(
         self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
     ) -> tuple[PoseBatch, BoolArray]:
-        """Poses at stamps, and where telemetry may still come; a fixed camera waits for nothing."""
+        """Poses at stamps ``(n,)``, and where telemetry is pending; a fixed camera's pose never is."""
         fixed = self._settings.fixed_pose
         if fixed is not None:
             return PoseBatch.repeated(fixed, stamps_ns), np.full(len(stamps_ns), fill_value=False)
@@ -367,58 +367,58 @@ class Pipeline:
 
     def _refined_at(self, stamp_ns: int) -> PoseSample:
         """The refined pose at a stamp (UTC), as of the last tick."""
-        asked, no = (np.array([stamp_ns]), LAST), np.array([False])
-        poses, _ = self._poses_at(*asked, final=~no, by_utc=no)
+        stamps, false = (np.array([stamp_ns]), LAST), np.array([False])
+        poses, _ = self._poses_at(*stamps, final=~false, by_utc=false)
         return self._answering.refined(poses)[0]
 
     def _host_to_utc(self, host_ns: int) -> int:
         return int(self._poses.clock.host_to_utc(np.array([host_ns]))[0])
 
 
-class _Intake:
-    """Decodes batches, and hands their tracks to the poses in steps of as many ticks as can be taken in at once.
+class _TelemetryIntake:
+    """Decodes batches and appends their tracks to the pose source, as many ticks at a time as possible.
 
     Args:
-        decoder: Turns raw telemetry into tracks.
-        poses: Where they go.
+        decoder: Decodes raw telemetry to tracks.
+        poses: The pose source.
     """
 
     def __init__(self, decoder: TelemetryDecoder, poses: PoseSource) -> None:
         self._decoder = decoder
         self._poses = poses
-        self._decoded = Ticks((), (), 0)  # of the batches that are being taken in
-        self._first = 0  # the first of these ticks that is yet to be taken in
-        self._most = 1  # ticks that are tried at once: twice as many as went well last
+        self._decoded = Ticks((), (), 0)  # of the current batches
+        self._first = 0  # first of these ticks not yet appended
+        self._tick_count = 1  # ticks to try at once: twice as many as the last success
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Telemetry that held no value so far, by ``MESSAGE: reason``."""
+        """Numbers of telemetry messages without a usable value, by ``MESSAGE: reason``."""
         return dict(self._decoder.rejected)
 
     def take(self, batches: Batches) -> tuple[int, int]:
-        """Take in the telemetry of the first ticks, as of which the poses can then be asked.
+        """Append the telemetry of the first ticks, so that poses as of these are available.
 
         Args:
-            batches: What is left of the ticks that are being taken in; all of them at first.
+            batches: Ticks not yet appended; all of them at first.
 
         Returns:
-            Of how many ticks, and by how much UTC that was made of this machine's stamps before has changed (ns).
+            Number of ticks appended, and change (ns) of the UTC of earlier stamps on this machine's clock.
         """
         if self._first == self._decoded.count:
-            if len(batches.raw) > 1:  # senders whose frames take turns
+            if len(batches.raw) > 1:  # senders with interleaved frames
                 return 1, self._take_senders(batches[:1])
             tracks = tuple(track for block in batches.raw for track in self._decoder.decode(block))
             self._decoded, self._first = Ticks.of(tracks, batches.now_ns), 0
-        count = min(self._most, self._decoded.count - self._first) if self._poses.clock.is_settled else 1
+        count = min(self._tick_count, self._decoded.count - self._first) if self._poses.clock.is_settled else 1
         while True:
             shift_ns = self._poses.append(self._decoded.between(self._first, self._first + count))
             if shift_ns is not None:
                 self._first += count
-                self._most = 2 * count
+                self._tick_count = 2 * count
                 return count, shift_ns
             count //= 2
 
     def _take_senders(self, batches: Batches) -> int:
-        """Take in a tick, sender by sender."""
+        """Append a tick, sender by sender; returns the change (ns) of UTC."""
         senders = [self._decoder.decode(block) for block in batches.raw] or [()]
         return sum(self._poses.append(Ticks.one(tracks)) or 0 for tracks in senders)

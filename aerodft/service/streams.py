@@ -1,4 +1,4 @@
-"""Recent samples of one telemetry stream, and what of them was known at each tick of the newest step."""
+"""Recent samples of a telemetry stream, and which of them were known at each tick of the newest step."""
 
 from enum import IntEnum
 from typing import Final
@@ -11,33 +11,33 @@ from aerodft.geometry import Brackets, brackets
 from aerodft.model import BoolArray, FloatArray, IntArray
 
 HISTORY_NS: Final = 120 * SECOND_NS
-"""How long samples are kept: longer than any image waits for its telemetry."""
+"""Span of samples kept: longer than any image waits for its telemetry."""
 
 END_OF_TIME: Final = np.iinfo(np.int64).max
-"""The watermark of a stream that will not go on."""
+"""Watermark of a stream that has ended."""
 
 LAST: Final = np.array([-1])
 """The last tick of the newest step."""
 
-_ON_ANOTHER_CLOCK: Final = np.iinfo(np.int64).min
+_BEFORE_ALL_STAMPS: Final = np.iinfo(np.int64).min
 
 
 class Missing(IntEnum):
-    """Why there is no value at a stamp; arrays hold these as ``int64``."""
+    """Reason for no value at a stamp; arrays hold these as ``int64``."""
 
     NOTHING = 0  # there is a value
-    PENDING = 1  # the next sample may still come
-    STALE = 2  # there were samples, none close enough on both sides
-    NEVER = 3  # there was no sample by then
-    REFUSED = 4  # there are samples, and they cannot be believed
+    PENDING = 1  # the next sample may still arrive
+    STALE = 2  # samples, but not close enough on both sides
+    NEVER = 3  # no sample up to then
+    REFUSED = 4  # samples that are rejected
 
 
 class Stream:
-    """Samples in order of their UTC stamps, in arrays that grow at one end and are trimmed at the other.
+    """Samples in order of their UTC stamps, in arrays that grow at the end and are trimmed at the start.
 
-    A sample whose stamp is not after the last one's is dropped and counted: what a stamp's neighbours are must not
-    depend on how late a stray sample came. A step appends the samples of one tick or of several; questions name the
-    tick as of which they are answered, by its number in the newest step.
+    A sample whose stamp is not after the last one's is dropped and counted: a stamp's neighbours must not depend on how
+    late a sample arrived. A step appends the samples of one or more ticks; queries are as of a tick, by its number in
+    the newest step.
 
     Args:
         max_gap_ns: The longest gap that is interpolated over.
@@ -54,31 +54,31 @@ class Stream:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no sample is kept."""
+        """Whether there are no samples."""
         return self._start == self._stop
 
     @property
     def last_ns(self) -> int | None:
-        """Stamp of the newest sample; None where none is kept."""
+        """Stamp of the newest sample; None if empty."""
         return None if self.is_empty else int(self._stamps[self._stop - 1])
 
     @property
     def stamps_ns(self) -> IntArray:
-        """``(m,)`` strictly ascending."""
+        """Stamps ``(m,)`` of the samples, strictly ascending."""
         return self._stamps[self._start : self._stop]
 
     def column(self, name: str) -> FloatArray:
-        """``(m, ...)`` values."""
+        """Values ``(m, ...)`` of the samples."""
         return np.asarray(self._columns[name][self._start : self._stop])
 
     def append(
         self, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None, **columns: npt.NDArray[np.generic]
     ) -> None:
-        """Add the samples of a step.
+        """Append the samples of a step.
 
         Args:
             stamps_ns: ``(k,)`` in order of arrival.
-            row_end_by_tick: ``(ticks,)`` how many of them had come by each tick; None for a step of one tick.
+            row_end_by_tick: ``(ticks,)`` number of samples up to each tick; None for a step of one tick.
             columns: ``(k, ...)`` values.
         """
         if len(stamps_ns) == 0:
@@ -98,75 +98,75 @@ class Stream:
         if self._first_ns is None:
             self._first_ns = int(stamps_ns[0])
         ends = np.array([len(keep)]) if row_end_by_tick is None else row_end_by_tick
-        self._note_views(before + np.concatenate([[0], kept])[ends])
+        self._update_views(before + np.concatenate([[0], kept])[ends])
 
     def commit(self) -> None:
-        """The ticks so far are over: questions are answered as of the last of them from now on."""
+        """End the step: later queries are as of its last tick."""
         self._view_first, self._view_end = self._view_first[-1:], self._view_end[-1:]
 
     def clear(self) -> None:
-        """Forget all samples: their stamps are of another clock."""
+        """Remove all samples: their stamps are of another clock."""
         self._start = self._stop = 0
         self._view_first, self._view_end = np.zeros((2, 1), dtype=np.int64)
         if self._first_ns is not None:
-            self._first_ns = _ON_ANOTHER_CLOCK
+            self._first_ns = _BEFORE_ALL_STAMPS
 
     def shift(self, by_ns: int) -> None:
-        """Move all samples: what time it was when they were taken is known better now."""
+        """Shift all stamps: the clock map has changed."""
         self._stamps[self._start : self._stop] += by_ns
-        if self._first_ns is not None and self._first_ns != _ON_ANOTHER_CLOCK:
+        if self._first_ns is not None and self._first_ns != _BEFORE_ALL_STAMPS:
             self._first_ns += by_ns
 
     def rows_known_at(self, ticks: IntArray) -> tuple[IntArray, IntArray]:
-        """First row of ``stamps_ns`` that is known, and the one behind the last, at ticks ``(n,)``."""
+        """First known row of ``stamps_ns`` and the end of the known rows, ``(n,)`` both, at ticks ``(n,)``."""
         if len(self._view_end) == 1:
             ticks = np.zeros_like(ticks)
         return self._view_first[ticks] - self._start, self._view_end[ticks] - self._start
 
     def newest_ns(self, ticks: IntArray) -> IntArray:
-        """Stamps of the newest samples known at ticks ``(n,)``; 0 where there is none."""
+        """Stamps of the newest samples known at ticks ``(n,)``; 0 if none."""
         if self.is_empty:
             return np.zeros(len(ticks), dtype=np.int64)
         first, end = self.rows_known_at(ticks)
         return np.where(end > first, self.stamps_ns[np.maximum(end, 1) - 1], 0)
 
     def began_by(self, stamps_ns: IntArray) -> BoolArray:
-        """Whether there was a sample at stamps ``(n,)`` or before."""
+        """Whether there was a sample at or before each stamp ``(n,)``."""
         return np.full(len(stamps_ns), False) if self._first_ns is None else stamps_ns >= self._first_ns
 
     def find(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[Brackets, IntArray]:
-        """The samples around stamps.
+        """Find the two samples around each stamp.
 
         Args:
             stamps_ns: ``(n,)`` UTC.
-            ticks: ``(n,)`` as of which each is asked.
-            watermark_ns: ``(n,)`` newest stamp of any stream: once it has passed the stamp, and the last sample by more
-                than the longest gap, there is nothing left to wait for.
+            ticks: ``(n,)`` ticks as of which samples are known.
+            watermark_ns: ``(n,)`` newest stamp of any stream: once past the stamp, and past the last sample by more
+                than the longest gap, nothing is pending any more.
 
         Returns:
-            Rows of ``column``, and as ``Missing`` ``(n,)`` why there is none.
+            Brackets of rows of ``column``, and ``Missing`` ``(n,)``.
         """
         first, end = self.rows_known_at(ticks)
         found = brackets(self.stamps_ns, stamps_ns, self.max_gap_ns, (first, end))
         newest_ns, is_any = self.newest_ns(ticks), end > first
-        gone = np.where(self.began_by(stamps_ns), Missing.STALE, Missing.NEVER)
+        never_or_stale = np.where(self.began_by(stamps_ns), Missing.STALE, Missing.NEVER)
         is_over = (watermark_ns >= stamps_ns) & (~is_any | (watermark_ns - newest_ns > self.max_gap_ns))
-        waits = ~(is_any & (newest_ns >= stamps_ns)) & ~is_over
-        return found, np.where(found.is_known, Missing.NOTHING, np.where(waits, Missing.PENDING, gone))
+        is_pending = ~(is_any & (newest_ns >= stamps_ns)) & ~is_over
+        return found, np.where(found.is_known, Missing.NOTHING, np.where(is_pending, Missing.PENDING, never_or_stale))
 
     def last_before(self, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
-        """Rows of ``column`` that are the newest by stamps ``(n,)`` as of ticks ``(n,)``; -1 where there is none."""
+        """Rows of ``column`` of the newest samples up to stamps ``(n,)`` as of ticks ``(n,)``; -1 if none."""
         first, end = self.rows_known_at(ticks)
         rows = np.minimum(np.searchsorted(self.stamps_ns, stamps_ns, side="right"), end) - 1
         return np.where(rows >= first, rows, -1)
 
     def ages_s(self, stamps_ns: IntArray, found: Brackets) -> FloatArray:
-        """Distances in time ``(n,)`` of stamps to the nearer of the samples around them."""
+        """Time ``(n,)`` from each stamp to the nearer of the samples around it."""
         before, after = found.ends(self.stamps_ns)
         return np.asarray(np.minimum(stamps_ns - before, after - stamps_ns) / SECOND_NS)
 
-    def _note_views(self, ends: IntArray) -> None:
-        """What is known at each tick, if rows end there; what is older than any tick looks at is given free."""
+    def _update_views(self, ends: IntArray) -> None:
+        """Set the rows known at each tick from their ends, and release rows too old for any tick."""
         stamps = self._stamps[self._start : self._stop]
         newest = stamps[np.maximum(ends - self._start - 1, 0)]
         firsts = self._start + np.searchsorted(stamps, newest - HISTORY_NS)
@@ -176,13 +176,13 @@ class Stream:
     def _reserve(self, count: int, columns: dict[str, npt.NDArray[np.generic]]) -> None:
         if self._stop + count <= len(self._stamps):
             return
-        kept, held = self._stop - self._start, slice(self._start, self._stop)
+        kept, rows = self._stop - self._start, slice(self._start, self._stop)
         size = 2 * (kept + count) + 64
         stamps = np.empty(size, dtype=np.int64)
-        stamps[:kept] = self._stamps[held]
+        stamps[:kept] = self._stamps[rows]
         for name, values in columns.items():
-            grown = np.empty((size, *values.shape[1:]), dtype=values.dtype)
+            column = np.empty((size, *values.shape[1:]), dtype=values.dtype)
             if name in self._columns:
-                grown[:kept] = self._columns[name][held]
-            self._columns[name] = grown
+                column[:kept] = self._columns[name][rows]
+            self._columns[name] = column
         self._stamps, self._start, self._stop = stamps, 0, kept

@@ -352,7 +352,7 @@ class _TopicFrames:
                     yield RawBlock(
                         protocol=WireProtocol.MAVLINK,
                         sender=self._topic,
-                        arrival_ns=pace.kept(arrivals_ns[message]),
+                        arrival_ns=pace.limited(arrivals_ns[message]),
                         offset=cut.offset,
                         length=cut.length,
                         data=cut.data,

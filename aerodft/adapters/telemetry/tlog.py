@@ -68,7 +68,7 @@ class TlogSource(LogFile):
         limiter = ArrivalLimiter()
         for piece, rows in self.scan_pieces(_scan_tlog, BLOCK_FRAMES, self.size):
             block = piece.block(rows, WireProtocol.MAVLINK, self.path.name, checked=True)
-            yield replace(block, arrival_ns=limiter.kept(block.arrival_ns))
+            yield replace(block, arrival_ns=limiter.limited(block.arrival_ns))
 
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each kind of damage met so far; complete once ``events`` has ended."""

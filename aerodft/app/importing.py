@@ -47,7 +47,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
 from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
-from aerodft.service.clocks import LogSpan, OnClock, survey_span
+from aerodft.service.clocks import LogSpan, MappedToUtc, survey_span
 from replay.foreign import ForeignImages, ForeignRecording
 from replay.recordings import LeftOut, is_mcap
 
@@ -279,9 +279,9 @@ def _images(
     else:
         rate_hz = configured.rate_hz if isinstance(configured, Rate) else DEFAULT_RATE_HZ
         return RateSource(span.arrivals_ns, rate_hz), {}
-    images = size_checked(OnClock(open_images(decode=decode), clock), camera, where)
+    images = size_checked(MappedToUtc(open_images(decode=decode), clock), camera, where)
     with _quiet():
-        return images, _stamps(OnClock(open_images(decode=False), clock), camera, where)
+        return images, _stamps(MappedToUtc(open_images(decode=False), clock), camera, where)
 
 
 def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:

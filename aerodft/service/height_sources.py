@@ -1,7 +1,7 @@
-"""Where heights above the measured plane come from: a class or an entry of the table for each source.
+"""The registry of height sources: ``HEIGHT_SOURCES``.
 
-A new source is an entry of ``HEIGHT_SOURCES``, and a telemetry decoder that gives a ``HeightTrack`` with its name. Its
-name in a station's file, its standard deviation there, its datum in messages and its place in schemas follow.
+A new source is an entry of ``HEIGHT_SOURCES`` and a telemetry decoder that gives a ``HeightTrack`` with its name. Its
+name and standard deviation in station files, its datum in messages and its place in schemas follow.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeightSamples:
-    """What one track says of a height.
+    """Heights in one track.
 
     Attributes:
         value_m: ``(n,)`` vertical heights, or distances along the vehicle's down axis (``is_slant``).
-        std_m: ``(n,)`` reported standard deviations; NaN where none is.
-        lat_lon_rad: ``(n, 2)`` the place that it is the height above; None where the message says none.
-        is_slant: Whether the vehicle's lean matters.
+        std_m: ``(n,)`` reported standard deviations; NaN where none is reported.
+        lat_lon_rad: ``(n, 2)`` the point on the ground below; None where the message has none.
+        is_slant: Whether the vehicle's roll and pitch matter.
     """
 
     value_m: FloatArray
@@ -34,15 +34,15 @@ class HeightSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class HeightReader:
-    """How one source of heights is read; as it stands here, of a sensor that comes as ``HeightTrack``.
+    """Reader of one height source; the base class is for sensors that come as ``HeightTrack``.
 
     Attributes:
-        name: In a station's file, in messages and in ``HeightTrack.source``.
-        datum: What its heights are counted from, as messages say it.
-        std_m: Standard deviation unless a station's file or the reports themselves say another.
-        is_above_home: Whether it counts from home and comes with the position: the ground below does not matter to
-            it, GPS accuracy does, and a reboot may move it. All others count from the surface below the camera.
-        is_live: Whether it comes in tracks; else it is a number of the settings.
+        name: Name in station files, messages and ``HeightTrack.source``.
+        datum: Datum of its heights in messages.
+        std_m: Standard deviation unless the station file or the reports have another.
+        is_above_home: Whether heights are above home and come with the position: independent of the ground below,
+            subject to GPS accuracy and to reboots. Other heights are above the surface below the camera.
+        is_live: Whether it comes in tracks; else it is a number in the settings.
     """
 
     name: HeightSource
@@ -56,11 +56,11 @@ class HeightReader:
         return settings.max_gap_ns
 
     def max_distance_m(self, settings: "HeightSettings") -> float | None:  # noqa: ARG002 - other sources need them
-        """How far the place of a report may be from the vehicle; None for a source whose reports name no place."""
+        """Maximum distance of a report's place from the vehicle; None if reports have no place."""
         return None
 
     def samples(self, track: Track, settings: "HeightSettings") -> HeightSamples | None:  # noqa: ARG002
-        """What a track says of this source's height; None where it is of something else."""
+        """Heights of this source in a track; None in other tracks."""
         if not isinstance(track, HeightTrack) or track.source != self.name:
             return None
         return HeightSamples(
@@ -68,7 +68,7 @@ class HeightReader:
         )
 
     def constant_m(self, settings: "HeightSettings") -> float | None:  # noqa: ARG002
-        """The height of a source that is not live; None where the settings state none."""
+        """Height of a source that is not live; None where the settings have none."""
         return None
 
 
@@ -93,7 +93,7 @@ class _AboveHome(HeightReader):
         return HeightSamples(value_m=height_m, std_m=np.full_like(height_m, np.nan))
 
 
-class _Stated(HeightReader):
+class _ManualHeight(HeightReader):
     def constant_m(self, settings: "HeightSettings") -> float | None:
         return settings.manual_m
 
@@ -104,7 +104,7 @@ HEIGHT_SOURCES: Final[dict[HeightSource, HeightReader]] = {
         _Rangefinder(name=HeightSource.RANGEFINDER, datum="surface", std_m=0.2),
         _TerrainDatabase(name=HeightSource.TERRAIN, datum="terrain", std_m=3.0),
         _AboveHome(name=HeightSource.HOME, datum="home", std_m=1.0, is_above_home=True),
-        _Stated(name=HeightSource.MANUAL, datum="manual", std_m=0.5, is_live=False),
+        _ManualHeight(name=HeightSource.MANUAL, datum="manual", std_m=0.5, is_live=False),
     )
 }
-"""All sources by name, in the order in which they are believed unless a station's file says another."""
+"""All sources by name, in the default order of preference."""

@@ -1,7 +1,6 @@
-"""Images to observations: what observers see, inline over recorded input and beside the ticks over live input.
+"""Detectors bound to images: inline for recorded input, in threads of their own for live input.
 
-Either way observations are input like any other: they are recorded, and a flight that is computed anew starts from
-them, without looking at an image again.
+Observations are recorded as input in both cases; a recompute starts from them and detects nothing again.
 """
 
 import logging
@@ -15,18 +14,18 @@ from aerodft.errors import AerodftError
 from aerodft.model import Event, Image, Observation
 from aerodft.service.ports import ImageObserver, Source
 
-_SLACK = 0.9  # of the period: a camera at exactly the rate jitters around it
+_PERIOD_TOLERANCE = 0.9  # of the period: a camera at exactly the rate jitters around it
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverSchedule:
-    """An observer, and how often it looks.
+    """An observer and its rate.
 
     Attributes:
-        observer: What it looks for.
-        every_s: Least time between two images that it is shown, by their stamps; 0 for all of them.
+        observer: The observer.
+        every_s: Shortest time between two of its images, by their stamps; 0 for all images.
     """
 
     observer: ImageObserver
@@ -35,12 +34,12 @@ class ObserverSchedule:
 
 @dataclass(slots=True)
 class ObserverCounts:
-    """What became of the images that were due.
+    """Numbers of images processed and missed by an observer.
 
     Attributes:
-        looked: Looked at.
-        skipped: Left out for a newer one, because the look before it took too long.
-        unreadable: Without pixels that could be decoded.
+        looked: Images processed.
+        skipped: Images replaced by a newer one while the observer was busy.
+        unreadable: Images whose pixels could not be decoded.
     """
 
     looked: int = 0
@@ -49,16 +48,16 @@ class ObserverCounts:
 
 
 class _ScheduledObserver:
-    """An observer, when it looked last, and what became of the images that were due."""
+    """An observer with the stamp of its last image and its counts."""
 
     def __init__(self, schedule: ObserverSchedule) -> None:
         self.counts = ObserverCounts()
         self._observer = schedule.observer
-        self._period_ns = round(_SLACK * schedule.every_s * SECOND_NS)
+        self._period_ns = round(_PERIOD_TOLERANCE * schedule.every_s * SECOND_NS)
         self._last_ns: int | None = None
 
     def is_due(self, image: Image) -> bool:
-        """Whether the image is to be looked at; stamps that go back begin anew."""
+        """Whether the image is to be processed; the schedule restarts when stamps go back."""
         if image.pixels is None:
             return False
         last_ns = self._last_ns
@@ -68,20 +67,20 @@ class _ScheduledObserver:
         return True
 
     def look(self, image: Image) -> tuple[Observation, ...]:
-        """What is seen; nothing in an image that cannot be read."""
+        """Observations in an image; none in an unreadable one."""
         try:
-            seen = self._observer.observe(image)
+            observations = self._observer.observe(image)
         except AerodftError as error:
             if not self.counts.unreadable:
                 _log.warning("image %d is not looked at: %s", image.index, error)
             self.counts.unreadable += 1
             return ()
         self.counts.looked += 1
-        return seen
+        return observations
 
 
 class ObservedImages:
-    """A recorded source, with what observers see in its images right behind each of them."""
+    """A recorded source with observations inserted after each image."""
 
     def __init__(self, source: Source, schedules: Sequence[ObserverSchedule]) -> None:
         self._source = source
@@ -89,11 +88,11 @@ class ObservedImages:
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """So far, one for each observer."""
+        """Counts of each observer."""
         return tuple(scheduled.counts for scheduled in self._scheduled)
 
     def events(self) -> Iterator[Event]:
-        """The source's events; an observation arrives with its image."""
+        """The source's events with observations, which arrive with their image."""
         for event in self._source.events():
             yield event
             if isinstance(event, Image):
@@ -103,13 +102,13 @@ class ObservedImages:
 
 
 class LiveObservers:
-    """Shows live images to observers, each in a thread of its own that never holds up who brings them.
+    """Passes live images to observers in threads of their own, without blocking the caller.
 
-    While an observer looks at one image only the newest of the others waits for it.
+    While an observer is busy only the newest image waits for it.
 
     Args:
-        schedules: Who looks.
-        on_seen: Takes what is seen in one image, from several threads; must not block.
+        schedules: The observers.
+        on_seen: Called with the observations in one image, from several threads; must not block.
     """
 
     def __init__(
@@ -119,19 +118,19 @@ class LiveObservers:
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """So far, one for each observer."""
+        """Counts of each observer."""
         return tuple(thread.counts for thread in self._threads)
 
     def __call__(self, image: Image) -> None:
-        """Show an image."""
+        """Pass an image to all observers."""
         for thread in self._threads:
             thread.show(image)
 
     def stop(self) -> None:
-        """End after the look under way; what waits is not looked at.
+        """End after the images being processed; waiting images are dropped.
 
         Raises:
-            Exception: What an observer raised beside ``AerodftError``; it has looked at nothing since.
+            Exception: Raised by an observer, other than ``AerodftError``; that observer had stopped.
         """
         for thread in self._threads:
             thread.end()
@@ -146,14 +145,14 @@ class LiveObservers:
 
 
 class _ObserverThread:
-    """One observer and its thread."""
+    """An observer with its thread."""
 
     def __init__(self, schedule: ObserverSchedule, on_seen: Callable[[tuple[Observation, ...]], None]) -> None:
         self._scheduled = _ScheduledObserver(schedule)
         self._on_seen = on_seen
-        self._changed = threading.Condition()
+        self._condition = threading.Condition()
         self._next: Image | None = None
-        self._ending = False
+        self._is_ending = False
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="image-observer", daemon=True)
         self._thread.start()
@@ -163,17 +162,17 @@ class _ObserverThread:
         return self._scheduled.counts
 
     def show(self, image: Image) -> None:
-        with self._changed:
-            if self._ending or not self._scheduled.is_due(image):
+        with self._condition:
+            if self._is_ending or not self._scheduled.is_due(image):
                 return
             self.counts.skipped += self._next is not None
             self._next = image
-            self._changed.notify()
+            self._condition.notify()
 
     def end(self) -> None:
-        with self._changed:
-            self._ending, self._next = True, None
-            self._changed.notify()
+        with self._condition:
+            self._is_ending, self._next = True, None
+            self._condition.notify()
 
     def join(self) -> None:
         self._thread.join()
@@ -183,16 +182,16 @@ class _ObserverThread:
     def _run(self) -> None:
         try:
             while (image := self._take()) is not None:
-                if seen := self._scheduled.look(image):
-                    self._on_seen(seen)
+                if observations := self._scheduled.look(image):
+                    self._on_seen(observations)
         except Exception as error:  # noqa: BLE001 - join raises it, in the thread that can report it
             _log.error("an image observer ended early: %r", error)
-            with self._changed:
-                self._error, self._ending, self._next = error, True, None
+            with self._condition:
+                self._error, self._is_ending, self._next = error, True, None
 
     def _take(self) -> Image | None:
-        """The newest image that is due; None at the end."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._next is not None or self._ending)
+        """The newest waiting image; None at the end."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._next is not None or self._is_ending)
             image, self._next = self._next, None
             return image

@@ -1,4 +1,4 @@
-"""What the pipeline asks of the world, as Protocols of one to three methods, and the outputs that it gives to sinks."""
+"""Ports of the pipeline: Protocols of one to three methods for inputs, sinks and estimators; and its outputs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,14 +28,14 @@ Estimate: TypeAlias = CalibrationEstimate | CameraMotionEstimate
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImageOutputs:
-    """Images with their poses and what was measured in them.
+    """Poses of images and measurements in them.
 
     Attributes:
-        tick: ``(n,)`` on which of the step's ticks each was answered, not decreasing.
-        order: ``(n,)`` ascending place of each among all outputs of the step.
-        images: ``(n,)`` their running numbers, ``NO_IMAGE`` for a stamp alone; when they were taken, the poses say.
-        poses: Their ``(n,)`` poses.
-        measurements: Of all fixed probes in each image; None where there are no such probes.
+        tick: ``(n,)`` number of the tick, in the step, at which each was answered; not decreasing.
+        order: ``(n,)`` ascending position of each among all outputs of the step.
+        images: ``(n,)`` running numbers, ``NO_IMAGE`` for a stamp without an image; stamps are in ``poses``.
+        poses: The ``(n,)`` poses.
+        measurements: Of all fixed probes in each image; None without fixed probes.
     """
 
     tick: IntArray
@@ -47,12 +47,12 @@ class ImageOutputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObservationOutputs:
-    """Observations of one probe with what was measured by them.
+    """Observations of one probe and measurements by them.
 
     Attributes:
         tick: ``(n,)`` as in ``ImageOutputs``.
         order: ``(n,)`` as in ``ImageOutputs``.
-        observations: The observations, stamps in UTC, with the numbers of their images.
+        observations: The observations with stamps in UTC and the numbers of their images.
         measurements: One measurement for each observation.
     """
 
@@ -64,13 +64,13 @@ class ObservationOutputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SingleOutput:
-    """An output that comes alone.
+    """An output that is no block: a tracked or learned observation, an estimate, a switch, object tracks.
 
     Attributes:
-        tick: On which of the step's ticks.
-        order: Its place among all outputs of the step.
-        content: An observation that was learned from or tracked, what a calibration knows after it, a change of the
-            height's source, or the measurements of the objects that are tracked in one image.
+        tick: Number of the tick in the step.
+        order: Position among all outputs of the step.
+        content: An observation of a landmark or object, the calibration's estimate after it, a change of the height
+            source, or the measurements of the objects tracked in one image.
     """
 
     tick: int
@@ -80,12 +80,12 @@ class SingleOutput:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StepOutputs:
-    """The outputs of some ticks.
+    """Outputs of the pipeline for the ticks of one step.
 
     Attributes:
         images: Blocks of images, first ticks not decreasing.
         observations: Blocks of observations.
-        singles: All else, in order.
+        singles: All other outputs, in order.
     """
 
     images: tuple[ImageOutputs, ...] = ()
@@ -93,7 +93,7 @@ class StepOutputs:
     singles: tuple[SingleOutput, ...] = ()
 
     def measured(self) -> Iterator[tuple[IntArray, IntArray, MeasurementBatch]]:
-        """All measurements, batch by batch, with the tick ``(n,)`` and the order ``(n,)`` of each of its entries."""
+        """All measurements, batch by batch, with the tick ``(n,)`` and the order ``(n,)`` of each entry."""
         blocks: tuple[ImageOutputs | ObservationOutputs, ...] = (*self.images, *self.observations)
         for block in blocks:
             if block.measurements is not None:
@@ -105,14 +105,14 @@ class StepOutputs:
 
 
 class Sink(Protocol):
-    """Takes what was read and what was made of it; must not block (queues, sheds and counts instead)."""
+    """Consumer of inputs and outputs; must not block (it queues, sheds and counts instead)."""
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:
-        """The input of some ticks (one, live) and their outputs; at the end outputs come with a tick without input."""
+        """Take the input of some ticks and their outputs; the last outputs come with a tick without input."""
         ...
 
     def close(self) -> None:
-        """Write out what is left; no calls after this."""
+        """Write out what is buffered; the last call."""
         ...
 
 
@@ -120,7 +120,7 @@ Known = TypeVar("Known")
 
 
 class Clock(Protocol):
-    """The only place where time is read: the wall's, or a virtual one in replay."""
+    """Time: of the wall, or virtual in replay; the only place where time is read."""
 
     def now_ns(self) -> int:
         """Host UTC."""
@@ -141,54 +141,54 @@ class Source(Protocol):
 
 @runtime_checkable
 class GatheredSource(Source, Protocol):
-    """Recorded input that has many images at once, too."""
+    """Recorded input that can give many images as one event."""
 
     def gathered(self) -> Iterator[Arrival]:
-        """The source's events, first arrivals not decreasing, images together where they can be."""
+        """The source's events, first arrivals not decreasing, images as ``ImageRows`` where possible."""
         ...
 
 
 class Feed(Protocol):
-    """Live or recorded input as batches of ticks: one, live, or many."""
+    """Live or recorded input as batches of ticks."""
 
     def batches(self) -> Iterator[Batches]:
-        """Batches with increasing ticks, empty ones included where time alone matters, until the end."""
+        """Batches with increasing ticks, with empty ones where a deadline may be, until the end."""
         ...
 
 
 class TelemetryDecoder(Protocol):
-    """Raw frames to tracks; stateful, and independent of how frames are cut into blocks."""
+    """Stateful decoder of raw frames to tracks, independent of how frames are split into blocks."""
 
     @property
     def rejected(self) -> Mapping[str, int]:
-        """Rows left out so far, by ``MESSAGE: reason``."""
+        """Number of rows without a usable value so far, by ``MESSAGE: reason``."""
         ...
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's frames; unknown or damaged frames are counted, never raised."""
+        """Tracks of a block's frames; unknown or damaged frames are counted, never raised."""
         ...
 
 
 class Calibrator(Protocol[Known]):
-    """Turns the telemetry's poses into better ones."""
+    """Refines poses by estimated biases."""
 
     def known(self) -> Known:
-        """What is known by now, and stays as it is whatever is learned after it."""
+        """The present state, unaffected by later updates."""
         ...
 
     def refine(self, poses: PoseBatch, known: Sequence[Known], which: IntArray) -> PoseBatch:
-        """The poses corrected by ``which (n,)`` of what was known; anything not ok passes unchanged.
+        """Poses corrected by the states ``known[which]``, ``which (n,)``; poses that are not ok pass unchanged.
 
-        With the calibration's covariance and id.
+        Corrected poses have the calibration's covariance and id.
         """
         ...
 
 
 class ImageObserver(Protocol):
-    """Finds in images what probes, landmarks or a ``Calibrator`` want to know the pixels of."""
+    """Detector that finds pixels of probes, landmarks or fixed points in images."""
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
-        """What is seen in an image that has pixels, by its stamp, clock and index; called from one thread, in order.
+        """Observations in an image, with its stamp, clock and index; called from one thread, in order.
 
         Raises:
             AerodftError: The pixels cannot be read.
@@ -197,26 +197,26 @@ class ImageObserver(Protocol):
 
 
 class LandmarkObserver(Protocol):
-    """Learns from landmarks in the images, most likely for a ``Calibrator``."""
+    """Estimator that learns from observed landmarks, usually of a ``Calibrator``."""
 
     def observes(self, name: str) -> bool:
         """Whether observations of this name are of a landmark."""
         ...
 
     def fits(self, observation: Observation) -> bool:
-        """Whether an observation of such a name has as many pixels as it must."""
+        """Whether an observation of a landmark has the right number of pixels."""
         ...
 
     def observe(self, sample: PoseSample, observations: tuple[Observation, ...]) -> Estimate:
-        """Learn from what fits, seen at the stamp of the unrefined ``sample``."""
+        """Update the estimate by observations at the stamp of the unrefined ``sample``."""
         ...
 
 
 class ObjectTracker(Protocol):
-    """Follows what moves from image to image, by its outlines."""
+    """Tracker of moving objects by their outlines."""
 
     def follow(
         self, setup: Setup, sample: PoseSample, observations: tuple[Observation, ...], image: int | None
     ) -> MeasurementBatch | None:
-        """What is known of all objects after the next image, seen from ``sample``; None where that is nothing new."""
+        """Tracks of all objects after the next image, whose pose is ``sample``; None if unchanged."""
         ...

@@ -1,4 +1,4 @@
-"""What a station is configured to do, in SI units; ``adapters.config`` makes it from TOML."""
+"""A station's configuration in SI units, as ``adapters.config`` reads it from TOML."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -27,15 +27,15 @@ from aerodft.service.height_sources import HEIGHT_SOURCES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraMotionSettings:
-    """What is looked for, and what counts as moved.
+    """How a fixed camera's motion is detected.
 
     Attributes:
-        limit_rad: A camera that looks farther than this from where it looked has moved.
-        every_s: Least time between two looks.
-        confirm_looks: So many looks in a row must agree.
-        lever_arm_m: From the lens to the joint that it turns about, at the most: a bump moves the lens along.
-        ignore: Polygons of pixels of the reference image that move by themselves: water, trees, roads.
-        reference: The image that the camera's pose is the pose of; None for the first good one.
+        limit_rad: Rotation above which the camera has moved.
+        every_s: Shortest time between two looks.
+        confirm_looks: Number of consecutive looks that must agree.
+        lever_arm_m: Longest distance from the lens to the joint that it rotates about: a bump moves the lens too.
+        ignore: Polygons in the reference image of things that move: water, trees, roads.
+        reference: The image taken at the configured pose; None for the first good one.
     """
 
     limit_rad: float = math.radians(0.2)
@@ -47,25 +47,25 @@ class CameraMotionSettings:
 
 
 OBJECTS: Final = "objects"
-"""Observations of that name are of whatever moves: an outline each, and one without anything where nothing does."""
+"""Name of observations of moving objects: an outline each; an empty one where nothing moves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectSettings:
-    """What is looked for in a fixed camera's images, and how it is followed over the ground.
+    """How moving objects are detected in a fixed camera's images, and tracked over the ground.
 
     Attributes:
-        detect: Whether aerodft looks itself; else all outlines come from outside.
-        every_s: Least time between two looks; 0 for every image.
-        shadows: Whether cast shadows are told from what casts them.
-        min_area_px: What covers fewer pixels is noise.
-        ignore: Polygons of pixels that move by themselves: water, trees, a road that is of no interest.
-        std_px: Of where an outline has its edge.
-        speed_mps: How fast objects are in each direction, a standard deviation, before the second look.
-        acceleration_mps2: How much an object's velocity changes in a second, a standard deviation.
-        confirm_looks: Looks that have to see an object before it is one.
-        track_timeout_s: An object that is not seen for so long is given up.
-        distances_within_m: Distances are measured between objects that are this close; 0 for none.
+        detect: Whether aerodft detects objects; else all outlines come from outside.
+        every_s: Shortest time between two looks; 0 for every image.
+        shadows: Whether cast shadows are separated from objects.
+        min_area_px: Smallest area of a detection.
+        ignore: Polygons of pixels without interest: water, trees, a road.
+        std_px: Standard deviation of an outline's edge.
+        speed_mps: Prior standard deviation of each component of an object's velocity.
+        acceleration_mps2: Standard deviation of the change of velocity in a second.
+        confirm_looks: Detections that confirm a track.
+        track_timeout_s: Time without detection after which a track ends.
+        distances_within_m: Distances are measured between objects at most this far apart; 0 for none.
     """
 
     detect: bool = True
@@ -83,18 +83,18 @@ class ObjectSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZoomSettings:
-    """The camera file is the reference: what is followed is the focal length over that of the file.
+    """How a vehicle's reports of its camera's zoom are followed, relative to the camera file.
 
     Attributes:
-        order: The first source that is live wins; none where the camera's file always holds.
-        level: Zoom, as a share of its range, at which the camera file holds.
-        curve: Zoom and focal length over that at any fixed zoom, ascending, from 0 to 1; empty where it is not known.
-        reported_hfov_rad: What the vehicle reports where the camera file holds; None for the file's own.
+        order: Sources in order of preference, the first live one is used; empty: the camera file always applies.
+        level: Zoom level, as a fraction of its range, of the camera file.
+        curve: Zoom levels from 0 to 1, ascending, with relative focal lengths; empty where unknown.
+        reported_hfov_rad: Field of view that is reported at the camera file's zoom; None for the file's own.
         hfov_std_rad: Standard deviation of reported fields of view.
-        std_per_doubling: Relative standard deviation of the focal length for each doubling against the file's.
-        camera: Whose reports count: up to 6 the number of a camera that the autopilot speaks for, from 7 on a camera's
-            component id; None where there is one.
-        stream: Number of the camera's video stream whose reports count; None for the first heard.
+        std_per_doubling: Relative standard deviation of the focal length per doubling from the file's.
+        camera: Camera to follow: up to 6 the number of one behind the autopilot, from 7 on a component id; None where
+            there is one.
+        stream: Number of the camera's video stream to follow; None for the first heard.
         max_gap_ns: Longest gap between two reports that is interpolated over.
     """
 
@@ -111,16 +111,16 @@ class ZoomSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HealthSettings:
-    """Limits; what is beyond the first two has no answer, the others are remarked on.
+    """Limits of the vehicle's health; beyond the first two poses are refused, the others give remarks.
 
     Attributes:
         heartbeat_ns: Longest silence of the autopilot's HEARTBEAT.
-        max_ratio: Largest test ratio of the estimator: innovations over their gates, of which it refuses those above 1.
+        max_ratio: Largest test ratio of the EKF: innovation over gate, it rejects inputs above 1.
         gps_ns: Longest silence of the receiver.
         horizontal_std_m: Largest standard deviation of the receiver's position.
         vertical_std_m: Largest standard deviation of the receiver's altitude.
-        loss_share: Largest share of the autopilot's frames that may be lost.
-        window_ns: Over which the share is counted.
+        loss_share: Largest fraction of the autopilot's frames that may be lost.
+        window_ns: Span over which the fraction is counted.
     """
 
     heartbeat_ns: int = 5 * SECOND_NS
@@ -134,18 +134,18 @@ class HealthSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightSettings:
-    """Which height is believed, and how much.
+    """Height sources in order of preference, and their accuracy.
 
     Attributes:
         order: The first source with a value at the stamp wins.
-        std_m: Standard deviation per source, where no message brings its own (of a rangefinder), or a larger one (GPS).
+        std_m: Standard deviation per source, unless messages have one (rangefinder) or a larger one (GPS).
         home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
         manual_m: The height, where ``manual`` is in the order.
         min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
         max_gap_ns: Longest gap between two samples that is interpolated over, of positions and home-relative heights.
         rangefinder_gap_ns: Longest gap of a rangefinder.
         terrain_gap_ns: Longest gap of a terrain database.
-        terrain_max_distance_m: From the vehicle to what a terrain report is about, at most.
+        terrain_max_distance_m: Maximum distance from the vehicle to the place of a terrain report.
         lean_std_rad: Standard deviation of the vehicle's roll and pitch, and of the rangefinder on it.
     """
 
@@ -165,7 +165,7 @@ class HeightSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedMount:
-    """A camera's angles against what it is bolted to (front, right, down): intrinsic yaw, pitch, roll."""
+    """A camera's orientation on the body it is fixed to (front, right, down): intrinsic yaw, pitch, roll."""
 
     yaw_rad: float
     pitch_rad: float
@@ -173,24 +173,24 @@ class FixedMount:
 
 
 DEMAND_TILT_STD_RAD: Final = math.radians(1)
-"""A gimbal that only says what it was told is known no better."""
+"""Tilt standard deviation of a gimbal that reports its demanded attitude."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeSettings:
-    """Which attitude is believed, and how much.
+    """Attitude sources in order of preference, and their accuracy.
 
     Attributes:
         order: The first source with a value at the stamp wins.
-        fixed_mount: The camera against the vehicle; used where ``fixed`` is in the order.
-        camera_on_gimbal: The camera against the gimbal's axes; None where they are the same.
-        frame: What the gimbals' roll and pitch are against; None to tell it from the data.
-        axes: Which servo of a mount carries the other, where roll and pitch are against the vehicle; None to tell it
-            from the data.
-        is_demand: Whether gimbals report what they were told, not where they are; None to tell it from the data.
-        delay_ns: How far behind every report the camera is, as far as that is known; reports count from then.
-        lag_ns: How far behind a demand the camera may be, beside that.
-        slew_radps: How fast the camera turns to a new demand, at the least.
+        fixed_mount: The camera relative to the vehicle; used where ``fixed`` is in the order.
+        camera_on_gimbal: The camera relative to the gimbal's axes; None where these coincide.
+        frame: Reference of the gimbals' roll and pitch; None to estimate it from the data.
+        axes: Order of a mount's servo axes, where roll and pitch are relative to the vehicle; None to estimate it from
+            the data.
+        is_demand: Whether gimbals report the demanded attitude, not the actual one; None to estimate it from the data.
+        delay_ns: Known delay of the camera behind every report; reports apply from then on.
+        lag_ns: Longest further lag of the camera behind a demand.
+        slew_radps: Lowest rate at which the camera turns to a new demand.
         std: Standard deviations of tilt, pan, roll, heading and of east and north (heights: ``HeightSettings``).
         max_gap_ns: Longest gap between two samples that is interpolated over.
     """
@@ -214,7 +214,7 @@ class AttitudeSettings:
 
     @property
     def lasting_std(self) -> PoseStd:
-        """``std``, with the tilt that a demand hides where reports may be demands: it lasts, as a bias does."""
+        """The constant part of ``std``: with the tilt error of demands where reports may be demands."""
         if self.is_demand is False:
             return self.std
         return replace(self.std, tilt_rad=max(self.std.tilt_rad, DEMAND_TILT_STD_RAD))
@@ -222,18 +222,18 @@ class AttitudeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelemetrySettings:
-    """How telemetry becomes a pose.
+    """How telemetry is turned into poses.
 
     Attributes:
         system: MAVLink system id to follow; None for the first vehicle heard.
         component: Component id of its autopilot, where it has several; None for the first heard.
-        gimbal: Up to 6 the number of a gimbal that the autopilot speaks for, from 7 on a gimbal's component id; None
-            for the first heard.
+        gimbal: Up to 6 the number of a gimbal behind the autopilot, from 7 on a gimbal's component id; None for the
+            first heard.
         height: Height sources.
         attitude: Attitude sources.
-        health: What the vehicle may say of itself.
-        zoom: Reports of the camera's view.
-        wait_ns: How long after its arrival an image waits for later telemetry before it is called stale.
+        health: Limits of the vehicle's health.
+        zoom: Reports of the camera's zoom.
+        wait_ns: Time that an image waits after its arrival for later telemetry.
     """
 
     system: int | None = None
@@ -248,7 +248,7 @@ class TelemetrySettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorStd:
-    """Standard deviations of the telemetry's errors, each None where a default applies; axes as in ``PoseStd``."""
+    """Standard deviations of errors of the telemetry, None for a default; axes as in ``PoseStd``."""
 
     height_m: float | None = None
     horizontal_m: float | None = None
@@ -266,24 +266,24 @@ DRIFT = ErrorStd(
     roll_rad=math.radians(0.01),
     heading_rad=math.radians(0.03),
 )
-"""Random walks per square root of a second: a barometer strays by half a metre in ten minutes, GPS by metres."""
+"""Random walks per square root of a second: a barometer drifts by half a metre in ten minutes, GPS by metres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveCalibration:
-    """How biases of the telemetry are estimated from landmarks, while the station measures.
+    """How biases of the telemetry are estimated from landmarks while the station measures.
 
-    What telemetry states as its standard deviations is for the most part the same error for a whole flight: that part
-    is estimated. The rest is new in every image, and stays in every interval.
+    Most of a stated standard deviation is one error for a whole flight, which is estimated; the rest is independent
+    noise from image to image, which stays in every interval.
 
     Attributes:
-        landmarks: What is looked for.
-        noise_share: That rest, as a share of each stated standard deviation.
-        noise: Standard deviation of single errors, in their own units.
-        initial: Standard deviations of the biases before a landmark was seen; None for what is left of the stated ones.
-        drift: Random walk of the biases per square root of a second; what was learned fades until ``initial`` is back.
-        gate_probability: A landmark farther off than this share of all good ones would be is refused.
-        outlier_fraction: Share of observations that are something else than the landmark.
+        landmarks: Surveyed landmarks.
+        noise_share: Standard deviation of the noise as a fraction of each stated standard deviation.
+        noise: Standard deviations of the noise, which replace the fraction.
+        initial: Prior standard deviations of the biases; None for the stated ones without the noise.
+        drift: Random walk of the biases per square root of a second, bounded by ``initial``.
+        gate_probability: Probability at which the innovation gate accepts a good observation.
+        outlier_fraction: Prior fraction of observations of something else than the landmark.
     """
 
     landmarks: tuple[SurveyedLandmark, ...]
@@ -297,20 +297,20 @@ class LiveCalibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PipelineSettings:
-    """Everything that the pipeline's numbers depend on, besides its input.
+    """All settings that the pipeline's outputs depend on.
 
     Attributes:
         station: Name in key expressions.
         camera: The camera.
-        probes: What to measure in every image.
+        probes: Probes to measure in every image.
         model: Projection model.
-        ground: What probes' elevations are counted from; None for the level plane at 0.
+        ground: Ground below the probes' elevations; None for the level plane at 0.
         telemetry: None for a fixed camera.
         fixed_pose: The fixed camera's pose; None where telemetry gives it.
         origin: ENU origin; None for the first good fix.
         max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
-        time_std_s: Standard deviation of image stamps against telemetry stamps.
-        match_tolerance_ns: An observation belongs to the image whose stamp is this close.
+        time_std_s: Standard deviation of image stamps relative to telemetry stamps.
+        match_tolerance_ns: Largest difference between the stamps of an observation and its image.
         tick_ns: The grid of arrival times on which the pipeline advances.
         config_id: ``sha256:...`` of the resolved configuration.
     """
@@ -331,7 +331,7 @@ class PipelineSettings:
 
     @property
     def setup(self) -> Setup:
-        """Camera and ground as they are before any zoom."""
+        """The engine's setup, with the camera unzoomed."""
         return Setup(
             camera=self.camera,
             model=self.model,
@@ -343,7 +343,7 @@ class PipelineSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaterHints:
-    """What a person says of the first image that is looked at; it is carried to the others on the water's plane.
+    """Hints by a person on the first image; they are moved to the other images on the water's plane.
 
     Attributes:
         water_px: Pixels in the water.
@@ -356,14 +356,14 @@ class WaterHints:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RiverLook:
-    """How banks are looked for.
+    """How river banks are detected.
 
     Attributes:
-        every_s: Least time between two looks; 0 for every image.
-        spacing_m: Of the transects; up to 32 of them, evenly chosen, become one observation.
-        seed_px: A pixel in the water of every image; None for the largest water.
-        hints: What a person says of the first image.
-        max_range_m: Water farther than this is left out; None for 6 camera heights.
+        every_s: Shortest time between two looks; 0 for every image.
+        spacing_m: Spacing of the transects; up to 32 of them, evenly chosen, become one observation.
+        seed_px: A pixel in the water of every image; None for the largest water surface.
+        hints: Hints on the first image.
+        max_range_m: Maximum range of water; None for 6 camera heights.
     """
 
     every_s: float = 1.0
@@ -373,18 +373,18 @@ class RiverLook:
     max_range_m: float | None = None
 
 
-RADIO_STATUS: Final = "RADIO_STATUS"  # made by the radio itself, which has no key
+RADIO_STATUS: Final = "RADIO_STATUS"  # sent by the radio itself, which has no key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SigningSettings:
-    """How one link is signed.
+    """MAVLink signing of one link.
 
     Attributes:
-        key_file: Holds the key.
-        state_file: Where its time stamps are kept; None for beside the key, as ``<key_file>.state``.
-        link_id: Of what is sent on it.
-        accept_unsigned: Names of messages that pass without a signature.
+        key_file: File with the key.
+        state_file: File with the last signing time stamps; None for ``<key_file>.state``.
+        link_id: Link id of sent messages.
+        accept_unsigned: Names of messages accepted without a signature.
     """
 
     key_file: Path

@@ -1,4 +1,4 @@
-"""A camera's clock against UTC, images moved from the one to the other; and this machine's clock."""
+"""A camera's clock against UTC, sources with its stamps mapped to UTC, and this machine's wall clock."""
 
 import time
 from collections.abc import Iterator
@@ -10,11 +10,11 @@ from aerodft.service.ports import Source
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageClock:
-    """``utc = stamp + offset + drift (stamp - reference)``.
+    """Camera clock: ``utc = stamp + offset + drift (stamp - reference)``.
 
     Attributes:
         offset_ns: UTC minus the camera's stamp, at the reference.
-        drift: By how much that grows per second of the camera's clock, in seconds.
+        drift: Growth of the offset per second of the camera's clock (s/s).
         reference_ns: A stamp by the camera's clock.
     """
 
@@ -27,17 +27,17 @@ class ImageClock:
         return stamp_ns + self.offset_ns + round(self.drift * (stamp_ns - self.reference_ns))
 
     def stamp_ns(self, utc_ns: int) -> int:
-        """The stamp at a UTC: what ``utc_ns`` makes of it is that again, but for a nanosecond."""
+        """Stamp at a UTC; inverse of ``utc_ns`` to a nanosecond."""
         since_ns = utc_ns - self.offset_ns - self.reference_ns
         return self.reference_ns + since_ns - round(since_ns * self.drift / (1 + self.drift))
 
 
-class OnClock:
-    """A source whose images bear UTC.
+class MappedToUtc:
+    """A source with stamps mapped from the camera's clock to UTC.
 
     Args:
         source: Images with the camera's stamps.
-        clock: The camera's.
+        clock: The camera's clock.
     """
 
     def __init__(self, source: Source, clock: ImageClock) -> None:
@@ -45,7 +45,7 @@ class OnClock:
         self._clock = clock
 
     def events(self) -> Iterator[Event]:
-        """The source's events; images and observations with their stamps in UTC, and arrivals moved with them."""
+        """The source's events; stamps of images and observations in UTC, arrivals moved by the same amount."""
         for event in self._source.events():
             if isinstance(event, RawBlock):
                 yield event
@@ -55,7 +55,7 @@ class OnClock:
 
 
 class WallClock:
-    """Host UTC that never steps: read once, then carried on by the monotonic clock.
+    """Host UTC that never steps: read once, then continued by the monotonic clock.
 
     A step of the system clock (first time synchronisation after boot) would otherwise stop the ticks, or skip some.
     """

@@ -1,9 +1,9 @@
-"""The vehicle's clock against UTC and against this machine's clock, learned as messages come.
+"""Estimates the offsets of the vehicle's clock to UTC and to this machine's clock from messages.
 
-``utc = boot + offset(boot)``, a line through what SYSTEM_TIME says; until that is known, the line below arrival minus
-boot, for this machine's clock. A message without a time of its own was sent right after the stamped one before it, and
-takes that one's: the link's delay, which comes and goes by seconds on a radio, is not in it. All corrections are made
-with what had arrived by the current tick, so the map is the same live and recomputed.
+``utc = boot + offset(boot)``, a line through SYSTEM_TIME; until that is known the lower line of arrival minus boot, for
+this machine's clock. A message without a time since boot takes that of the stamped message right before it, so that the
+link's delay (seconds, at times, on a radio) is not in it. All corrections use what had arrived by the current tick: the
+map is the same live and recomputed.
 """
 
 from collections.abc import Iterator
@@ -23,19 +23,19 @@ from aerodft.service.clocks.tracks_by_tick import OffsetsByTick, StampedRows, Ti
 from aerodft.service.streams import LAST
 
 HOST_STD_S: Final = 0.1
-"""Standard deviation of a machine's clock that nobody holds against UTC."""
+"""Standard deviation of a machine's clock that is not compared with UTC."""
 
 
 class VehicleClock:
-    """The lines between three clocks: the vehicle's time since boot, its UTC, and this machine's.
+    """Offset lines between the vehicle's time since boot, its UTC, and this machine's clock.
 
     Attributes:
-        boot: Which rows are of the followed boot.
+        boot: Assigns rows to the followed boot.
         stated: UTC minus time since boot.
         host_minus_boot: This machine's clock minus time since boot.
-        host_minus_utc: This machine's clock minus UTC; goes on through reboots.
-        jumps_ns: By how much UTC jumped in earlier boots.
-        stated_by_tick: ``stated`` at each tick of the newest step; None before the vehicle has said UTC.
+        host_minus_utc: This machine's clock minus UTC; continues through reboots.
+        jumps_ns: Jumps of UTC in earlier boots.
+        stated_by_tick: ``stated`` at each tick of the newest step; None before the first SYSTEM_TIME with UTC.
         arrival_by_tick: ``host_minus_boot`` at each tick of the newest step; None before it is known.
         host_by_tick: ``host_minus_utc`` at each tick of the newest step; None before it is known.
     """
@@ -52,11 +52,11 @@ class VehicleClock:
 
     @property
     def is_utc_known(self) -> bool:
-        """Whether the vehicle has said what UTC is, in this boot or an earlier one."""
+        """Whether the vehicle has sent UTC, in this boot or an earlier one."""
         return self.stated.line is not None or self.host_minus_utc.line is not None
 
     def copy(self) -> "VehicleClock":
-        """A state to learn with, that leaves this one as it is."""
+        """A copy to update, which leaves this state unchanged."""
         other = VehicleClock()
         other.boot, other.stated = self.boot.copy(), self.stated.copy()
         other.host_minus_boot, other.host_minus_utc = self.host_minus_boot.copy(), self.host_minus_utc.copy()
@@ -64,8 +64,8 @@ class VehicleClock:
         return other
 
     def follow(self, ticks: Ticks) -> tuple[tuple[Track, ...], bool]:
-        """The rows of the followed boot, and whether that is a new one: then the old one's lines are forgotten."""
-        # Of several ticks the last rows are not those of each one's end: so there is less room.
+        """Rows of the followed boot, and whether it is a new one, whose lines start from nothing."""
+        # With several ticks the last rows are not at each tick's end: the tolerance is smaller.
         followed, restarted = self.boot.follow(ticks.tracks, near_ns=STEP_NS if ticks.count == 1 else STEP_NS // 2)
         if restarted:
             self.jumps_ns += tuple(self.stated.jumps_ns)
@@ -73,32 +73,32 @@ class VehicleClock:
         return followed, restarted
 
     def keep(self, count: int) -> None:
-        """A step of so many ticks without telemetry: all lines stay as they are."""
-        self.stated_by_tick = _unchanged(self.stated, count)
-        self.arrival_by_tick = _unchanged(self.host_minus_boot, count)
-        self.host_by_tick = _unchanged(self.host_minus_utc, count)
+        """Keep all lines for a step of ``count`` ticks without telemetry."""
+        self.stated_by_tick = _constant_offsets(self.stated, count)
+        self.arrival_by_tick = _constant_offsets(self.host_minus_boot, count)
+        self.host_by_tick = _constant_offsets(self.host_minus_utc, count)
 
     def learn(self, ticks: Ticks, last_boot_ns: int) -> bool:
-        """Learn from rows of the followed boot.
+        """Update the lines from rows of the followed boot.
 
         Args:
             ticks: The rows.
             last_boot_ns: Newest time since boot before them.
 
         Returns:
-            False where a clock jumps in one of several ticks, or is known from it on: then they cannot be learned from
-            at once. Of one tick always true.
+            False where a clock jumps, or becomes known, in one of several ticks: these must be learned from one by one.
+            Always true for one tick.
         """
         self.keep(ticks.count)
-        known = StampedRows.of(ticks)
-        if not len(known.tick):
+        rows = StampedRows.of(ticks)
+        if not len(rows.tick):
             return True
-        return self._learn_stated(ticks, known, last_boot_ns) and self._learn_host(ticks, known)
+        return self._learn_stated(ticks, rows, last_boot_ns) and self._learn_host(ticks, rows)
 
-    def _learn_stated(self, ticks: Ticks, known: StampedRows, last_boot_ns: int) -> bool:
-        """Learn what the vehicle says of UTC."""
+    def _learn_stated(self, ticks: Ticks, rows: StampedRows, last_boot_ns: int) -> bool:
+        """Update UTC minus time since boot from SYSTEM_TIME; returns as ``learn``."""
         lines, changes, is_one = [self.stated.line], list[int](), ticks.count == 1
-        for tick, boot_ns, offset_ns in _stated_offsets(ticks):
+        for tick, boot_ns, offset_ns in _system_times(ticks):
             line = self.stated.line
             if not is_one and (line is None or abs(offset_ns - line.offset_at(boot_ns)) > JUMP_NS):
                 return False
@@ -107,75 +107,73 @@ class VehicleClock:
                 lines.append(self.stated.line)
                 changes.append(tick)
         if is_one:
-            self.stated_by_tick = _unchanged(self.stated, 1)
+            self.stated_by_tick = _constant_offsets(self.stated, 1)
             return True
         before = lines[0]
         if before is None:
             return True
         self.stated_by_tick = OffsetsByTick.of([line for line in lines if line is not None], changes, ticks.count)
         newest_ns = np.full(ticks.count, last_boot_ns)
-        np.maximum.at(newest_ns, known.tick, known.boot_ns)
+        np.maximum.at(newest_ns, rows.tick, rows.boot_ns)
         by_newest = self.stated_by_tick.offset(np.maximum.accumulate(newest_ns), np.arange(ticks.count))
         steps = np.diff(by_newest, prepend=before.offset_at(last_boot_ns))
         return not np.any(np.abs(steps) > JUMP_NS)
 
     def _learn_offset(self, boot_ns: int, offset_ns: int) -> None:
-        """Take in what UTC minus time since boot is said to be, and what follows for this machine's clock."""
-        before, jumps = self.stated.line, len(self.stated.jumps_ns)
+        """Update by one sample of UTC minus time since boot, and this machine's offset as it follows."""
+        line, jumps = self.stated.line, len(self.stated.jumps_ns)
         self.stated.learn(boot_ns, offset_ns)
-        if before is None and self.host_minus_utc.line is None and self.host_minus_boot.line is not None:
+        if line is None and self.host_minus_utc.line is None and self.host_minus_boot.line is not None:
             self.host_minus_utc = self.host_minus_boot.rebased(offset_ns)
         if len(self.stated.jumps_ns) > jumps:
             self.host_minus_utc = self.host_minus_utc.rebased(self.stated.jumps_ns[-1])
 
-    def _learn_host(self, ticks: Ticks, known: StampedRows) -> bool:
-        """Learn from when messages arrive."""
-        self.arrival_by_tick, is_calm = _learned(self.host_minus_boot, known.boot_ns, known, ticks)
+    def _learn_host(self, ticks: Ticks, rows: StampedRows) -> bool:
+        """Update this machine's offsets from arrivals; returns as ``learn``."""
+        self.arrival_by_tick, has_no_jump = _learn(self.host_minus_boot, rows.boot_ns, rows, ticks)
         if self.stated_by_tick is not None:
-            utc_ns = known.boot_ns + self.stated_by_tick.offset(known.boot_ns, known.tick)
-            self.host_by_tick, is_calm = _learned(self.host_minus_utc, utc_ns, known, ticks)
-        return is_calm or ticks.count == 1
+            utc_ns = rows.boot_ns + self.stated_by_tick.offset(rows.boot_ns, rows.tick)
+            self.host_by_tick, has_no_jump = _learn(self.host_minus_utc, utc_ns, rows, ticks)
+        return has_no_jump or ticks.count == 1
 
 
-def _unchanged(clock: StatedOffset | ArrivalOffset, count: int) -> OffsetsByTick | None:
+def _constant_offsets(clock: StatedOffset | ArrivalOffset, count: int) -> OffsetsByTick | None:
     return None if clock.line is None else OffsetsByTick.of([clock.line], [], count, clock.unsettled_ns or 0)
 
 
-def _learned(clock: ArrivalOffset, own_ns: IntArray, known: StampedRows, ticks: Ticks) -> tuple[OffsetsByTick, bool]:
-    """Learn from when rows came that were sent at ``own_ns (n,)``: a line at each tick, and whether it never jumps."""
-    before = _unchanged(clock, 1) or OffsetsByTick.of(
-        [ClockOffset(0, 0)], [], 1
-    )  # of ticks before the first that rows came in
-    fastest, slower_ns = known.fastest(own_ns)
-    learned = clock.learn_fastest(own_ns[fastest], known.arrival_ns[fastest], slower_ns)
-    arrived_ns, row = ticks.last_arrivals()[known.tick[fastest]], np.arange(len(fastest))
+def _learn(clock: ArrivalOffset, sent_ns: IntArray, rows: StampedRows, ticks: Ticks) -> tuple[OffsetsByTick, bool]:
+    """Update by arrivals of rows sent at ``sent_ns (n,)``; returns a line at each tick, and whether none jumps."""
+    before = _constant_offsets(clock, 1) or OffsetsByTick.of([ClockOffset(0, 0)], [], 1)  # before the first rows
+    fastest, slower_ns = rows.fastest(sent_ns)
+    learned = clock.learn_fastest(sent_ns[fastest], rows.arrival_ns[fastest], slower_ns)
+    arrived_ns, row = ticks.last_arrivals()[rows.tick[fastest]], np.arange(len(fastest))
     steps_ns = learned.own(arrived_ns, row) - before.followed_by(learned, row).own(arrived_ns, row)
-    came = np.cumsum(np.bincount(known.tick[fastest], minlength=ticks.count))
-    # A shift is what a tick alone makes of it, at a time that may be another: so there is less room.
-    return before.followed_by(learned, came), bool(np.all(np.abs(steps_ns) <= JUMP_NS // 2))
+    rows_by_tick = np.cumsum(np.bincount(rows.tick[fastest], minlength=ticks.count))
+    # A single tick would find a shift at another time: the tolerance is smaller.
+    return before.followed_by(learned, rows_by_tick), bool(np.all(np.abs(steps_ns) <= JUMP_NS // 2))
 
 
-def _stated_offsets(ticks: Ticks) -> Iterator[tuple[int, int, int]]:
-    """Tick, time since boot, and UTC minus that, of all that the vehicle says of UTC; within a tick as it came."""
-    said: list[tuple[int, int, int]] = []
+def _system_times(ticks: Ticks) -> Iterator[tuple[int, int, int]]:
+    """Tick, time since boot, and UTC minus time since boot of all SYSTEM_TIME rows, in order of ticks."""
+    samples: list[tuple[int, int, int]] = []
     for track, row_ends in zip(ticks.tracks, ticks.row_ends, strict=True):
         if isinstance(track, ClockTrack):
             offsets_ns = track.unix_ns - track.boot_ns
-            said += zip(ticks.tick_of(row_ends).tolist(), track.boot_ns.tolist(), offsets_ns.tolist(), strict=True)
-    for each in sorted(said, key=itemgetter(0)):
+            samples += zip(ticks.tick_of(row_ends).tolist(), track.boot_ns.tolist(), offsets_ns.tolist(), strict=True)
+    for each in sorted(samples, key=itemgetter(0)):
         if each[1] != NO_BOOT_TIME:
             yield each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockUpdate:
-    """A step's telemetry on the followed clock, and what became of stamps given before.
+    """Telemetry of a step on the followed clock, and corrections of earlier stamps.
 
     Attributes:
-        ticks: The rows of the followed clock; those of another vehicle or boot are left out.
-        restarted: Older stamps are of another boot: they must be forgotten.
-        shift_ns: To be added to older stamps.
-        host_shift_ns: To be added to UTC that was made of this machine's stamps.
+        ticks: Rows of the followed clock; rows of another vehicle or boot are dropped.
+        restarted: Whether older stamps are of another boot and must be dropped.
+        shift_ns: Correction of older stamps.
+        host_shift_ns: Correction of UTC from stamps on this machine's clock.
     """
 
     ticks: Ticks
@@ -186,14 +184,14 @@ class ClockUpdate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockHealth:
-    """What happened to the clocks so far.
+    """Events of the clocks so far.
 
     Attributes:
-        drift: Seconds that UTC gains on the vehicle's clock per second; None before UTC is known.
-        restarts: Reboots.
-        wraps: How often milliseconds since boot began anew at 32 bits, since the last reboot.
-        jumps_s: By how much the vehicle's UTC jumped.
-        left_out: Rows of another boot or another vehicle.
+        drift: Drift of UTC relative to the vehicle's clock (s/s); None before UTC is known.
+        restarts: Number of reboots.
+        wraps: Number of 32-bit wraps of milliseconds since boot, since the last reboot.
+        jumps_s: Jumps of the vehicle's UTC.
+        left_out: Number of dropped rows, of another boot or another vehicle.
         rivals: Whether two clocks were heard at once.
     """
 
@@ -206,19 +204,19 @@ class ClockHealth:
 
 
 class ClockMap:
-    """Offsets of one vehicle's clock."""
+    """Map from one vehicle's clock, and this machine's, to UTC."""
 
     def __init__(self) -> None:
         self._state = VehicleClock()
 
     @property
     def is_utc_known(self) -> bool:
-        """Whether the vehicle has said what UTC is, in this boot or an earlier one."""
+        """Whether the vehicle has sent UTC, in this boot or an earlier one."""
         return self._state.is_utc_known
 
     @property
     def health(self) -> ClockHealth:
-        """What happened so far."""
+        """Events of the clocks so far."""
         state = self._state
         line, boot = state.stated.line, state.boot
         return ClockHealth(
@@ -232,19 +230,19 @@ class ClockMap:
 
     @property
     def is_settled(self) -> bool:
-        """Whether nothing that the vehicle says of its clock contradicts what it said before."""
+        """Whether no message contradicts the followed clock."""
         return self._state.stated.unsettled_ns is None and self._state.boot.other_apart_ns is None
 
     def copy(self) -> "ClockMap":
-        """The map as it is now; what is learned later is not in it."""
+        """The present map, unaffected by later updates."""
         return copy(self)
 
     def update(self, ticks: Ticks) -> ClockUpdate | None:
-        """Learn from the tracks of a step.
+        """Update the map from the tracks of a step.
 
         Returns:
-            None, and nothing was learned, where several ticks cannot be learned from at once: a clock jumps, begins
-            anew, or is known for the first time. From one tick it always learns.
+            None, without an update, where several ticks must be processed one by one: a clock jumps, restarts, or
+            becomes known. Never None for one tick.
         """
         before = self._state
         if not ticks.tracks:
@@ -254,11 +252,11 @@ class ClockMap:
             return None
         state = before.copy()
         is_sync = [isinstance(track, SyncTrack) for track in ticks.tracks]
-        ticks = ticks.picked(sorted(range(len(is_sync)), key=is_sync.__getitem__))  # as they are followed
+        ticks = ticks.select(sorted(range(len(is_sync)), key=is_sync.__getitem__))  # TIMESYNC last
         followed, restarted = state.follow(ticks)
         if ticks.count > 1:
             is_whole = [len(track.boot_ns) for track in followed] == [len(track.boot_ns) for track in ticks.tracks]
-            if not is_whole or not state.boot.is_as_calm_as(before.boot):
+            if not is_whole or not state.boot.has_same_events(before.boot):
                 return None
         arrived_ns = max((int(track.arrival_ns[-1]) for track in followed), default=0)
         was_known = state.is_utc_known
@@ -267,40 +265,40 @@ class ClockMap:
         if not state.learn(ticks, before.boot.last_boot_ns or 0):
             return None
         self._state = state
-        least_ns = JUMP_NS if was_known or not state.is_utc_known else 0
+        min_ns = JUMP_NS if was_known or not state.is_utc_known else 0
         if ticks.count > 1:
             return ClockUpdate(ticks=ticks)
         now_ns = _utc_minus_boot_ns(state), _host_to_utc(state, arrived_ns)
-        shifts = [_change(then, now, least_ns) for then, now in zip(offsets_ns, now_ns, strict=True)]
+        shifts = [_change(before, now, min_ns) for before, now in zip(offsets_ns, now_ns, strict=True)]
         return ClockUpdate(ticks=ticks, restarted=restarted, shift_ns=shifts[0], host_shift_ns=shifts[1])
 
     def host_to_utc(self, host_ns: IntArray, ticks: IntArray = LAST) -> IntArray:
-        """UTC of stamps ``(n,)`` of this machine's clock, as it was known at ticks ``(n,)`` of the newest step.
+        """UTC of stamps ``(n,)`` on this machine's clock, as known at ticks ``(n,)`` of the newest step.
 
-        The stamps themselves as long as the vehicle has not said what UTC is.
+        The stamps themselves before the vehicle has sent UTC.
         """
         lines = self._state.host_by_tick
         return host_ns if lines is None else lines.own(host_ns, ticks)
 
     def to_utc(self, track: Track, tick: IntArray) -> IntArray:
-        """UTC stamps ``(n,)`` of the rows of a track that ``update`` gave back, each by what was known at its tick."""
+        """UTC stamps ``(n,)`` of the rows of a track that ``update`` returned, as known at each row's tick."""
         stated, host = self._state.stated_by_tick, self._state.host_by_tick
-        boots, bare = track.boot_ns, track.boot_ns == NO_BOOT_TIME
+        boots, unstamped = track.boot_ns, track.boot_ns == NO_BOOT_TIME
         by_arrival = track.arrival_ns if host is None else track.arrival_ns - host.offset(track.arrival_ns, tick)
         if stated is not None:
-            return np.where(bare, by_arrival, boots + stated.offset(boots, tick))
+            return np.where(unstamped, by_arrival, boots + stated.offset(boots, tick))
         arrival = self._state.arrival_by_tick
         if arrival is None:
             return by_arrival
         arrivals = boots + arrival.offset(boots, tick)
-        return np.where(bare, by_arrival, arrivals if host is None else arrivals - host.offset(arrivals, tick))
+        return np.where(unstamped, by_arrival, arrivals if host is None else arrivals - host.offset(arrivals, tick))
 
     def off_ns(self, ticks: IntArray, by_utc: BoolArray) -> IntArray:
-        """How far off a clock is heard to be at ticks ``(n,)``, where stamps cannot be matched for that; 0 elsewhere.
+        """Unsettled offset of a clock at ticks ``(n,)``, for which stamps cannot be matched; 0 where settled.
 
         Args:
             ticks: Of the newest step.
-            by_utc: ``(n,)`` whether stamps are UTC by another clock than this machine's, or this machine's.
+            by_utc: ``(n,)`` whether stamps are UTC, not on this machine's clock.
         """
         state = self._state
         stated, host = state.stated_by_tick, state.host_by_tick if self.is_utc_known else state.arrival_by_tick
@@ -308,7 +306,7 @@ class ClockMap:
         return late_ns if stated is None else np.where(by_utc, stated.off_ns[ticks], late_ns)
 
     def unsettled(self, *, by_utc: bool, tick: int = -1) -> str | None:
-        """Why stamps cannot be matched at a tick of the newest step, in a sentence; ``by_utc`` as in ``off_ns``."""
+        """Sentence on why stamps cannot be matched at a tick, or None; ``by_utc`` as in ``off_ns``."""
         off_s = float(self.off_ns(np.array([tick]), np.array([by_utc]))[0]) / SECOND_NS
         if not off_s:
             return None
@@ -320,22 +318,19 @@ class ClockMap:
         )
 
     def skips(self, stamps_ns: IntArray) -> BoolArray:
-        """Which stamps ``(n,)`` that are UTC by another clock than this machine's can have no telemetry.
-
-        The vehicle's UTC jumped ahead, and it never said these times.
-        """
+        """Whether UTC stamps ``(n,)`` are in a span that the vehicle's UTC skipped in a jump ahead."""
         spans = self._state.stated.skipped_ns
         between = [(first_ns < stamps_ns) & (stamps_ns < last_ns) for first_ns, last_ns in spans]
         return np.asarray(np.any([np.zeros(len(stamps_ns), dtype=np.bool_), *between], axis=0))
 
     def repeats(self, stamps_ns: IntArray) -> BoolArray:
-        """Which stamps ``(n,)`` the vehicle said twice, because its UTC jumped back."""
+        """Whether stamps ``(n,)`` are in a span that the vehicle's UTC repeated after a jump back."""
         spans = self._state.stated.repeated_ns
         between = [(first_ns <= stamps_ns) & (stamps_ns <= last_ns) for first_ns, last_ns in spans]
         return np.asarray(np.any([np.zeros(len(stamps_ns), dtype=np.bool_), *between], axis=0))
 
     def remarks(self, *, is_repeated: bool) -> tuple[str, ...]:
-        """What is to be known of the clock behind a pose, in sentences; ``is_repeated`` as in ``repeats``."""
+        """Sentences on the clock for the reasons of a pose; ``is_repeated`` as in ``repeats``."""
         sentences = []
         if is_repeated:
             sentences.append("the vehicle's UTC jumped back and said this time twice: it is taken for the later")
@@ -351,7 +346,7 @@ class ClockMap:
         return self._state.boot.restarts > 0
 
     def broken_off(self) -> str | None:
-        """Why telemetry that comes is not believed now, in a sentence."""
+        """Sentence on why received telemetry is dropped at present, or None."""
         apart_ns = self._state.boot.other_apart_ns
         if apart_ns is None:
             return None
@@ -362,7 +357,7 @@ class ClockMap:
 
 
 def _utc_minus_boot_ns(state: VehicleClock) -> int | None:
-    """UTC, as far as it is known, minus time since boot at the newest message."""
+    """UTC, as far as known, minus time since boot at the newest message."""
     now_ns, stated, host = state.boot.last_boot_ns, state.stated.line, state.host_minus_boot.line
     if now_ns is None:
         return None
@@ -376,7 +371,7 @@ def _host_to_utc(state: VehicleClock, host_ns: int) -> int:
     return host_ns if line is None else host_ns - line.offset_at(host_ns - line.offset_ns)
 
 
-def _change(before_ns: int | None, after_ns: int | None, least_ns: int) -> int:
-    """By how much an offset changed; 0 where that is not more than ``least_ns``."""
+def _change(before_ns: int | None, after_ns: int | None, min_ns: int) -> int:
+    """Change of an offset; 0 where it is at most ``min_ns``."""
     change_ns = 0 if before_ns is None or after_ns is None else after_ns - before_ns
-    return change_ns if abs(change_ns) > least_ns else 0
+    return change_ns if abs(change_ns) > min_ns else 0

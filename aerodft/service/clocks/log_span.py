@@ -1,4 +1,4 @@
-"""What a whole log covers, before it is run: its time in UTC, how late it came, and which sources it has."""
+"""Survey of a whole log before it is processed: its span in UTC, lateness of its samples, and its sources."""
 
 from dataclasses import dataclass, field
 
@@ -13,22 +13,22 @@ from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import LAST
 
 PAUSE_NS = 600 * SECOND_NS
-"""Nothing for this long is no gap in a flight: the machine slept, or its clock was set from 1970 to today."""
+"""Longest gap within a flight; in a longer one the machine slept, or its clock was set from 1970 to today."""
 
 
 @dataclass(slots=True)
 class LogSpan:
-    """A log's extent.
+    """Span, lateness and sources of a log.
 
     Attributes:
-        arrivals_ns: Host UTC of the first and last frame of every stretch without a pause of ``PAUSE_NS``.
+        arrivals_ns: Host UTC of the first and last frame of each stretch without a pause of ``PAUSE_NS``.
         first_ns: Vehicle's UTC of the first sample; None for a log without samples.
         last_ns: Vehicle's UTC of the last sample.
-        lateness_ns: Longest time from a sample's UTC to its arrival, since the clocks last jumped. An image that is
-            to meet its telemetry must arrive this much after its stamp.
-        stretches: From which UTC and arrival on, and how late (ns), samples came between jumps of the clocks.
-        jitter_ns: How much later the latest sample came than the earliest. Stamps of the host's own clock are
-            matched to the earliest, and must wait this long.
+        lateness_ns: Longest time from a sample's UTC to its arrival since the last jump of the clocks. An image must
+            arrive this much after its stamp to meet its telemetry.
+        stretches: First UTC, first arrival and lateness (ns) of samples between jumps of the clocks.
+        jitter_ns: Range of lateness. Stamps on the host's clock are matched to the earliest samples, and must wait this
+            long.
         heights: Height sources with at least one sample.
         attitudes: Attitude sources with at least one sample.
     """
@@ -43,10 +43,9 @@ class LogSpan:
     attitudes: set[GimbalSource] = field(default_factory=set)
 
     def lateness_at(self, stamp_ns: int) -> int:
-        """How much after its UTC an image must arrive to meet its telemetry (ns).
+        """Time (ns) after its UTC at which an image must arrive to meet its telemetry.
 
-        Where the vehicle's clock jumped, that is before the jump what it was before it; what the clock said twice is
-        taken for the later.
+        Before a jump of the vehicle's clock it is that of the stretch before it; a repeated UTC is taken for the later.
         """
         for first_ns, arrival_ns, lateness_ns in reversed(self.stretches):
             if stamp_ns >= first_ns:
@@ -65,41 +64,41 @@ class LogSpan:
 
 
 def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
-    """Read through a log once, decoding but measuring nothing."""
+    """Read a log once, decoding without measuring."""
     span, clock = LogSpan(), ClockMap()
-    late: list[int] = []
+    lateness_ns: list[int] = []
     for batch in MergedFeed([log], SECOND_NS, idle_ticks_ns=0, longest_ns=0).batches():
         for block in batch.raw:
-            _note_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
+            _add_arrivals(span, int(block.arrival_ns[0]), int(block.arrival_ns[-1]))
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
         was_known, update = clock.is_utc_known, clock.update(Ticks.one(tracks))
         if update is None:
             continue
-        if (update.restarted or update.shift_ns) and late:
-            _close_stretch(span, late)
-            late.clear()
+        if (update.restarted or update.shift_ns) and lateness_ns:
+            _close_stretch(span, lateness_ns)
+            lateness_ns.clear()
             if not was_known:
-                span.stretches.clear()  # they were not in UTC
+                span.stretches.clear()  # not in UTC
         for track in update.ticks.tracks:
-            _note_source(span, track)
+            _add_source(span, track)
             stamps = clock.to_utc(track, LAST)
-            if not late:
+            if not lateness_ns:
                 since_ns = int(track.arrival_ns.min()) if span.stretches else 0
                 span.stretches.append((int(stamps.min()), since_ns, 0))
-            late += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
+            lateness_ns += [int((track.arrival_ns - stamps).min()), int((track.arrival_ns - stamps).max())]
             _extend(span, int(stamps.min()), int(stamps.max()))
-    _close_stretch(span, late)
-    span.lateness_ns = max(late, default=0)
-    span.jitter_ns = span.lateness_ns - min(late, default=0)
+    _close_stretch(span, lateness_ns)
+    span.lateness_ns = max(lateness_ns, default=0)
+    span.jitter_ns = span.lateness_ns - min(lateness_ns, default=0)
     return span
 
 
-def _close_stretch(span: LogSpan, late: list[int]) -> None:
-    if late:
-        span.stretches[-1] = (*span.stretches[-1][:2], max(late))
+def _close_stretch(span: LogSpan, lateness_ns: list[int]) -> None:
+    if lateness_ns:
+        span.stretches[-1] = (*span.stretches[-1][:2], max(lateness_ns))
 
 
-def _note_arrivals(span: LogSpan, first_ns: int, last_ns: int) -> None:
+def _add_arrivals(span: LogSpan, first_ns: int, last_ns: int) -> None:
     if span.arrivals_ns and first_ns - span.arrivals_ns[-1][1] < PAUSE_NS:
         start_ns, stop_ns = span.arrivals_ns[-1]
         span.arrivals_ns[-1] = (start_ns, max(stop_ns, last_ns))
@@ -112,7 +111,7 @@ def _extend(span: LogSpan, low_ns: int, high_ns: int) -> None:
     span.last_ns = high_ns if span.last_ns is None else max(span.last_ns, high_ns)
 
 
-def _note_source(span: LogSpan, track: Track) -> None:
+def _add_source(span: LogSpan, track: Track) -> None:
     settings = HeightSettings()
     span.heights.update(name for name, reader in HEIGHT_SOURCES.items() if reader.samples(track, settings) is not None)
     if isinstance(track, GimbalTrack):

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from aerodft.model import Image, WireProtocol
 from aerodft.service import block_of
-from aerodft.service.clocks import ImageClock, OnClock
+from aerodft.service.clocks import ImageClock, MappedToUtc
 
 NOW_NS = 1_795_221_278_000_000_000
 STAMPS = st.integers(NOW_NS - 10**13, NOW_NS + 10**13)
@@ -38,7 +38,7 @@ def test_images_and_their_arrivals_move_and_telemetry_does_not():
             yield Image(index=0, stamp_ns=NOW_NS, arrival_ns=NOW_NS + 5)
             yield block_of(WireProtocol.MAVLINK, "log", [NOW_NS], [b"frame"])
 
-    image, block = OnClock(Source(), ImageClock(offset_ns=7)).events()
+    image, block = MappedToUtc(Source(), ImageClock(offset_ns=7)).events()
     assert (image.stamp_ns, image.arrival_ns) == (NOW_NS + 7, NOW_NS + 12)
     assert block.arrival_ns[0] == NOW_NS
 

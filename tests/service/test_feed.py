@@ -290,7 +290,7 @@ def test_images_that_are_read_together_come_as_if_they_were_not(
 
     apart = [seen(tick) for batches in batches_of(ListSource(events)) for tick in one_by_one(batches)]
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(feed, "_MOST_SUBJECTS", most)
+        patched.setattr(feed, "_MAX_SUBJECTS", most)
         found = batches_of(GatheredListSource(events, together))
     assert [seen(tick) for batches in found for tick in one_by_one(batches)] == apart
     for batches in found:

@@ -124,7 +124,7 @@ BY_DAY_AND_NIGHT = [BY_DAY, *at_night(*(name for name in FLIGHTS if name != BY_D
 def eventful(bench, request):
     happenings = FLIGHTS[request.param]
     source = bench.source(*events_of(bench, happenings))
-    with patch.object(feed, "_MOST_FRAMES", 10**9):
+    with patch.object(feed, "_MAX_FRAMES", 10**9):
         whole, _ = MergedFeed([source], bench.tick_ns, longest_ns=100 * SECOND).batches()
     return Eventful(happenings, whole, answered(bench, one_by_one(whole)))
 

@@ -1,4 +1,4 @@
-"""The camera's attitude at stamps, from gimbal reports and the vehicle's own attitude."""
+"""The camera's attitude at stamps, from gimbal reports and the vehicle's attitude."""
 
 from aerodft.service.attitude.gimbal_frame import FrameEvidence
 from aerodft.service.attitude.history import AttitudeHistory, AttitudeSeries, attitude_history

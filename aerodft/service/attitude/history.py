@@ -1,4 +1,4 @@
-"""A whole log's attitudes in UTC, for what looks at a flight from outside its run: the alignment of a video."""
+"""All attitudes of a log in UTC, for aligning a video with it."""
 
 from dataclasses import dataclass, field, replace
 
@@ -17,12 +17,12 @@ from aerodft.service.streams import LAST
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeSeries:
-    """One stream of attitudes.
+    """A stream of attitudes.
 
     Attributes:
         stamp_ns: ``(n,)`` UTC, strictly ascending.
         wxyz: ``(n, 4)`` ``ned_SO3_body`` of a vehicle, ``ref_SO3_gimbal`` of a gimbal.
-        yaw_in_earth: ``(n,)`` of a gimbal, as in ``GimbalTrack``; of a vehicle always true.
+        yaw_in_earth: ``(n,)`` as in ``GimbalTrack``; always true for a vehicle.
     """
 
     stamp_ns: IntArray
@@ -32,12 +32,12 @@ class AttitudeSeries:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeHistory:
-    """The attitudes of one vehicle; streams without a sample are left out.
+    """Attitudes of one vehicle and its gimbals; streams without samples are left out.
 
     Attributes:
-        vehicle: Its own.
-        gimbals: Their reports.
-        frames: What the roll and pitch of each gimbal are against, as far as it was set or found.
+        vehicle: The vehicle's.
+        gimbals: The gimbals', from their reports.
+        frames: Reference of each gimbal's roll and pitch, where configured or decided.
     """
 
     vehicle: AttitudeSeries | None
@@ -46,17 +46,17 @@ class AttitudeHistory:
 
 
 @dataclass(slots=True)
-class _Rows:
+class _Parts:
     stamps: list[IntArray] = field(default_factory=list)
     wxyz: list[FloatArray] = field(default_factory=list)
     in_earth: list[FloatArray] = field(default_factory=list)
 
     def shift(self, by_ns: int) -> None:
-        """What time it was is known better now."""
+        """Shift all stamps: the clock map has changed."""
         self.stamps = [stamps + by_ns for stamps in self.stamps]
 
     def series(self) -> AttitudeSeries | None:
-        """What was gathered; of samples with one stamp, or that go back, the first in time."""
+        """The attitudes by ascending stamp, the first of several with one stamp; None without attitudes."""
         if not self.stamps:
             return None
         stamps, order = np.unique(np.concatenate(self.stamps), return_index=True)
@@ -65,24 +65,24 @@ class _Rows:
 
 
 def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeSettings) -> AttitudeHistory:
-    """Read through a log once; stamps are those of the clock map, as in a run.
+    """Read a log once; stamps are by the clock map, as in a run.
 
-    After a reboot only what follows counts: what came before is on another clock.
+    Only attitudes after the last reboot are kept: those before are on another clock.
 
     Args:
         log: The log.
-        decoder: Of its frames.
-        settings: Which gimbals are heard, and what they report against, where that is known.
+        decoder: Decoder of its frames.
+        settings: Gimbals to use, and the reference of their reports where configured.
     """
     clock, sources = ClockMap(), AttitudeSources(settings)
-    vehicle, gimbals = _Rows(), dict[GimbalSource, _Rows]()
+    vehicle, gimbals = _Parts(), dict[GimbalSource, _Parts]()
     for batch in MergedFeed([log], SECOND_NS, idle_ticks_ns=0, longest_ns=0).batches():
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
         update = clock.update(Ticks.one(tracks))
         if update is None:
             continue
         if update.restarted:
-            vehicle, gimbals = _Rows(), {}
+            vehicle, gimbals = _Parts(), {}
             sources.clear()
         elif update.shift_ns:
             for rows in (vehicle, *gimbals.values()):
@@ -92,27 +92,27 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
         for track in update.ticks.tracks:
             stamps_ns = clock.to_utc(track, LAST)
             sources.append(track, stamps_ns)
-            _take(track, stamps_ns, vehicle, gimbals)
-    own, found = vehicle.series(), {source: rows.series() for source, rows in gimbals.items()}
+            _append_track(track, stamps_ns, vehicle, gimbals)
+    vehicle_series, gimbal_series = vehicle.series(), {source: rows.series() for source, rows in gimbals.items()}
     readings = {
         source: (settings.frame or evidence.frame, settings.axes or evidence.axes or MountAxes.ROLL_OUTER)
         for source, evidence in sources.evidence().items()
     }
     return AttitudeHistory(
-        vehicle=own,
+        vehicle=vehicle_series,
         gimbals={
-            source: _on_mount(series, own, *readings.get(source, (None, MountAxes.TILT_OUTER)))
-            for source, series in found.items()
+            source: _to_attitudes(series, vehicle_series, *readings.get(source, (None, MountAxes.TILT_OUTER)))
+            for source, series in gimbal_series.items()
             if series is not None
         },
         frames={source: frame for source, (frame, _) in readings.items() if frame is not None},
     )
 
 
-def _on_mount(
+def _to_attitudes(
     gimbal: AttitudeSeries, vehicle: AttitudeSeries | None, frame: ReportFrame | None, axes: MountAxes
 ) -> AttitudeSeries:
-    """Servo angles against the vehicle as attitudes, by the vehicle's last sample before each report."""
+    """Attitudes from servo angles on the vehicle, by the vehicle's last sample before each report."""
     if frame is not ReportFrame.BODY or vehicle is None:
         return gimbal
     before = np.maximum(np.searchsorted(vehicle.stamp_ns, gimbal.stamp_ns, side="right"), 1) - 1
@@ -120,11 +120,11 @@ def _on_mount(
     return replace(gimbal, wxyz=wxyz)
 
 
-def _take(track: Track, stamps_ns: IntArray, vehicle: _Rows, gimbals: dict[GimbalSource, _Rows]) -> None:
+def _append_track(track: Track, stamps_ns: IntArray, vehicle: _Parts, gimbals: dict[GimbalSource, _Parts]) -> None:
     if isinstance(track, VehicleTrack):
         rows, in_earth = vehicle, np.ones(len(stamps_ns))
     elif isinstance(track, GimbalTrack):
-        rows, in_earth = gimbals.setdefault(track.source, _Rows()), track.yaw_in_earth.astype(np.float64)
+        rows, in_earth = gimbals.setdefault(track.source, _Parts()), track.yaw_in_earth.astype(np.float64)
     else:
         return
     rows.stamps.append(stamps_ns)

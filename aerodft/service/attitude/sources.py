@@ -1,4 +1,4 @@
-"""The camera's attitude at stamps, each from the first source in the configured order that has one."""
+"""The camera's attitude at stamps, from the first source in the configured order that has one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,18 +24,18 @@ from aerodft.service.attitude.readings import AttitudeBatch, AttitudeBrackets, R
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import LAST, Missing, Stream
 
-_WITHOUT_VEHICLE: Final = (ReportFrame.EARTH, MountAxes.TILT_OUTER)
+_DEFAULT_READING: Final = (ReportFrame.EARTH, MountAxes.TILT_OUTER)
 
 
 @dataclass(frozen=True, slots=True)
 class GimbalQuery:
-    """Stamps at which a gimbal's attitude is wanted, and the samples around them.
+    """Stamps of a query for a gimbal's attitude, and the samples around them.
 
     Attributes:
         stamps_ns: ``(n,)`` UTC.
-        ticks: ``(n,)`` as of which each is asked.
-        found: The gimbal's samples around the stamps, all of which are known.
-        vehicle: The vehicle's samples around them.
+        ticks: ``(n,)`` as in ``Stream.find``.
+        found: The gimbal's samples around the stamps, all known.
+        vehicle: The vehicle's samples around the stamps.
     """
 
     stamps_ns: IntArray
@@ -44,12 +44,12 @@ class GimbalQuery:
     vehicle: Brackets
 
     def rows(self, rows: IntArray) -> "GimbalQuery":
-        """The query at some of its stamps, by indices ``(m,)``."""
+        """The query at stamps ``(m,)`` by their indices."""
         return GimbalQuery(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
 
 
 class _ReadingMode(NamedTuple):
-    """What reports have in common that are read in one way."""
+    """What reports read together have in common."""
 
     reading: tuple[ReportFrame, MountAxes]
     is_body_found: bool
@@ -59,7 +59,7 @@ class _ReadingMode(NamedTuple):
 
 
 def refusal(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame | None) -> str | None:
-    """Why reports cannot be read as stated, or cannot be read at all, in a sentence; None where they can."""
+    """Sentence on why reports are rejected as configured, or at all; None where they are not."""
     if stated is ReportFrame.EARTH and evidence.frame is ReportFrame.BODY:
         return (
             f"{source} is body-frame (against the vehicle, not the horizon): it undid {evidence.undone} of the "
@@ -77,30 +77,30 @@ def refusal(source: GimbalSource, evidence: FrameEvidence, stated: ReportFrame |
 def readings_of(
     source: GimbalSource, gimbal: Gimbal, vehicle: Stream, settings: AttitudeSettings, query: GimbalQuery
 ) -> Iterator[tuple[IntArray, Readings]]:
-    """Readings of reports, with the rows of what was asked that they answer.
+    """Readings of reports, with the rows of the query that each covers.
 
     Args:
         source: The message.
         gimbal: Its reports.
         vehicle: The vehicle's attitude.
-        settings: What is stated of reports, and need not be found.
-        query: What is asked; its reports can be read.
+        settings: Configured properties of the reports.
+        query: Stamps whose reports are not rejected.
     """
     in_earth, _ = query.found.ends(gimbal.stream.column("yaw_in_earth"))
-    known, evidence_index = gimbal.evidence_at(vehicle, query.ticks)
+    evidences, evidence_index = gimbal.evidence_at(vehicle, query.ticks)
     rows_by_mode: dict[_ReadingMode, list[IntArray]] = {}
-    likely = [evidence.reading_probabilities(settings.frame, settings.axes) for evidence in known]
+    likely = [evidence.reading_probabilities(settings.frame, settings.axes) for evidence in evidences]
     for number in np.unique(evidence_index).tolist():
-        evidence = known[number]
+        evidence = evidences[number]
         rows = np.flatnonzero(evidence_index == number)
         likeliest = max(likely[number], key=likely[number].__getitem__)
         is_body_found = settings.frame is None and evidence.frame is ReportFrame.BODY
         is_demand = gimbal.is_demand(evidence.frame, query.ticks[rows])
-        bits = is_demand, in_earth[rows] > 0, query.vehicle.is_known[rows]
-        for is_told, is_north, has_vehicle in _combined(*bits):
-            reading = likeliest if has_vehicle else _WITHOUT_VEHICLE
-            mode = _ReadingMode(reading, is_body_found, is_told, is_north, has_vehicle)
-            is_same = np.all([bit == wanted for bit, wanted in zip(bits, mode[2:], strict=True)], axis=0)
+        flags = is_demand, in_earth[rows] > 0, query.vehicle.is_known[rows]
+        for is_demand_flag, yaw_is_north, has_vehicle in _combinations(*flags):
+            reading = likeliest if has_vehicle else _DEFAULT_READING
+            mode = _ReadingMode(reading, is_body_found, is_demand_flag, yaw_is_north, has_vehicle)
+            is_same = np.all([bit == value for bit, value in zip(flags, mode[2:], strict=True)], axis=0)
             rows_by_mode.setdefault(mode, []).append(rows[is_same])
     for mode, parts in rows_by_mode.items():
         rows = np.concatenate(parts)
@@ -108,8 +108,8 @@ def readings_of(
         yield rows, _read(source, gimbal, vehicle, mode, query.rows(rows), dict(zip(likely[0], shares.T, strict=True)))
 
 
-def _combined(*bits: BoolArray) -> list[tuple[bool, ...]]:
-    """The combinations that occur in columns ``(n,)``."""
+def _combinations(*bits: BoolArray) -> list[tuple[bool, ...]]:
+    """Combinations that occur in columns ``(n,)``."""
     return sorted(set(zip(*(column.tolist() for column in bits), strict=True)))
 
 
@@ -124,7 +124,7 @@ def _read(
     stream, reported, found = gimbal.stream, gimbal.stream.column("wxyz"), query.found
     has_previous = found.before > stream.rows_known_at(query.ticks)[0]
     frame, axes = mode.reading
-    asked = found.before, query.stamps_ns, query.ticks
+    query_rows = found.before, query.stamps_ns, query.ticks
     return Readings(
         source=source,
         age_s=stream.ages_s(query.stamps_ns, found),
@@ -134,14 +134,14 @@ def _read(
         frame=frame,
         axes=axes,
         yaw_in_earth=mode.yaw_in_earth,
-        demands=gimbal.demands(*asked, axes, vehicle) if mode.is_demand else None,
+        demands=gimbal.demands(*query_rows, axes, vehicle) if mode.is_demand else None,
         is_body_found=mode.is_body_found,
         probabilities=probabilities,
     )
 
 
 class AttitudeSources:
-    """The vehicle's and the gimbals' attitude streams."""
+    """Attitude streams of the vehicle and its gimbals."""
 
     def __init__(self, settings: AttitudeSettings) -> None:
         self._settings = settings
@@ -156,44 +156,44 @@ class AttitudeSources:
         return (self._vehicle, *(gimbal.stream for gimbal in self._gimbals.values()))
 
     def clear(self) -> None:
-        """Forget all samples, and what they taught of the gimbals: they are of another boot, or another vehicle."""
+        """Remove all samples, and the evidence on the gimbals: they are of another boot or vehicle."""
         for gimbal in self._gimbals.values():
             gimbal.clear()
         self._vehicle.clear()
 
     def shift(self, by_ns: int) -> None:
-        """Move all samples: what time it was when they were taken is known better now."""
+        """Shift all stamps: the clock map has changed."""
         for gimbal in self._gimbals.values():
             gimbal.shift(by_ns, self._vehicle)
         self._vehicle.shift(by_ns)
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
-        """Take a track of a step in, if it is one of attitude; as ``Stream.append``."""
+        """Append a track of attitudes, as ``Stream.append``; other tracks are ignored."""
         if isinstance(track, VehicleTrack):
             self._vehicle.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz)
         elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
             self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
 
     def commit(self) -> None:
-        """The ticks so far are over."""
+        """End the step."""
         self._vehicle.commit()
         for gimbal in self._gimbals.values():
             gimbal.commit(self._vehicle)
 
     def evidence(self) -> dict[GimbalSource, FrameEvidence]:
-        """What the gimbals that reported are against, as far as it is known."""
+        """Evidence on the frames of the gimbals that have reported."""
         reporting = {source: gimbal for source, gimbal in self._gimbals.items() if gimbal.has_reported}
         return {source: gimbal.evidence(self._vehicle) for source, gimbal in reporting.items()}
 
     def demands(self) -> dict[GimbalSource, bool]:
-        """Whether the gimbals that reported may say what they were told, not where they are."""
+        """Whether the gimbals that have reported may report demands, not measurements."""
         return {
             source: bool(self._gimbals[source].is_demand(evidence.frame, LAST)[0])
             for source, evidence in self.evidence().items()
         }
 
     def vehicle_at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[FloatArray, IntArray]:
-        """``ned_SO3_body (n, 4)`` at stamps, NaN where it is not known, and as ``Missing`` why."""
+        """``ned_SO3_body (n, 4)`` at stamps, NaN where missing, and ``Missing`` ``(n,)``."""
         found, missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
         wxyz = np.full((len(stamps_ns), 4), np.nan)
         rows = np.flatnonzero(missing == Missing.NOTHING)
@@ -204,53 +204,53 @@ class AttitudeSources:
 
     def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> AttitudeBatch:
         """The camera's attitudes at stamps ``(n,)``; arguments as in ``Stream.find``."""
-        found = AttitudeBatch.none(len(stamps_ns))
+        batch = AttitudeBatch.missing_all(len(stamps_ns))
         left = np.arange(len(stamps_ns))
         for source in self._settings.order:
             if not len(left):
                 break
-            missing, attitudes = self._source_at(source, found, left, stamps_ns[left], ticks[left], watermark_ns[left])
-            for rows, own in attitudes:
-                found = found.put(left[rows], own)
-            keeps = (missing == Missing.NEVER) & (found.missing[left] == Missing.STALE)
-            found.missing[left] = np.where(keeps, Missing.STALE, missing)
+            missing, attitudes = self._source_at(source, batch, left, stamps_ns[left], ticks[left], watermark_ns[left])
+            for rows, values in attitudes:
+                batch = batch.put(left[rows], values)
+            keeps = (missing == Missing.NEVER) & (batch.missing[left] == Missing.STALE)
+            batch.missing[left] = np.where(keeps, Missing.STALE, missing)
             left = left[np.isin(missing, (Missing.STALE, Missing.NEVER))]
-        return found
+        return batch
 
     def _source_at(
         self,
         source: GimbalSource,
         batch: AttitudeBatch,
-        left: IntArray,
+        batch_rows: IntArray,
         stamps_ns: IntArray,
         ticks: IntArray,
         watermark_ns: IntArray,
     ) -> tuple[IntArray, Iterator[tuple[IntArray, AttitudeBatch]]]:
-        """Why a source tells no attitude at stamps ``(n,)``, as ``Missing``, and the attitudes that it tells."""
+        """``Missing (n,)`` of a source at stamps, and the rows and attitudes that it has."""
         vehicle, vehicle_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
         if source is GimbalSource.FIXED_MOUNT:
             if self._settings.fixed_mount is None:
                 vehicle_missing = np.where(vehicle_missing == Missing.NOTHING, Missing.NEVER, vehicle_missing)
             rows = np.flatnonzero(vehicle_missing == Missing.NOTHING)
             return vehicle_missing, self._from_fixed_mount(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
-        gimbal, stated = self._gimbals[source], self._settings.frame
+        gimbal, configured = self._gimbals[source], self._settings.frame
         found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
         rows = np.flatnonzero(missing == Missing.NOTHING)
         if not len(rows):
             return missing, iter(())
-        reference_attitude = vehicle_missing[rows]
-        known, evidence_index = gimbal.evidence_at(self._vehicle, ticks[rows])
+        body_missing = vehicle_missing[rows]
+        evidences, evidence_index = gimbal.evidence_at(self._vehicle, ticks[rows])
         before, after = found.rows(rows).ends(gimbal.stream.column("yaw_in_earth"))
-        frames = [stated or evidence.frame or ReportFrame.EARTH for evidence in known]
+        frames = [configured or evidence.frame or ReportFrame.EARTH for evidence in evidences]
         is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[evidence_index] & (before > 0)
-        refusals = [refusal(source, evidence, stated) for evidence in known]
+        refusals = [refusal(source, evidence, configured) for evidence in evidences]
         is_refused = np.array([why is not None for why in refusals])[evidence_index]
-        own = np.where((reference_attitude != Missing.NOTHING) & ~is_against_earth, reference_attitude, Missing.NOTHING)
-        own = np.where(before != after, Missing.STALE, own)  # no rotation leads from one reference to the other
-        own = np.where(is_refused, Missing.REFUSED, own)
-        missing[rows] = np.where(reference_attitude == Missing.PENDING, reference_attitude, own)
+        reason = np.where((body_missing != Missing.NOTHING) & ~is_against_earth, body_missing, Missing.NOTHING)
+        reason = np.where(before != after, Missing.STALE, reason)  # the references differ
+        reason = np.where(is_refused, Missing.REFUSED, reason)
+        missing[rows] = np.where(body_missing == Missing.PENDING, body_missing, reason)
         for row in np.flatnonzero(missing[rows] == Missing.REFUSED).tolist():
-            batch.refusals[int(left[rows[row]])] = refusals[evidence_index[row]] or ""
+            batch.refusals[int(batch_rows[rows[row]])] = refusals[evidence_index[row]] or ""
         rows = rows[missing[rows] == Missing.NOTHING]
         query = GimbalQuery(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
         return missing, self._from_gimbal(source, rows, query) if len(rows) else iter(())
@@ -258,14 +258,14 @@ class AttitudeSources:
     def _from_gimbal(
         self, source: GimbalSource, rows: IntArray, query: GimbalQuery
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
-        """Attitudes at some rows by a gimbal's reports."""
+        """Attitudes at rows from a gimbal's reports."""
         for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings, query):
             yield rows[own], self._resolver.attitudes(readings)
 
     def _from_fixed_mount(
         self, source: GimbalSource, rows: IntArray, stamps_ns: IntArray, vehicle: Brackets
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
-        """Attitudes at some rows of a camera that is bolted to the vehicle."""
+        """Attitudes at rows of a camera fixed to the vehicle."""
         known = vehicle.rows(rows)
         age_s = self._vehicle.ages_s(stamps_ns[rows], known)
         ends = AttitudeBrackets.of(self._vehicle.column("wxyz"), known)

@@ -1,4 +1,4 @@
-"""Poses at image stamps, composed of attitude, height and position, or the reason why there is none."""
+"""Camera poses at image stamps from attitude, height and position, or the reason for none."""
 
 from aerodft.service.pose.composition import ground_below, raised_by_ground
 from aerodft.service.pose.source import PoseSource

@@ -1,4 +1,4 @@
-"""Batches of poses out of attitudes, heights and places, in ENU over the station's ground; and why there is none."""
+"""Composition of poses from attitudes, heights and positions, in ENU over the station's ground; or reasons for none."""
 
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
@@ -28,18 +28,18 @@ from aerodft.service.pose.vehicle_position import PositionBatch
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
 from aerodft.service.streams import Missing
 
-_ALOFT_M = 1e5  # above all ground
+_ABOVE_ALL_GROUND_M = 1e5  # above all ground
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundBelow:
-    """Ground at ``n`` places.
+    """The ground below ``n`` points.
 
     Attributes:
         status: ``(n,)`` indices into ``CODES``: ``BEYOND_TERRAIN`` or ``NO_ELEVATION`` where its height is unknown.
         height_m: ``(n,)`` above ENU 0; NaN where it is unknown.
-        slope: ``(n, 2)`` its rise per metre to the east and to the north; NaN where it is unknown.
+        slope: ``(n, 2)`` rise per metre to the east and to the north; NaN where it is unknown.
     """
 
     status: IntArray
@@ -48,33 +48,33 @@ class GroundBelow:
 
     @staticmethod
     def what(code: int) -> str:
-        """What there is instead of ground whose height is known, by a status's index."""
+        """Text for ground of unknown height, by the code of its status."""
         return "a hole in the elevation model" if CODES[code] is Status.NO_ELEVATION else "no more elevation model"
 
 
 def ground_below(ground: Ground, east_north_m: FloatArray) -> GroundBelow:
-    """The ground at ``east_north_m (n, 2)``."""
-    aloft = np.column_stack([east_north_m, np.full(len(east_north_m), _ALOFT_M)])
-    below = ground.meet(aloft, np.broadcast_to(_DOWN, aloft.shape).copy(), np.zeros(len(aloft)))
-    slope = -below.normal_enu[:, :2] / below.normal_enu[:, 2:]
-    return GroundBelow(below.status.astype(np.int64), below.points_enu_m[:, 2], slope)
+    """The ground below ``east_north_m (n, 2)``."""
+    start = np.column_stack([east_north_m, np.full(len(east_north_m), _ABOVE_ALL_GROUND_M)])
+    hits = ground.meet(start, np.broadcast_to(_DOWN, start.shape).copy(), np.zeros(len(start)))
+    slope = -hits.normal_enu[:, :2] / hits.normal_enu[:, 2:]
+    return GroundBelow(hits.status.astype(np.int64), hits.points_enu_m[:, 2], slope)
 
 
 def raised_by_ground(pose: Pose, height_m: FloatArray, slope: FloatArray) -> Pose:
-    """Poses ``(n,)`` in ENU of cameras whose height, and its variance, are counted from ground below them.
+    """Poses ``(n,)`` in ENU from poses with heights above the ground below them.
 
-    Who is farther up the hill than he thinks, is higher too: errors in east and north become errors in height.
+    On a slope, errors in east and north become errors in height.
 
     Args:
-        pose: The third component of its positions is the height above that ground.
+        pose: Poses whose third position component is the height above that ground.
         height_m: ``(n,)`` of the ground.
         slope: ``(n, 2)`` of the ground.
     """
-    follows = np.broadcast_to(np.eye(6), (len(height_m), 6, 6)).copy()
-    follows[:, 2, :2] = slope
+    by_pose = np.broadcast_to(np.eye(6), (len(height_m), 6, 6)).copy()
+    by_pose[:, 2, :2] = slope
     position = pose.position_enu_m.copy()
     position[:, 2] += height_m
-    return replace(pose, position_enu_m=position, cov=follows @ pose.cov @ follows.swapaxes(-1, -2))
+    return replace(pose, position_enu_m=position, cov=by_pose @ pose.cov @ by_pose.swapaxes(-1, -2))
 
 
 REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
@@ -86,7 +86,7 @@ BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receivi
 
 
 def no_position_refusal(missing: Missing, settings: HeightSettings) -> tuple[Status, tuple[str, ...]]:
-    """Status and reason of a pose over ground of which nobody knows which part is below."""
+    """Status and reason of a pose without a position over ground that is not level."""
     status, what = Status.NO_HEIGHT, "no position received yet"
     if missing is Missing.STALE:
         status, what = Status.STALE_TELEMETRY, no_position_reason(settings)
@@ -94,12 +94,12 @@ def no_position_refusal(missing: Missing, settings: HeightSettings) -> tuple[Sta
 
 
 def no_position_reason(settings: HeightSettings) -> str:
-    """Why no place is stated, where positions come: none around the stamp, or two between which nothing flies."""
+    """Reason for no position where positions come: none around the stamp, or a jump between them."""
     return f"no believable position on both sides of the stamp within {settings.max_gap_ns / SECOND_NS:g} s"
 
 
 def no_height_reason(missing: Missing, settings: HeightSettings) -> str:
-    """Why there is no height."""
+    """Reason for no height."""
     if missing is Missing.NEVER:
         return missing_reason("height", missing, settings.order, settings.max_gap_ns)
     limits = []
@@ -112,7 +112,7 @@ def no_height_reason(missing: Missing, settings: HeightSettings) -> str:
 
 
 def missing_reason(what: str, missing: Missing, order: tuple[str, ...], max_gap_ns: int) -> str:
-    """Why there is none of something that comes from one of several sources."""
+    """Reason for no value from any of several sources."""
     sources = ", ".join(order)
     if missing is Missing.NEVER:
         return f"no {what} received yet from {sources}"
@@ -121,11 +121,11 @@ def missing_reason(what: str, missing: Missing, order: tuple[str, ...], max_gap_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseInputs:
-    """What poses at ``n`` stamps are made of.
+    """Heights, attitudes and positions for poses at ``n`` stamps.
 
     Attributes:
         stamps_ns: ``(n,)`` UTC.
-        by_utc: ``(n,)`` whether each is UTC by another clock than this machine's.
+        by_utc: ``(n,)`` whether each is UTC, not on this machine's clock.
         heights: Heights.
         attitudes: Attitudes.
         vehicle_position: Positions.
@@ -139,32 +139,32 @@ class PoseInputs:
 
     @property
     def is_pending(self) -> BoolArray:
-        """``(n,)`` whether telemetry that matters may still come."""
+        """Whether relevant telemetry is pending ``(n,)``."""
         parts = self.heights.missing, self.attitudes.missing, self.vehicle_position.missing
         return np.asarray(np.any([missing == Missing.PENDING for missing in parts], axis=0))
 
     @property
-    def is_whole(self) -> BoolArray:
-        """``(n,)`` whether there is a height and an attitude; a pose may come without a place."""
+    def is_complete(self) -> BoolArray:
+        """Whether there is a height and an attitude ``(n,)``; a pose may have no position."""
         return np.asarray((self.heights.missing == Missing.NOTHING) & (self.attitudes.missing == Missing.NOTHING))
 
     def rows(self, rows: IntArray) -> "PoseInputs":
-        """The parts of some poses by their indices ``(m,)``."""
+        """Inputs ``(m,)`` by their indices."""
         parts = self.heights.rows(rows), self.attitudes.rows(rows), self.vehicle_position.rows(rows)
         return PoseInputs(self.stamps_ns[rows], self.by_utc[rows], *parts)
 
 
 _Refusals: TypeAlias = dict[int, tuple[Status, tuple[str, ...]]]
-"""Why poses have no answer, by row."""
+"""Status and reasons of refused poses, by row."""
 
 
-class PoseMaker:
-    """Makes poses.
+class PoseComposer:
+    """Composes poses.
 
     Args:
-        settings: Stated standard deviations.
-        time_std_s: Of image stamps against telemetry stamps.
-        ground: What heights that are measured from the surface below are counted from; None for the level plane at 0.
+        settings: Standard deviations and limits.
+        time_std_s: Standard deviation of image stamps relative to telemetry stamps.
+        ground: Ground below the camera, for heights above the surface; None for the level plane at 0.
     """
 
     def __init__(self, settings: TelemetrySettings, time_std_s: float, ground: Ground | None) -> None:
@@ -173,15 +173,15 @@ class PoseMaker:
         self._ground = ground
 
     def poses(self, inputs: PoseInputs, origin: GeoOrigin | None, clock: ClockMap) -> PoseBatch:
-        """Poses of whole inputs ``(n,)``, over their ground, with what is to be said of their clock."""
-        poses = self._in_telemetry(inputs, origin)
-        poses = self._with_clock(poses, inputs, clock)
+        """Poses from complete inputs ``(n,)``, over the ground, with remarks on the clock."""
+        poses = self._compose(inputs, origin)
+        poses = self._with_remarks(poses, inputs, clock)
         if self._ground is not None:
             poses = self._over_ground(poses, inputs, self._ground)
-        return self._high_enough(poses, inputs.heights)
+        return self._check_min_height(poses, inputs.heights)
 
-    def _in_telemetry(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
-        """Poses as the telemetry has them."""
+    def _compose(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
+        """Poses with heights as reported, before the ground below is added."""
         heights, attitudes, vehicle_position = inputs.heights, inputs.attitudes, inputs.vehicle_position
         std, has_place = self._stds(heights.std_m, attitudes), vehicle_position.missing == Missing.NOTHING
         east_north_m = np.where(has_place[:, None], vehicle_position.east_north_m, 0.0)
@@ -236,20 +236,20 @@ class PoseMaker:
         std[:, 5], std[:, 6] = stated.heading_rad, self._time_std_s
         return std
 
-    def _with_clock(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
-        """Poses with what is to be said of the clock behind their stamps, and of a place that is not known."""
+    def _with_remarks(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
+        """Poses with remarks on the clock behind their stamps, on home and on a missing position."""
         is_home = inputs.heights.is_above_home & clock.has_restarted
         is_stale = inputs.vehicle_position.missing == Missing.STALE
         no_utc = not clock.is_utc_known
         columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
-        nowhere = f"{no_position_reason(self._settings.height)}: the place is not stated"
+        no_position = f"{no_position_reason(self._settings.height)}: the place is not stated"
 
         def with_remarks(sample: PoseSample, key: tuple[bool, ...]) -> PoseSample:
             is_repeated, has_home, has_no_place, is_guess = key
             remarks = (
                 *clock.remarks(is_repeated=is_repeated),
                 *((HOME_MOVED,) if has_home else ()),
-                *((nowhere,) if has_no_place else ()),
+                *((no_position,) if has_no_place else ()),
                 *(((BY_GUESS if is_guess else BY_HOST),) if no_utc else ()),
             )
             return replace(sample, reasons=(*sample.reasons, *remarks))
@@ -263,10 +263,10 @@ class PoseMaker:
         return replace(poses, std=std, pose=replace(poses.pose, time_std_s=time_s))
 
     def _over_ground(self, poses: PoseBatch, inputs: PoseInputs, ground: Ground) -> PoseBatch:
-        """Poses in ENU whose height may be counted from the surface below; or why they have no place there."""
-        from_zero, missing = inputs.heights.is_above_home, inputs.vehicle_position.missing
-        # A slope is alike everywhere.
-        is_unplaced = (missing != Missing.NOTHING) & (from_zero | (not isinstance(ground, Plane)))
+        """Poses in ENU with the ground below added to heights above it; refused where it is unknown."""
+        is_above_home, missing = inputs.heights.is_above_home, inputs.vehicle_position.missing
+        # A tilted plane needs no position: its slope is the same everywhere.
+        is_unplaced = (missing != Missing.NOTHING) & (is_above_home | (not isinstance(ground, Plane)))
         refusals: _Refusals = {
             row: no_position_refusal(Missing(missing[row]), self._settings.height)
             for row in np.flatnonzero(is_unplaced).tolist()
@@ -276,24 +276,24 @@ class PoseMaker:
         below = ground_below(ground, surface_m)
         is_known = below.status == CODE_OF[Status.OK]
         is_beyond = below.status == CODE_OF[Status.BEYOND_TERRAIN]
-        for k in np.flatnonzero(is_beyond | ~(from_zero[rows] | is_known)).tolist():
+        for k in np.flatnonzero(is_beyond | ~(is_above_home[rows] | is_known)).tolist():
             east, north = surface_m[k].tolist()
             where = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin"
             reason = f"{where}, is {below.what(below.status[k])}"
             refusals[int(rows[k])] = CODES[below.status[k]], (reason,)
         height_m, slope = np.zeros(len(poses)), np.zeros((len(poses), 2))
-        is_counted = ~from_zero[rows] & is_known
-        height_m[rows[is_counted]], slope[rows[is_counted]] = below.height_m[is_counted], below.slope[is_counted]
+        is_raised = ~is_above_home[rows] & is_known
+        height_m[rows[is_raised]], slope[rows[is_raised]] = below.height_m[is_raised], below.slope[is_raised]
         pose = raised_by_ground(poses.pose, height_m, slope)
         if refusals:
-            gone = list(refusals)
+            refused_rows = list(refusals)
             position_enu_m, wxyz, cov = pose.position_enu_m.copy(), pose.wxyz.copy(), pose.cov.copy()
-            position_enu_m[gone] = wxyz[gone] = cov[gone] = np.nan
+            position_enu_m[refused_rows] = wxyz[refused_rows] = cov[refused_rows] = np.nan
             pose = replace(pose, position_enu_m=position_enu_m, wxyz=wxyz, cov=cov)
-        return _refused(replace(poses, pose=pose, datum_enu_m=height_m), refusals)
+        return _with_refusals(replace(poses, pose=pose, datum_enu_m=height_m), refusals)
 
-    def _high_enough(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
-        """Poses without an answer where they are below the least height."""
+    def _check_min_height(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
+        """Poses refused where they are below the minimum height."""
         minimum_m = self._settings.height.min_m
         is_low = (heights.height_agl_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
         refusals: _Refusals = {}
@@ -301,11 +301,11 @@ class PoseMaker:
             source, height_m = heights.order[heights.source[row]], heights.height_agl_m[row]
             reason = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
             refusals[row] = Status.BELOW_MIN_HEIGHT, (reason,)
-        return _refused(poses, refusals)
+        return _with_refusals(poses, refusals)
 
 
-def _refused(poses: PoseBatch, refusals: _Refusals) -> PoseBatch:
-    """Poses with the status and the reasons of their refusals."""
+def _with_refusals(poses: PoseBatch, refusals: _Refusals) -> PoseBatch:
+    """Poses with status and reasons of their refusals."""
     if not refusals:
         return poses
     return poses.with_variants(
@@ -317,15 +317,15 @@ def _refused(poses: PoseBatch, refusals: _Refusals) -> PoseBatch:
 def missing_poses(
     inputs: PoseInputs, settings: TelemetrySettings, clock: ClockMap, has_begun: BoolArray
 ) -> list[PoseSample]:
-    """Why there are no poses at stamps ``(n,)``.
+    """Refused poses at stamps ``(n,)`` with incomplete inputs.
 
     Args:
-        inputs: Of each the height or the attitude is missing.
-        settings: Limits.
-        clock: Of the vehicle.
-        has_begun: ``(n,)`` whether there was any telemetry by then.
+        inputs: Inputs without height or attitude.
+        settings: Limits for the reasons.
+        clock: The vehicle's clock map.
+        has_begun: ``(n,)`` whether there was any telemetry by the stamp.
     """
-    broken_off, limits = clock.broken_off(), settings.attitude
+    dropped, limits = clock.broken_off(), settings.attitude
     samples = []
     for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
         height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
@@ -336,8 +336,8 @@ def missing_poses(
             reasons.append(inputs.attitudes.refusals[row])
         elif attitude is not Missing.NOTHING:
             reasons.append(missing_reason("camera attitude", attitude, limits.order, limits.max_gap_ns))
-        if broken_off is not None:
-            status, reasons = Status.CLOCK_JUMPED, [broken_off, *reasons]
+        if dropped is not None:
+            status, reasons = Status.CLOCK_JUMPED, [dropped, *reasons]
         elif not has_begun[row]:
             status = Status.NO_TELEMETRY
             reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]

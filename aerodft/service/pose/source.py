@@ -1,4 +1,4 @@
-"""Telemetry tracks in, the camera's poses at images' stamps out; interpolated, never the nearest sample."""
+"""The pose source: telemetry tracks in, camera poses at image stamps out, interpolated between samples."""
 
 from typing import Final
 
@@ -25,32 +25,32 @@ from aerodft.model import (
 from aerodft.service.attitude import AttitudeSources, FrameEvidence
 from aerodft.service.clocks import ClockMap, Ticks, grouped_by_stream
 from aerodft.service.health import HealthSources
-from aerodft.service.pose.composition import PoseInputs, PoseMaker, missing_poses
+from aerodft.service.pose.composition import PoseComposer, PoseInputs, missing_poses
 from aerodft.service.pose.heights import HeightSources
 from aerodft.service.pose.vehicle_position import VehiclePositions
 from aerodft.service.pose.zoom import ZoomSources
 from aerodft.service.settings import TelemetrySettings
 from aerodft.service.streams import END_OF_TIME, LAST, Stream
 
-_NOWHERE: Final = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY)  # means nothing
+_PLACEHOLDER: Final = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY)  # of poses that are pending
 _SKIPPED: Final = "the vehicle's UTC jumped ahead: it never said this time"
 
 
 class PoseSource:
-    """All telemetry of one vehicle.
+    """All telemetry of one vehicle, and the camera poses that follow from it.
 
-    Telemetry is appended step by step, of one tick or of several; questions name the tick of the newest step as of
-    which they are answered, so that an answer does not depend on how ticks were put into steps.
+    Telemetry is appended in steps of one or more ticks; queries are as of a tick of the newest step. Poses do not
+    depend on how ticks are grouped into steps.
 
     Args:
         settings: Sources, stds and limits.
         origin: The station's ENU origin; None takes the first fix.
-        time_std_s: Standard deviation of image stamps against telemetry stamps.
-        ground: What heights that are measured from the surface below are counted from; None for the level plane at 0.
-        camera: What reports of a zoom are held against; None where nobody asks for one.
+        time_std_s: Standard deviation of image stamps relative to telemetry stamps.
+        ground: Ground below the camera, for heights above the surface; None for the level plane at 0.
+        camera: Camera file that reported zooms are relative to; None without zoom.
 
     Attributes:
-        clock: The vehicle's clock against UTC and this machine's.
+        clock: Map of the vehicle's clock to UTC and to this machine's clock.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class PoseSource:
     ) -> None:
         self.clock = ClockMap()
         self._settings = settings
-        self._maker = PoseMaker(settings, time_std_s, ground)
+        self._maker = PoseComposer(settings, time_std_s, ground)
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
         self._vehicle_position = VehiclePositions(settings.height, origin)
@@ -72,26 +72,25 @@ class PoseSource:
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
     def append(self, ticks: Ticks) -> int | None:
-        """Take in the tracks of a step.
+        """Append the tracks of a step.
 
         Returns:
-            What must be added to UTC that was made of this machine's stamps before (ns); None, and nothing was taken
-            in, where several ticks must be taken one by one: something is new, or a clock jumps. One tick always is
-            taken in.
+            Correction (ns) of UTC from earlier stamps on this machine's clock; None, without an effect, where several
+            ticks must be appended one by one: a first report, or a jump of a clock. Never None for one tick.
         """
         self._commit()
         is_one = ticks.count == 1
         if not is_one and not (self._has_origin(ticks) and all(map(self._may_append_ticks, ticks.tracks))):
             return None
-        is_link = [isinstance(track, LinkTrack) for track in ticks.tracks]  # every frame: too many for the clock
+        is_link = [isinstance(track, LinkTrack) for track in ticks.tracks]  # one row per frame: too many for the clock
         links, others = ticks.where(is_link), ticks.where([not link for link in is_link])
         before = self.clock.copy()
         update = self.clock.update(others)
         if update is None:
             return None
         tracks, row_ends = (*update.ticks.tracks, *links.tracks), (*update.ticks.row_ends, *links.row_ends)
-        stamps = [self.clock.to_utc(track, ticks.tick_of(own)) for track, own in zip(tracks, row_ends, strict=True)]
-        if not is_one and tracks and not self._health.goes_on(stamps, row_ends):
+        stamps = [self.clock.to_utc(track, ticks.tick_of(ends)) for track, ends in zip(tracks, row_ends, strict=True)]
+        if not is_one and tracks and not self._health.has_no_silence(stamps, row_ends):
             self.clock = before
             return None
         if update.restarted:
@@ -109,78 +108,77 @@ class PoseSource:
 
         Args:
             stamps_ns: ``(n,)`` UTC.
-            ticks: ``(n,)`` as of which tick of the newest step each is asked.
-            final: ``(n,)`` whether no more telemetry will be waited for.
-            by_utc: ``(n,)`` whether each is UTC by another clock than this machine's, which waits until the vehicle's
-                is known.
+            ticks: ``(n,)`` as in ``Stream.find``.
+            final: ``(n,)`` whether not to wait for more telemetry.
+            by_utc: ``(n,)`` whether each is UTC, not on this machine's clock; such a stamp waits for the vehicle's UTC.
 
         Returns:
-            The poses, and where telemetry that matters may still come: these poses mean nothing.
+            The poses, and where telemetry is pending: these poses are placeholders.
         """
-        jumped = (self.clock.off_ns(ticks, by_utc) != 0) | (self.clock.skips(stamps_ns) & by_utc)
-        is_pending = ~final & (jumped | (by_utc & (not self.clock.is_utc_known)))
-        refused = np.flatnonzero(jumped & final)
-        matched = np.flatnonzero(~jumped & ~is_pending)
-        if not len(matched) and not len(refused):
-            return PoseBatch.repeated(_NOWHERE, stamps_ns), is_pending
+        is_unsettled = (self.clock.off_ns(ticks, by_utc) != 0) | (self.clock.skips(stamps_ns) & by_utc)
+        is_pending = ~final & (is_unsettled | (by_utc & (not self.clock.is_utc_known)))
+        refused_rows = np.flatnonzero(is_unsettled & final)
+        matched = np.flatnonzero(~is_unsettled & ~is_pending)
+        if not len(matched) and not len(refused_rows):
+            return PoseBatch.repeated(_PLACEHOLDER, stamps_ns), is_pending
         watermark_ns = np.where(final, END_OF_TIME, self._newest_ns(ticks))
         inputs = self._inputs(stamps_ns[matched], ticks[matched], watermark_ns[matched], by_utc[matched])
         is_pending[matched] = inputs.is_pending
-        whole = np.flatnonzero(inputs.is_whole & ~inputs.is_pending)
-        lost = np.flatnonzero(~inputs.is_whole & ~inputs.is_pending)
-        rows = np.concatenate([matched[whole], matched[lost], refused])
+        whole = np.flatnonzero(inputs.is_complete & ~inputs.is_pending)
+        lost = np.flatnonzero(~inputs.is_complete & ~inputs.is_pending)
+        rows = np.concatenate([matched[whole], matched[lost], refused_rows])
         if not len(rows):
-            return PoseBatch.repeated(_NOWHERE, stamps_ns), is_pending
+            return PoseBatch.repeated(_PLACEHOLDER, stamps_ns), is_pending
         why = missing_poses(inputs.rows(lost), self._settings, self.clock, self._has_begun_by(stamps_ns[matched[lost]]))
-        why += map(self._refused, *(column[refused].tolist() for column in (stamps_ns, ticks, by_utc)))
+        why += map(self._refused, *(column[refused_rows].tolist() for column in (stamps_ns, ticks, by_utc)))
         parts = [self._maker.poses(inputs.rows(whole), self._vehicle_position.origin, self.clock)] if len(whole) else []
         poses = PoseBatch.joined([*parts, PoseBatch.of(why)] if why else parts)
-        poses = self._health.judged(poses, ticks[rows])
+        poses = self._health.with_verdicts(poses, ticks[rows])
         if self._zoom is not None:
-            poses, awaits_zoom = self._zoom.applied(poses, ticks[rows], watermark_ns[rows])
+            poses, awaits_zoom = self._zoom.with_zoom(poses, ticks[rows], watermark_ns[rows])
             is_pending[rows[awaits_zoom]] = True
         row_of = np.zeros(len(stamps_ns), dtype=np.int64)
         row_of[rows] = np.arange(len(rows))
         return poses.rows(row_of), is_pending
 
     def watermark_ns(self, count: int) -> IntArray:
-        """``(count,)`` newest stamp of any telemetry at each tick of the newest step of so many ticks."""
+        """Newest stamps ``(count,)`` of any telemetry at each of ``count`` ticks of the newest step."""
         return self._newest_ns(np.arange(count))
 
     def health_at(self, stamp_ns: int) -> Health:
-        """What the vehicle had said of itself by a stamp (UTC)."""
+        """Health of the vehicle as reported by a stamp (UTC)."""
         return self._health.at(stamp_ns)
 
     def height_switch(self, before: HeightSource, after: HeightSource, stamp_ns: int, tick: int) -> HeightSwitch:
-        """That heights are of another source from a stamp on, and by how much the two differ, as of a tick."""
+        """Change of the height source at a stamp, with the step between the sources as of a tick."""
         return self._height.switch(before, after, stamp_ns, np.array([tick]), self._attitude.vehicle_at)
 
     def height_differences(self) -> list[HeightDifference]:
-        """What the sources of the height said last, two by two."""
+        """Latest differences between all pairs of height sources."""
         return self._height.latest_differences(int(self._newest_ns(LAST)[0]), self._attitude.vehicle_at)
 
     def gimbal_frames(self) -> dict[GimbalSource, FrameEvidence]:
-        """What the gimbals that reported are against, as far as it is known."""
+        """Evidence on the frames of the gimbals that have reported."""
         return self._attitude.evidence()
 
     def gimbal_demands(self) -> dict[GimbalSource, bool]:
-        """Whether the gimbals that reported may say what they were told, not where they are."""
+        """Whether the gimbals that have reported may report demands, not measurements."""
         return self._attitude.demands()
 
     def _inputs(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray, by_utc: BoolArray) -> PoseInputs:
-        """What poses at stamps ``(n,)`` are made of."""
+        """Heights, attitudes and positions at stamps ``(n,)``."""
         query = stamps_ns, ticks, watermark_ns
         vehicle_position, attitudes = self._vehicle_position.at(*query), self._attitude.at(*query)
         heights = self._height.at(*query, self._attitude.vehicle_at, vehicle_position.lat_lon_alt[:, :2])
         return PoseInputs(stamps_ns, by_utc, heights, attitudes, vehicle_position)
 
     def _refused(self, stamp_ns: int, tick: int, by_utc: bool) -> PoseSample:  # noqa: FBT001 - a value of a column
-        """Why there is no pose at a stamp as of a tick at which it cannot be matched."""
+        """The refused pose at a stamp that cannot be matched as of a tick."""
         reason = self.clock.unsettled(by_utc=by_utc, tick=tick) or _SKIPPED
         return PoseSample(stamp_ns=stamp_ns, status=Status.CLOCK_JUMPED, reasons=(reason,))
 
     def _has_begun_by(self, stamps_ns: IntArray) -> BoolArray:
-        """Whether there was any telemetry by stamps ``(n,)``."""
+        """Whether there was any telemetry at or before stamps ``(n,)``."""
         return np.asarray(np.any([stream.began_by(stamps_ns) for stream in self._streams()], axis=0))
 
     def _has_origin(self, ticks: Ticks) -> bool:
@@ -202,30 +200,30 @@ class PoseSource:
             self._zoom.append(track, stamps_ns, row_end_by_tick)
 
     def _commit(self) -> None:
-        """The ticks so far are over."""
+        """End the step."""
         self._attitude.commit()
-        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._remarks()):
+        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._check_streams()):
             stream.commit()
 
     def _clear(self) -> None:
-        """Forget all samples: their stamps are of another boot."""
+        """Remove all samples: their stamps are of another boot."""
         self._attitude.clear()
-        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._remarks()):
+        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._check_streams()):
             stream.clear()
 
     def _shift(self, by_ns: int) -> None:
-        """Move all samples: what time it was when they were taken is known better now."""
+        """Shift all stamps: the clock map has changed."""
         self._attitude.shift(by_ns)
-        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._remarks()):
+        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._check_streams()):
             stream.shift(by_ns)
 
-    def _remarks(self) -> tuple[Stream, ...]:
-        """What no pose is made of, and is held against."""
-        return (*self._height.remarks(), *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
+    def _check_streams(self) -> tuple[Stream, ...]:
+        """Streams that poses are checked against, not computed from."""
+        return (*self._height.checks(), *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
 
     def _streams(self) -> tuple[Stream, ...]:
         return (self._vehicle_position.stream, *self._attitude.streams(), *self._height.streams())
 
     def _newest_ns(self, ticks: IntArray) -> IntArray:
-        """Newest stamp of any telemetry as of ticks ``(n,)``."""
+        """Newest stamps of any telemetry as of ticks ``(n,)``."""
         return np.asarray(np.max([stream.newest_ns(ticks) for stream in self._streams()], axis=0))

@@ -1,4 +1,4 @@
-"""Where the vehicle is, in the station's ENU frame."""
+"""The vehicle's position in the station's ENU frame."""
 
 import math
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ from aerodft.model import FloatArray, GeoOrigin, IntArray, PositionTrack
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing, Stream
 
-_JUMP_M: Final = 50.0  # an estimator may correct itself by that
-_FASTEST_MPS: Final = 150.0  # what moves faster between two samples is none of them
+_MAX_CORRECTION_M: Final = 50.0  # of an estimator's own correction
+_MAX_SPEED_MPS: Final = 150.0  # between two samples; faster is a jump
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionBatch:
-    """Positions at ``n`` stamps; NaN where there is none.
+    """Vehicle positions at ``n`` stamps; NaN where missing.
 
     Attributes:
         east_north_m: ``(n, 2)``.
         velocity_enu_mps: ``(n, 3)``.
         lat_lon_alt: ``(n, 3)`` latitude, longitude (rad) and altitude (m MSL).
-        missing: ``(n,)`` why there is none, as ``Missing``.
+        missing: ``(n,)`` as ``Missing``.
     """
 
     east_north_m: FloatArray
@@ -39,14 +39,14 @@ class PositionBatch:
 
 
 class VehiclePositions:
-    """The position stream.
+    """Stream of the vehicle's positions, and the ENU origin.
 
     Attributes:
-        stream: Its samples.
+        stream: Samples of the positions.
         origin: The station's ENU origin; None before the first fix.
 
     Args:
-        settings: How far its samples may be apart, and where home is.
+        settings: Longest gap between samples, and height of home.
         origin: None takes the first fix, on the measured plane.
     """
 
@@ -56,7 +56,7 @@ class VehiclePositions:
         self._home_above_plane_m = settings.home_above_plane_m
 
     def append(self, track: PositionTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
-        """Take in the positions of a step, at least one; ``row_end_by_tick`` as in ``Stream.append``."""
+        """Append the positions of a step, at least one; ``row_end_by_tick`` as in ``Stream.append``."""
         columns = {"lat_rad": track.lat_rad, "lon_rad": track.lon_rad, "alt_msl_m": track.alt_msl_m}
         self.stream.append(stamps_ns, row_end_by_tick, **columns)
         if self.origin is None:
@@ -71,7 +71,7 @@ class VehiclePositions:
         """Positions and velocities at stamps ``(n,)``; arguments as in ``Stream.find``."""
         count = len(stamps_ns)
         found, missing = self.stream.find(stamps_ns, ticks, watermark_ns)
-        places, velocity, lat_lon_alt = np.full((count, 2), np.nan), np.zeros((count, 3)), np.full((count, 3), np.nan)
+        places, velocity, lat_lon_alt = (np.full((count, 2), np.nan), np.zeros((count, 3)), np.full((count, 3), np.nan))
         if self.origin is None:
             return PositionBatch(
                 places, velocity, lat_lon_alt, np.where(missing == Missing.NOTHING, Missing.NEVER, missing)
@@ -82,24 +82,24 @@ class VehiclePositions:
         found = found.rows(rows)
         lat, lon, alt = (self.stream.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
         before, after = (east_north(self.origin, lat[ends], lon[ends]) for ends in (found.before, found.after))
-        apart = after - before
+        step_m = after - before
         moves = found.gap_ns > 0
         per_s = np.where(moves, SECOND_NS / np.where(moves, found.gap_ns, 1), 0.0)
-        places[rows] = before + found.weight[:, None] * apart
-        velocity[rows, :2] = apart * per_s[:, None]
+        places[rows] = before + found.weight[:, None] * step_m
+        velocity[rows, :2] = step_m * per_s[:, None]
         velocity[rows, 2] = (alt[found.after] - alt[found.before]) * per_s
-        eastward_rad = _within_half_a_turn(lon[found.after] - lon[found.before])  # also over the 180th meridian
-        lon_rad = _within_half_a_turn(lon[found.before] + found.weight * eastward_rad)
+        eastward_rad = _wrap_pi(lon[found.after] - lon[found.before])  # also over the 180th meridian
+        lon_rad = _wrap_pi(lon[found.before] + found.weight * eastward_rad)
         lat_lon_alt[rows] = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
-        is_jump = np.hypot(*apart.T) > _JUMP_M + _FASTEST_MPS * found.gap_ns / SECOND_NS
+        is_jump = np.hypot(*step_m.T) > _MAX_CORRECTION_M + _MAX_SPEED_MPS * found.gap_ns / SECOND_NS
         missing[rows[is_jump]] = Missing.STALE
         places[rows[is_jump]] = lat_lon_alt[rows[is_jump]] = np.nan
         velocity[rows[is_jump]] = 0.0
         return PositionBatch(places, velocity, lat_lon_alt, missing)
 
 
-def _within_half_a_turn(angle_rad: FloatArray) -> FloatArray:
-    """Angles less whole turns; those within half a turn as they are, to the last bit."""
+def _wrap_pi(angle_rad: FloatArray) -> FloatArray:
+    """Angles wrapped to [-pi, pi]; those within it unchanged to the last bit."""
     return np.where(
         np.abs(angle_rad) <= math.pi, angle_rad, angle_rad - 2 * math.pi * np.rint(angle_rad / (2 * math.pi))
     )

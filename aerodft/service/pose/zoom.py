@@ -1,4 +1,4 @@
-"""What one camera reports of its view at a stamp, held against the camera file."""
+"""Zoom of the camera at stamps, from the vehicle's reports, relative to the camera file."""
 
 import math
 from dataclasses import dataclass, replace
@@ -24,20 +24,20 @@ from aerodft.model import (
 from aerodft.service.settings import ZoomSettings
 from aerodft.service.streams import END_OF_TIME, Missing, Stream
 
-_LATE: Final = 1.5  # periods that a report of a live source is waited for
-_SAME: Final = 0.002  # focal lengths this close, as a share, are one: 32 bits bring them back with an error
+_WAIT_PERIODS: Final = 1.5  # periods to wait for a report of a live source
+_ROUNDING_FRACTION: Final = 0.002  # relative rounding error of a focal length sent in 32 bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ViewBatch:
-    """What is reported of a focal length at ``n`` stamps; NaN where there is nothing.
+class FocalBatch:
+    """Reported focal lengths at ``n`` stamps; NaN where missing.
 
     Attributes:
-        value: ``(n,)`` the focal length, in the unit of the reports.
-        step_std: ``(n,)`` standard deviation by not knowing when between two reports it changed.
+        value: ``(n,)`` focal length in the unit of the reports.
+        step_std: ``(n,)`` standard deviation from the unknown time of a change between two reports.
         age_s: ``(n,)`` since the newest report that is not after the stamp.
-        is_silent: ``(n,)`` whether reports that came regularly have stopped.
-        missing: ``(n,)`` why there is none, as ``Missing``.
+        is_silent: ``(n,)`` whether regular reports have stopped.
+        missing: ``(n,)`` as ``Missing``.
     """
 
     value: FloatArray
@@ -47,12 +47,12 @@ class ViewBatch:
     missing: IntArray
 
 
-class ViewReports:
-    """Focal lengths as one source reports them, in a unit of its own.
+class FocalReports:
+    """Focal lengths reported by one source, in its own unit.
 
     Attributes:
-        is_live: Whether a report has differed from the first: a parameter that somebody typed in does not.
-        size_px: Width and height of the images as last reported; None where they never were.
+        is_live: Whether a report has differed from the first one: a configured parameter never does.
+        size_px: Last reported width and height of the images; None if never reported.
     """
 
     def __init__(self, max_gap_ns: int, stream: int | None) -> None:
@@ -62,44 +62,44 @@ class ViewReports:
         self._first: float | None = None
         self.stream = Stream(max_gap_ns)
 
-    def changes_nothing(self, track: CameraTrack, focal: FloatArray) -> bool:
-        """Whether reports of several ticks may be appended at once: what is known for good stays as it is."""
-        own = track.stream == self._number
-        sizes = track.size_px[own & np.all(track.size_px > 0, axis=-1)]
+    def may_append_ticks(self, track: CameraTrack, focal: FloatArray) -> bool:
+        """Whether reports of several ticks may be appended at once: stream, size and liveness do not change."""
+        is_own_stream = track.stream == self._number
+        sizes = track.size_px[is_own_stream & np.all(track.size_px > 0, axis=-1)]
         if self._number is None or self._first is None or np.any(sizes != self.size_px):
             return False
-        return self.is_live or not self._has_changed(focal[own & np.isfinite(focal)])
+        return self.is_live or not self._has_changed(focal[is_own_stream & np.isfinite(focal)])
 
     def append(
         self, track: CameraTrack, focal: FloatArray, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None
     ) -> None:
-        """Take in the reports of a step: those of the stream that was heard first, or is asked for."""
+        """Append the reports of a step, of the configured stream or else of the first one heard."""
         if self._number is None and len(track.stream):
             self._number = int(track.stream[0])
-        own = track.stream == self._number
-        sized = own & np.all(track.size_px > 0, axis=-1)
+        is_own_stream = track.stream == self._number
+        sized = is_own_stream & np.all(track.size_px > 0, axis=-1)
         if np.any(sized):
             width, height = track.size_px[np.flatnonzero(sized)[-1]].tolist()
             self.size_px = (width, height)
-        known = own & np.isfinite(focal)
-        if not np.any(known):
+        is_usable = is_own_stream & np.isfinite(focal)
+        if not np.any(is_usable):
             return
         if self._first is None:
-            self._first = float(focal[known][0])
-        self.is_live = self.is_live or self._has_changed(focal[known])
-        ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(known)])[row_end_by_tick]
-        self.stream.append(stamps_ns[known], ends, focal=focal[known])
+            self._first = float(focal[is_usable][0])
+        self.is_live = self.is_live or self._has_changed(focal[is_usable])
+        ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(is_usable)])[row_end_by_tick]
+        self.stream.append(stamps_ns[is_usable], ends, focal=focal[is_usable])
 
-    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> ViewBatch:
-        """Focal lengths at stamps ``(n,)``: between two reports where they are near, else as last reported.
+    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> FocalBatch:
+        """Focal lengths at stamps ``(n,)``: interpolated between near reports, else the last reported.
 
-        A change between two reports may have been at any time: the mean of that is the line between them, and the
-        variance that of a coin that falls as often as the stamp is past the change. Arguments as in ``Stream.find``.
+        A change happens at a uniformly distributed time between two reports: the mean is the line between them, the
+        variance that of a Bernoulli variable. Arguments as in ``Stream.find``.
         """
-        nothing = np.full(len(stamps_ns), np.nan)
+        nan = np.full(len(stamps_ns), np.nan)
         if self.stream.is_empty:
             never = np.full(len(stamps_ns), int(Missing.NEVER))
-            return ViewBatch(nothing, nothing, nothing, np.full(len(stamps_ns), fill_value=False), never)
+            return FocalBatch(nan, nan, nan, np.full(len(stamps_ns), fill_value=False), never)
         samples_ns, focal = self.stream.stamps_ns, self.stream.column("focal")
         first, end = self.stream.rows_known_at(ticks)
         period_ns = self._period_ns(first, end)
@@ -113,40 +113,40 @@ class ViewReports:
         age_s = (stamps_ns - samples_ns[before]) / SECOND_NS
         is_regular = (period_ns > 0) & (period_ns <= self.stream.max_gap_ns)
         newest_ns = samples_ns[np.maximum(end, 1) - 1]
-        waits = is_last & (newest_ns < stamps_ns) & is_regular & (watermark_ns - newest_ns <= _LATE * period_ns)
+        waits = is_last & (newest_ns < stamps_ns) & is_regular & (watermark_ns - newest_ns <= _WAIT_PERIODS * period_ns)
         missing = np.where(end == first, Missing.NEVER, np.where(waits, Missing.PENDING, Missing.NOTHING))
         missing = np.where((before < 0) & ~waits, Missing.NEVER, missing)
         is_silent = (period_ns > 0) & (age_s > np.maximum(self.stream.max_gap_ns, 3 * period_ns) / SECOND_NS)
         step_std = np.abs(change) * np.sqrt(weight * (1 - weight))
-        return ViewBatch(focal[before] + weight * change, step_std, age_s, is_silent, missing)
+        return FocalBatch(focal[before] + weight * change, step_std, age_s, is_silent, missing)
 
     def _has_changed(self, focal: FloatArray) -> bool:
-        return self._first is not None and bool(np.any(np.abs(focal - self._first) > _SAME * self._first))
+        return self._first is not None and bool(np.any(np.abs(focal - self._first) > _ROUNDING_FRACTION * self._first))
 
     def _period_ns(self, first: IntArray, end: IntArray) -> IntArray:
-        """Between the last two reports before rows ``end (n,)``; 0 before there are two."""
+        """Interval between the last two reports before rows ``end (n,)``; 0 before there are two."""
         samples_ns = self.stream.stamps_ns
         last, earlier = np.maximum(end - 1, 0), np.maximum(end - 2, 0)
         return np.where(end - first > 1, samples_ns[last] - samples_ns[earlier], 0)
 
 
 LEVEL_SLACK: Final = 0.005
-"""Zooms this close, as shares of their range, are the same."""
+"""Tolerance of zoom levels, as a fraction of their range."""
 _ROUNDING_STD_RAD: Final = math.radians(1) / math.sqrt(12)  # of whole degrees
-_MAGNIFIED: Final = 1e-6
+_MAGNIFICATION_TOLERANCE: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZoomBatch:
-    """A camera's focal length at ``n`` stamps.
+    """Zoom of a camera at ``n`` stamps.
 
     Attributes:
-        magnification: ``(n,)`` against the camera's file; NaN where the file's holds.
-        std: ``(n,)`` its standard deviation.
-        sources: Where each is known from; None where the file's holds.
-        reasons: What is to be said of each.
-        is_unknown: ``(n,)`` whether the zoom is known, but not what that makes of the focal length.
-        is_pending: ``(n,)`` whether a report that matters may still come.
+        magnification: ``(n,)`` relative to the camera file; NaN where the file applies.
+        std: ``(n,)`` standard deviation of the magnification.
+        sources: Source of each; None where the file applies.
+        reasons: Remarks on each.
+        is_unknown: ``(n,)`` whether the zoom level is known, but not the focal length.
+        is_pending: ``(n,)`` whether a relevant report is pending.
     """
 
     magnification: FloatArray
@@ -158,44 +158,44 @@ class ZoomBatch:
 
     @staticmethod
     def of_file(count: int) -> "ZoomBatch":
-        """The camera as its file has it, at ``count`` stamps."""
-        nothing = np.full(count, np.nan)
+        """The camera file's zoom at ``count`` stamps."""
+        nan = np.full(count, np.nan)
         is_unknown, is_pending = np.full(count, fill_value=False), np.full(count, fill_value=False)
-        return ZoomBatch(nothing, nothing.copy(), [None] * count, [()] * count, is_unknown, is_pending)
+        return ZoomBatch(nan, nan.copy(), [None] * count, [()] * count, is_unknown, is_pending)
 
 
 class CameraReports:
-    """All that is reported of one camera.
+    """All reports of one camera.
 
     Args:
-        settings: How it is read.
-        camera: As its file has it.
+        settings: Settings of the zoom.
+        camera: The camera file.
     """
 
     def __init__(self, settings: ZoomSettings, camera: Camera) -> None:
         self._settings = settings
         self._camera = camera
         streams = {ZoomSource.VIDEO_STREAM_INFORMATION: settings.stream}
-        self._reports = {source: ViewReports(settings.max_gap_ns, streams.get(source)) for source in settings.order}
+        self._reports = {source: FocalReports(settings.max_gap_ns, streams.get(source)) for source in settings.order}
         self._levels = np.array([level for level, _ in settings.curve])
-        self._times = np.array([times for _, times in settings.curve])
+        self._magnifications = np.array([magnification for _, magnification in settings.curve])
         hfov_rad = camera.hfov_rad if settings.reported_hfov_rad is None else settings.reported_hfov_rad
         self._reported_focal = 1 / math.tan(hfov_rad / 2)
 
     def streams(self) -> tuple[Stream, ...]:
-        """All streams, to be forgotten or moved when clocks jump."""
+        """All streams, to be cleared or shifted with the clocks."""
         return tuple(reports.stream for reports in self._reports.values())
 
     def may_append_ticks(self, track: CameraTrack) -> bool:
         """Whether a track of several ticks may be appended at once."""
-        return self._reports[track.source].changes_nothing(track, self._focal(track))
+        return self._reports[track.source].may_append_ticks(track, self._focal(track))
 
     def append(self, track: CameraTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
-        """Take in a track of a step of this camera, of a source that is in the order; as ``Stream.append``."""
+        """Append a track of this camera from a source in the order, as ``Stream.append``."""
         self._reports[track.source].append(track, self._focal(track), stamps_ns, row_end_by_tick)
 
     def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> ZoomBatch:
-        """The camera at stamps ``(n,)``; arguments as in ``Stream.find``."""
+        """The camera's zoom at stamps ``(n,)``; arguments as in ``Stream.find``."""
         found = ZoomBatch.of_file(len(stamps_ns))
         left = np.arange(len(stamps_ns))
         for source, reports in self._reports.items():
@@ -217,39 +217,39 @@ class CameraReports:
             found.reasons[row] = reasons
         return found
 
-    def _is_followed(self, source: ZoomSource, reports: ViewReports) -> bool:
+    def _is_followed(self, source: ZoomSource, reports: FocalReports) -> bool:
         return source is ZoomSource.CAMERA_SETTINGS or reports.is_live
 
     def _focal(self, track: CameraTrack) -> FloatArray:
-        """Focal lengths in the unit of their source: half the image's width, or that at the curve's level 0."""
+        """Focal lengths in the source's unit: half the image's width, or the focal length at the curve's level 0."""
         if track.source is not ZoomSource.CAMERA_SETTINGS:
             return 1 / np.tan(track.hfov_rad / 2)
-        return np.interp(track.level, self._levels, self._times) if len(self._levels) else track.level
+        return np.interp(track.level, self._levels, self._magnifications) if len(self._levels) else track.level
 
-    def _follow(self, found: ZoomBatch, left: IntArray, known: BoolArray, source: ZoomSource, view: ViewBatch) -> None:
-        """Write what a source reports at those of the rows ``left`` that are ``known``."""
+    def _follow(self, found: ZoomBatch, rows: IntArray, known: BoolArray, source: ZoomSource, view: FocalBatch) -> None:
+        """Write the zoom by a source at those of ``rows`` that are ``known``."""
         settings = self._settings
         if source is ZoomSource.CAMERA_SETTINGS:
-            reference = float(np.interp(settings.level, self._levels, self._times))
-            reported_std = np.zeros(len(left))
+            reference = float(np.interp(settings.level, self._levels, self._magnifications))
+            reported_std = np.zeros(len(rows))
         else:
             reference = self._reported_focal
             reported_std = _hfov_std_rad(settings, source) / np.sin(2 * np.arctan(1 / view.value))
         magnification = view.value / reference
-        grown = settings.std_per_doubling * np.abs(np.log2(magnification))
-        relative = np.hypot(np.hypot(grown, reported_std), view.step_std / view.value)
-        is_file = (np.abs(magnification - 1) <= _MAGNIFIED) & (view.step_std == 0.0)
+        doubling_std = settings.std_per_doubling * np.abs(np.log2(magnification))
+        relative = np.hypot(np.hypot(doubling_std, reported_std), view.step_std / view.value)
+        is_file = (np.abs(magnification - 1) <= _MAGNIFICATION_TOLERANCE) & (view.step_std == 0.0)
         is_file &= source is ZoomSource.CAMERA_SETTINGS
-        silent, sizes = (f"{source} is silent: the zoom is that of its last report",), self._size_contradictions()
+        silence, sizes = (f"{source} is silent: the zoom is that of its last report",), self._size_contradictions()
         for k in np.flatnonzero(known).tolist():
-            row = int(left[k])
-            found.reasons[row] = (*(silent if view.is_silent[k] else ()), *sizes)
+            row = int(rows[k])
+            found.reasons[row] = (*(silence if view.is_silent[k] else ()), *sizes)
             if not is_file[k]:
                 found.sources[row] = source
-        found.is_unknown[left[known]] = False
-        zooms = known & ~is_file
-        found.magnification[left[zooms]] = magnification[zooms]
-        found.std[left[zooms]] = (magnification * relative)[zooms]
+        found.is_unknown[rows[known]] = False
+        is_zoomed = known & ~is_file
+        found.magnification[rows[is_zoomed]] = magnification[is_zoomed]
+        found.std[rows[is_zoomed]] = (magnification * relative)[is_zoomed]
 
     def _unknown_zoom(self, level: float) -> str:
         return (
@@ -258,7 +258,7 @@ class CameraReports:
         )
 
     def _contradictions(self, stamps_ns: IntArray, ticks: IntArray) -> list[tuple[str, ...]]:
-        """What the vehicle says of a camera that is not zoomed at stamps ``(n,)``, and its file says otherwise."""
+        """Remarks where reports contradict the camera file, for a camera that is not zoomed at stamps ``(n,)``."""
         found: list[tuple[str, ...]] = [()] * len(stamps_ns)
         expected_rad = 2 * math.atan(1 / self._reported_focal)
         end_ns = np.full(len(stamps_ns), END_OF_TIME)
@@ -266,12 +266,12 @@ class CameraReports:
             if source is ZoomSource.CAMERA_SETTINGS:
                 continue
             view = reports.at(stamps_ns, ticks, end_ns)
-            said_rad = 2 * np.arctan(1 / view.value)
+            reported_rad = 2 * np.arctan(1 / view.value)
             std_rad = hfov_difference_std_rad(self._settings, source, self._camera)
-            is_apart = (view.missing == Missing.NOTHING) & (np.abs(said_rad - expected_rad) > std_rad)
-            for k in np.flatnonzero(is_apart).tolist():
+            differs = (view.missing == Missing.NOTHING) & (np.abs(reported_rad - expected_rad) > std_rad)
+            for k in np.flatnonzero(differs).tolist():
                 sentence = (
-                    f"{source} says hfov {math.degrees(said_rad[k]):.1f} deg, the camera file "
+                    f"{source} says hfov {math.degrees(reported_rad[k]):.1f} deg, the camera file "
                     f"{math.degrees(expected_rad):.1f} deg (std of the two {math.degrees(std_rad):.1f} deg): "
                     "the file is taken"
                 )
@@ -289,22 +289,22 @@ class CameraReports:
 
 
 def hfov_difference_std_rad(settings: ZoomSettings, source: ZoomSource, camera: Camera) -> float:
-    """Standard deviation of a reported horizontal field of view against the camera file's."""
+    """Standard deviation of a reported horizontal field of view minus the camera file's."""
     focal_px = math.sqrt(camera.covariance[0][0]) if camera.covariance else camera.std.focal_px
     return math.hypot(_hfov_std_rad(settings, source), math.sin(camera.hfov_rad) * focal_px / camera.fx_px)
 
 
 def _hfov_std_rad(settings: ZoomSettings, source: ZoomSource) -> float:
-    whole = source is ZoomSource.VIDEO_STREAM_INFORMATION
-    return math.hypot(settings.hfov_std_rad, _ROUNDING_STD_RAD if whole else 0.0)
+    whole_degrees = source is ZoomSource.VIDEO_STREAM_INFORMATION
+    return math.hypot(settings.hfov_std_rad, _ROUNDING_STD_RAD if whole_degrees else 0.0)
 
 
 class ZoomSources:
-    """All that a vehicle reports of its cameras.
+    """Zoom reports of all cameras of a vehicle.
 
     Args:
-        settings: How it is read, and which camera makes the images.
-        camera: As its file has it.
+        settings: Settings of the zoom, and the camera that takes the images.
+        camera: The camera file.
     """
 
     def __init__(self, settings: ZoomSettings, camera: Camera) -> None:
@@ -313,7 +313,7 @@ class ZoomSources:
         self._cameras: dict[int, CameraReports] = {}
 
     def streams(self) -> tuple[Stream, ...]:
-        """All streams, to be forgotten or moved when clocks jump."""
+        """All streams, to be cleared or shifted with the clocks."""
         return tuple(stream for camera in self._cameras.values() for stream in camera.streams())
 
     def may_append_ticks(self, track: Track) -> bool:
@@ -327,18 +327,18 @@ class ZoomSources:
         )
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
-        """Take a track of a step in, if it is of a camera that counts; as ``Stream.append``."""
+        """Append a track of a camera that is followed, as ``Stream.append``; other tracks are ignored."""
         if not isinstance(track, CameraTrack) or track.source not in self._settings.order:
             return
         for number in np.unique(track.device).tolist():
             if self._settings.camera in {None, number}:
                 reports = self._cameras.setdefault(number, CameraReports(self._settings, self._camera))
-                own, is_own = _of_camera(track, number)
-                ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(is_own)])[row_end_by_tick]
-                reports.append(own, stamps_ns[is_own], ends)
+                rows, mask = _of_camera(track, number)
+                ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(mask)])[row_end_by_tick]
+                reports.append(rows, stamps_ns[mask], ends)
 
-    def applied(self, poses: PoseBatch, ticks: IntArray, watermark_ns: IntArray) -> tuple[PoseBatch, BoolArray]:
-        """Poses with the camera's zoom and what contradicts the camera's file.
+    def with_zoom(self, poses: PoseBatch, ticks: IntArray, watermark_ns: IntArray) -> tuple[PoseBatch, BoolArray]:
+        """Poses with the camera's zoom, and with remarks where reports contradict the camera file.
 
         Args:
             poses: ``(n,)``.
@@ -346,7 +346,7 @@ class ZoomSources:
             watermark_ns: ``(n,)`` as in ``Stream.find``.
 
         Returns:
-            The poses, and where a report that matters may still come.
+            The poses, and where a relevant report is pending.
         """
         is_ok = poses.status == CODE_OF[Status.OK]
         if not self._cameras or not np.any(is_ok):
@@ -354,25 +354,25 @@ class ZoomSources:
         query = poses.stamp_ns, ticks, watermark_ns
         found = {number: camera.at(*query) for number, camera in sorted(self._cameras.items())}
         is_pending = np.logical_or.reduce([zoom.is_pending for zoom in found.values()]) & is_ok
-        zoom = next(iter(found.values())) if len(found) == 1 else _of_several(found)
+        zoom = next(iter(found.values())) if len(found) == 1 else _ambiguous_zoom(found)
         keys = [
             (zoom.sources[k], zoom.reasons[k], bool(zoom.is_unknown[k])) if is_ok[k] else None
             for k in range(len(poses))
         ]
-        zoomed = poses.with_variants(keys, _zoomed)
+        zoomed = poses.with_variants(keys, _with_zoom)
         is_zoomed = is_ok & ~zoom.is_unknown & ~np.isnan(zoom.magnification)
         numbers = np.where(is_zoomed[:, None], np.stack([zoom.magnification, zoom.std], axis=-1), poses.zoom)
         return replace(zoomed, zoom=numbers), is_pending
 
 
 def _of_camera(track: CameraTrack, number: int) -> tuple[CameraTrack, BoolArray]:
-    """The rows of one camera, and which rows these are."""
-    own = track.device == number
-    return track.rows(own, boot_ns=track.boot_ns), own
+    """The rows of one camera, and their mask."""
+    mask = track.device == number
+    return track.rows(mask, boot_ns=track.boot_ns), mask
 
 
-def _zoomed(sample: PoseSample, key: tuple[ZoomSource | None, tuple[str, ...], bool]) -> PoseSample:
-    """A sample without its numbers, with a zoom of that source, reasons, and whether the focal length is unknown."""
+def _with_zoom(sample: PoseSample, key: tuple[ZoomSource | None, tuple[str, ...], bool]) -> PoseSample:
+    """The sample's variant with the source of its zoom and remarks, or refused where the focal length is unknown."""
     source, reasons, is_unknown = key
     if is_unknown:
         return replace(sample, status=Status.CAMERA_ZOOMED, reasons=(*reasons, *sample.reasons))
@@ -380,20 +380,20 @@ def _zoomed(sample: PoseSample, key: tuple[ZoomSource | None, tuple[str, ...], b
     return replace(sample, zoom=zoom, reasons=(*sample.reasons, *reasons))
 
 
-def _of_several(cameras: dict[int, ZoomBatch]) -> ZoomBatch:
-    """What cameras say of which none is chosen: whose images these are matters as soon as one of them is zoomed."""
+def _ambiguous_zoom(cameras: dict[int, ZoomBatch]) -> ZoomBatch:
+    """Zoom where several cameras report and none is configured: unknown as soon as one of them is zoomed."""
     numbers = ", ".join(map(str, cameras))
     choose = f"several cameras report ({numbers}), and not the same zoom: set telemetry.zoom.camera to one of them"
     found = ZoomBatch.of_file(len(next(iter(cameras.values())).reasons))
     for row in range(len(found.reasons)):
-        said = tuple(f"camera {number}: {why}" for number, zoom in cameras.items() for why in _reasons(zoom, row))
-        matters = any(zoom.sources[row] is not None or zoom.is_unknown[row] for zoom in cameras.values())
-        found.is_unknown[row] = matters
-        found.reasons[row] = (choose, *said) if matters else said
+        remarks = tuple(f"camera {number}: {why}" for number, zoom in cameras.items() for why in _reasons(zoom, row))
+        is_ambiguous = any(zoom.sources[row] is not None or zoom.is_unknown[row] for zoom in cameras.values())
+        found.is_unknown[row] = is_ambiguous
+        found.reasons[row] = (choose, *remarks) if is_ambiguous else remarks
     return found
 
 
 def _reasons(zoom: ZoomBatch, row: int) -> tuple[str, ...]:
     source = zoom.sources[row]
-    own = () if source is None else (f"{source} says zoom x {zoom.magnification[row]:.2f}",)
-    return (*own, *zoom.reasons[row])
+    zoom_reason = () if source is None else (f"{source} says zoom x {zoom.magnification[row]:.2f}",)
+    return (*zoom_reason, *zoom.reasons[row])

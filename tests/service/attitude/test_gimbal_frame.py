@@ -42,7 +42,7 @@ class Flight:
             sway = sway_rad * math.sin(self.now_ns / 1e9 * 2)
             report = math.radians(pitch_deg) - undone * sway
             if_body = np.tile(down(report + sway), (BODY_READINGS, 1))
-            self.detector.weigh(GravitySample(self.now_ns, report, down(sway), down(report), if_body))
+            self.detector.update(GravitySample(self.now_ns, report, down(sway), down(report), if_body))
             self.now_ns += STEP_NS
         return self.detector.evidence
 
@@ -83,7 +83,7 @@ def test_what_a_limit_explains_is_not_forgotten_for_chances():
         if_body = np.tile(down(report + sway), (BODY_READINGS, 1))
         if k // 60 % 2:
             if_body[2] = down(math.radians(-45))
-        detector.weigh(GravitySample(k * STEP_NS, report, down(sway), down(report), if_body))
+        detector.update(GravitySample(k * STEP_NS, report, down(sway), down(report), if_body))
     assert detector.evidence.motions > 500
     assert detector.evidence.frame is not ReportFrame.BODY
     assert detector.evidence.body_probability < PRIOR_BODY
@@ -101,7 +101,7 @@ def test_what_a_slow_noisy_attitude_does_is_no_motion():
     detector = FrameDetector()
     found = gravity_samples(gimbal, vehicle, after_ns=0, until_ns=101 * 10**9)
     assert len(found) > 900
-    assert list(detector.weigh_all(found)) == []
+    assert list(detector.update_all(found)) == []
     assert detector.evidence.motions == 0
 
 
@@ -127,19 +127,19 @@ def test_reports_may_be_weighed_together_or_one_by_one(seed):
     for row in range(len(found)):
         before = alone.evidence
         if found.is_known[row]:
-            alone.weigh(found.row(row))
+            alone.update(found.row(row))
         else:
-            alone.break_off()
+            alone.end_motion()
         if alone.evidence is not before:
             wanted.append((int(found.stamp_ns[row]), alone.evidence))
     cuts = [0, *np.sort(rng.choice(2000, 20, replace=False)).tolist(), 2000]
-    got = [each for a, b in pairwise(cuts) if b > a for each in together.weigh_all(found.rows(slice(a, b)))]
+    got = [each for a, b in pairwise(cuts) if b > a for each in together.update_all(found.rows(slice(a, b)))]
     assert got == wanted
     assert len(wanted) > 20
     after = flown(rng, 300).rows(slice(0, 1)).row(0)
     later = replace(after, stamp_ns=int(found.stamp_ns[-1]) + STEP_NS)
-    alone.weigh(later)
-    together.weigh(later)
+    alone.update(later)
+    together.update(later)
     assert alone.evidence == together.evidence
 
 
@@ -148,11 +148,11 @@ def test_the_parts_of_one_motion_are_no_verdict():
     flight = Flight()
     vary(flight, 30, 0.5)  # which tells nothing
     before = flight.detector.evidence.body_probability
-    flight.detector.break_off()
+    flight.detector.end_motion()
     for lean in np.radians(np.linspace(0, 20, 11)):
         report = math.radians(-40) - lean
         if_body = np.tile(down(report + lean), (BODY_READINGS, 1))
-        flight.detector.weigh(GravitySample(flight.now_ns, report, down(lean), down(report), if_body))
+        flight.detector.update(GravitySample(flight.now_ns, report, down(lean), down(report), if_body))
         flight.now_ns += STEP_NS
     evidence = flight.detector.evidence
     assert evidence.frame is None
@@ -178,10 +178,10 @@ def test_nothing_is_compared_over_a_gap():
     whole, broken = Flight(), Flight()
     for flight in (whole, broken):
         flight.rock(2.0, -40)
-    broken.detector.break_off()
+    broken.detector.end_motion()
     counts = [flight.rock(0.2, -40).motions for flight in (whole, broken)]
     assert counts[1] <= counts[0]
     before = broken.detector.evidence.motions
-    broken.detector.break_off()
+    broken.detector.end_motion()
     broken.now_ns += 800_000_000
     assert broken.rock(0.1, -40).motions == before

@@ -323,7 +323,7 @@ class LiveCalibrator:
             self._refused += len(observations)
             refused = tuple(Innovation(name=each.name, reason=why) for each in observations)
             return self._estimate(sample, refused)
-        image = self._filter.advance_to(PoseBatch.of([sample]))
+        image = self._filter.advance_to(PoseBatch.from_samples([sample]))
         if sample.stamp_ns != self._seen_ns:
             self._seen_ns, self._seen = sample.stamp_ns, set()
         sights = [self._sight(image, each) for each in sorted(observations, key=lambda each: each.name)]

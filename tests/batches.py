@@ -31,7 +31,7 @@ Content = PoseSample | Measurement | Observation | CalibrationEstimate | CameraM
 
 def one_tick(now_ns: int, events: Iterable[Event]) -> Batches:
     """The events of one tick."""
-    return Batches.of(np.array([now_ns]), events)
+    return Batches.from_events(np.array([now_ns]), events)
 
 
 def take(sink: Sink, tick: Batches, *contents: Content) -> None:
@@ -58,7 +58,7 @@ def _image_outputs(tick: int, order: int, sample: PoseSample) -> ImageOutputs:
         tick=np.array([tick]),
         order=np.array([order]),
         images=np.array([NO_IMAGE]),
-        poses=PoseBatch.of([sample]),
+        poses=PoseBatch.from_samples([sample]),
         measurements=None,
     )
 
@@ -69,7 +69,7 @@ def measurement_batch(images: Sequence[Sequence[Measurement]]) -> MeasurementBat
     samples = [replace(each.pose, stamp_ns=each.stamp_ns, calibration=each.calibration) for each in firsts]
     return MeasurementBatch(
         requests=tuple(map(_request, zip(*images, strict=True))),
-        poses=PoseBatch.of(samples),
+        poses=PoseBatch.from_samples(samples),
         images=np.array([NO_IMAGE if each.image is None else each.image for each in firsts], dtype=np.int64),
         columns=tuple(map(_column, zip(*images, strict=True))),
         model=firsts[0].model,

@@ -11,7 +11,7 @@ from aerodft.service.pose import PoseSource
 
 def measure(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> list[Measurement]:
     """What the requests come to."""
-    return measure_batch(setup, PoseBatch.of([sample]), tuple(requests))[0]
+    return measure_batch(setup, PoseBatch.from_samples([sample]), tuple(requests))[0]
 
 
 def sample_at(poses: PoseSource, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:

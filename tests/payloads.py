@@ -95,7 +95,7 @@ def _geo(payload: Json) -> GeoPoint:
 
 def encode_pose(sample: PoseSample) -> bytes:
     """One pose sample as ``aerodft.pose/1``."""
-    return encode_poses(PoseBatch.of([sample])).text(0)
+    return encode_poses(PoseBatch.from_samples([sample])).text(0)
 
 
 def _sample_of_summary(payload: Json, stamp_ns: int, own_status: Status) -> PoseSample:

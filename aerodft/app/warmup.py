@@ -52,6 +52,6 @@ def _flight() -> Iterator[Batches]:
     for index, now_ns in enumerate(range(_BEGIN_NS, _END_NS, _TICK_NS)):
         received = [each for each in sent if now_ns - _TICK_NS < each.due_ns <= now_ns]
         block = block_of(WireProtocol.MAVLINK, "", [each.due_ns for each in received], [each.data for each in received])
-        yield Batches.of(
+        yield Batches.from_events(
             np.array([now_ns]), (block, Image(index=index, stamp_ns=now_ns, arrival_ns=now_ns, clock=StampClock.HOST))
         )

@@ -78,7 +78,7 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
     kind = PROBE_KINDS[request.probe.kind]
     if sample.pose is None or kind.scalar is None:
         return ()
-    poses, top = PoseBatch.of([sample]), None
+    poses, top = PoseBatch.from_samples([sample]), None
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         if request.on_top_of is not None:
             support = _supporting_object(setup, poses, request.on_top_of)
@@ -299,7 +299,7 @@ def right_by_geometry(height_m: FloatLike, tilt_rad: FloatLike, psi_rad: FloatLi
 
 def compare_models(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> list[ModelDifference]:
     """Measure every request at one pose under both models; ``setup.model`` is ignored."""
-    poses = PoseBatch.of([sample])
+    poses = PoseBatch.from_samples([sample])
     pinhole, dft = (
         measure(replace(setup, model=model), poses, requests)[0]
         for model in (ProjectionModel.PINHOLE, ProjectionModel.DFT)

@@ -164,7 +164,7 @@ def single_image_batch(
     """The batch of a single image, of columns found elsewhere than in the engine."""
     return MeasurementBatch(
         requests=requests,
-        poses=PoseBatch.of([sample]),
+        poses=PoseBatch.from_samples([sample]),
         images=np.array([NO_IMAGE if image is None else image]),
         columns=columns,
         model=setup.model,

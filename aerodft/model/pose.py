@@ -199,7 +199,7 @@ class PoseBatch(Sequence[PoseSample]):
     variants: tuple[PoseSample, ...]
 
     @staticmethod
-    def of(samples: Sequence[PoseSample]) -> "PoseBatch":
+    def from_samples(samples: Sequence[PoseSample]) -> "PoseBatch":
         """A batch of samples, in order."""
         variants, variant_index = _unique_variants([_variant(sample) for sample in samples])
         zooms = [(np.nan, np.nan) if s.zoom is None else (s.zoom.magnification, s.zoom.std) for s in samples]
@@ -231,7 +231,7 @@ class PoseBatch(Sequence[PoseSample]):
     @staticmethod
     def repeated(sample: PoseSample, stamps_ns: IntArray) -> "PoseBatch":
         """One sample at every stamp ``(n,)``: the pose of a fixed camera."""
-        single = PoseBatch.of([sample])
+        single = PoseBatch.from_samples([sample])
         return replace(single.rows(np.zeros(len(stamps_ns), dtype=np.int64)), stamp_ns=stamps_ns)
 
     def __len__(self) -> int:

@@ -38,7 +38,7 @@ from aerodft.service.settings import OBJECTS, PipelineSettings
 
 _PIXEL_DECIMALS: Final = 3  # of pixels moved with a camera's rotation, which is not known better
 _UNCERTAIN_POSE: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # has draws
-_WARM_UP_POSES: Final = PoseBatch.of([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN_POSE)])
+_WARM_UP_POSES: Final = PoseBatch.from_samples([PoseSample(stamp_ns=0, status=Status.OK, pose=_UNCERTAIN_POSE)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -112,7 +112,7 @@ class Batches:
     observations: Sequence[Observation] = ()
 
     @staticmethod
-    def of(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
+    def from_events(now_ns: IntArray, events: Iterable[Arrival]) -> "Batches":
         """Batches from events of ticks that end at ``now_ns (n,)``; blocks of one sender become one block."""
         senders: dict[tuple[str, str], list[RawBlock]] = {}
         images: list[Image | ImageRows] = []

@@ -88,12 +88,12 @@ class MergedFeed:
             end_ns = self._collect(events, pending, first_ns, first_ns + self._longest_ns)
             due, pending = cut_all(pending, end_ns)
             ticks_ns = np.unique(-(-arrivals_ns(due) // self._tick_ns)) * self._tick_ns
-            yield Batches.of(self._with_idle_ticks(last_ns, ticks_ns), due)
+            yield Batches.from_events(self._with_idle_ticks(last_ns, ticks_ns), due)
             last_ns = int(ticks_ns[-1])
         if last_ns is not None:
             idle_ns = self._tick_ns * np.arange(1, self._idle_ns // self._tick_ns + 1)
             if len(idle_ns):
-                yield Batches.of(last_ns + idle_ns, ())
+                yield Batches.from_events(last_ns + idle_ns, ())
 
     def _collect(self, events: "Peekable", pending: list[Arrival], first_ns: int, end_ns: int) -> int:
         """Add events of ticks up to ``end_ns`` to ``pending``; returns the end, earlier where the batch is full."""
@@ -219,7 +219,7 @@ class Inbox:
                 self._events.popleft()
             while self._images and self._images[0].arrival_ns <= until_ns:
                 arrived.append(self._images.popleft())
-        return Batches.of(np.array([until_ns]), arrived)
+        return Batches.from_events(np.array([until_ns]), arrived)
 
     def _stamp(self, count: int) -> int:
         """Reserve ``count`` arrivals, one nanosecond apart; returns the first."""

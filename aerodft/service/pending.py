@@ -107,7 +107,7 @@ class AnswerTimes:
     is_tick: BoolArray
 
     @staticmethod
-    def of(now_ns: IntArray, deadlines_ns: IntArray) -> "AnswerTimes":
+    def from_ticks(now_ns: IntArray, deadlines_ns: IntArray) -> "AnswerTimes":
         """Answer times of the ticks ``now_ns (ticks,)`` and of deadlines before the last of them."""
         time_ns = np.unique(np.concatenate([now_ns, deadlines_ns[deadlines_ns < now_ns[-1]]]))
         ticks = np.searchsorted(now_ns, time_ns, side="right")

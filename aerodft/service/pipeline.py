@@ -140,7 +140,7 @@ class Pipeline:
         if sample is None:
             reason = "no image has been measured yet"
             sample = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY, reasons=(reason,))
-        return measure(self._setup, PoseBatch.of([sample]), tuple(requests))[0]
+        return measure(self._setup, PoseBatch.from_samples([sample]), tuple(requests))[0]
 
     def pose_at(self, stamp_ns: int) -> PoseSample:
         """The refined pose at a stamp of the recent past, from the telemetry received so far."""
@@ -257,7 +257,7 @@ class Pipeline:
         is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
         # Work that arrived after its deadline, within one long tick, is answered on that tick.
         parts += self._poses_at_deadline(work, final, np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final]))
-        answer_times = AnswerTimes.of(now_ns, work.deadline_ns)
+        answer_times = AnswerTimes.from_ticks(now_ns, work.deadline_ns)
         last_image_ns = self._images.last_ns()[answer_times.ticks - 1]
         answer = self._answer_order(work, ready_tick + 1, answer_times, last_image_ns)
         self._answer_work(work, parts, answer, answer_times, first)
@@ -313,7 +313,7 @@ class Pipeline:
         """Poses stored with waiting work, with the rows."""
         rows = [row for row, sample in enumerate(work.samples) if sample is not None]
         samples = [sample for sample in work.samples if sample is not None]
-        return [(np.array(rows), PoseBatch.of(samples))] if rows else []
+        return [(np.array(rows), PoseBatch.from_samples(samples))] if rows else []
 
     def _complete_poses(
         self, work: WorkList, until_tick: IntArray, count: int
@@ -408,7 +408,7 @@ class _TelemetryIntake:
             if len(batches.raw) > 1:  # senders with interleaved frames
                 return 1, self._take_senders(batches[:1])
             tracks = tuple(track for block in batches.raw for track in self._decoder.decode(block))
-            self._decoded, self._first = Ticks.of(tracks, batches.now_ns), 0
+            self._decoded, self._first = Ticks.from_tracks(tracks, batches.now_ns), 0
         count = min(self._tick_count, self._decoded.count - self._first) if self._poses.clock.is_settled else 1
         while True:
             shift_ns = self._poses.append(self._decoded.between(self._first, self._first + count))

@@ -33,7 +33,7 @@ def sample(tilt_deg=50.0, heading_deg=30.0, roll_deg=0.0, **rest):
 
 def refined(given=None, bias_cov=None, **biases):
     found = Calibration(id="sha256:x", bias=BiasValues(**biases), bias_cov=bias_cov)
-    return BiasCalibrator(found).refine(PoseBatch.of([given or sample()]))[0]
+    return BiasCalibrator(found).refine(PoseBatch.from_samples([given or sample()]))[0]
 
 
 def angles_deg(refined_sample):
@@ -108,9 +108,9 @@ def test_what_is_not_ok_passes_unchanged():
     calibrator = BiasCalibrator(Calibration(id="x", bias=BiasValues(height_m=1.0)))
     lost = PoseSample(stamp_ns=1, status=Status.STALE_TELEMETRY)
     low = PoseSample(stamp_ns=1, status=Status.BELOW_MIN_HEIGHT, pose=sample().pose)
-    bad = PoseBatch.of([lost, low])
+    bad = PoseBatch.from_samples([lost, low])
     assert calibrator.refine(bad) is bad
-    mixed = calibrator.refine(PoseBatch.of([lost, sample(), low]))
+    mixed = calibrator.refine(PoseBatch.from_samples([lost, sample(), low]))
     assert (mixed[0].status, mixed[0].pose, mixed[0].calibration) == (lost.status, None, None)
     assert mixed[1].pose.position_enu_m[2] == 41.0
     assert (mixed[2].status, mixed[2].calibration) == (low.status, None)

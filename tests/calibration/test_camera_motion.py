@@ -98,7 +98,7 @@ class Station:
 
     def pose(self, later_s=0.5):
         given = replace(FIXED, stamp_ns=self.stamp_ns + round(later_s * SECOND_NS))
-        return self.calibrator.refine(PoseBatch.of([given]), [self.calibrator.known()], np.array([0]))[0]
+        return self.calibrator.refine(PoseBatch.from_samples([given]), [self.calibrator.known()], np.array([0]))[0]
 
 
 def bump(angle_deg, seed=0):

@@ -97,11 +97,11 @@ def now(calibrator, poses):
 
 
 def refined_by(calibrator, given):
-    return now(calibrator, PoseBatch.of([given]))[0]
+    return now(calibrator, PoseBatch.from_samples([given]))[0]
 
 
 def corrected(given, biases):
-    return model().biased(PoseBatch.of([given])).row(0).corrected(biases)
+    return model().biased(PoseBatch.from_samples([given])).row(0).corrected(biases)
 
 
 def moved(of, given, biases):
@@ -131,7 +131,7 @@ def test_poses_depend_on_biases_as_finite_differences_say():
     follows[2, :2] = 0.2, -0.1  # a height that is counted from sloping ground goes with the place
     given = replace(given, pose=replace(given.pose, cov=follows @ given.pose.cov @ follows.T))
     step = 1e-6
-    by = model().biased(PoseBatch.of([given])).row(0).by_biases(WRONG, corrected(given, WRONG).wxyz)
+    by = model().biased(PoseBatch.from_samples([given])).row(0).by_biases(WRONG, corrected(given, WRONG).wxyz)
     for column, unit in enumerate(np.eye(len(WRONG))):
         expected = (moved(WRONG, given, WRONG + step * unit) - moved(WRONG, given, WRONG - step * unit)) / (2 * step)
         assert_allclose(by[:, column], expected, atol=2e-5, err_msg=f"bias {column}")
@@ -156,14 +156,14 @@ def test_biases_turn_and_raise_as_a_calibration_files_do():
 
 
 def test_before_the_first_landmark_poses_are_the_telemetrys():
-    poses = PoseBatch.of([sample()])
+    poses = PoseBatch.from_samples([sample()])
     assert now(calibrator(), poses) is poses
 
 
 def test_a_pose_that_is_not_ok_passes_unchanged_and_teaches_nothing():
     live = calibrator(start=Calibration(id="x"))
     lost = replace(sample(), pose=None, status=Status.STALE_TELEMETRY, reasons=("no height",))
-    poses = PoseBatch.of([lost])
+    poses = PoseBatch.from_samples([lost])
     assert now(live, poses) is poses
     told = live.observe(lost, (seen("a", 0.0, (900.0, 500.0)),))
     assert (told.updates, told.refused, told.height_source) == (0, 1, None)
@@ -216,7 +216,7 @@ def test_many_sights_give_what_least_squares_gives():
 def test_what_was_learned_fades_into_what_the_telemetry_states():
     live = calibrator(noise_share=0.1)
     live.observe(sample(), tuple(seen(n, 0.0, truly_at(sample(), WRONG, n)) for n in PLACES))
-    soon, late = now(live, PoseBatch.of([sample(0.1), sample(1e7)]))
+    soon, late = now(live, PoseBatch.from_samples([sample(0.1), sample(1e7)]))
     assert soon.std.tilt_rad < 0.9 * STD.tilt_rad
     for name in ("height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad"):
         assert getattr(late.std, name) == pytest.approx(getattr(STD, name), rel=1e-6), name
@@ -376,7 +376,7 @@ def test_another_height_source_has_a_bias_of_its_own():
         at = sample(number / 2)
         live.observe(at, tuple(seen(n, number / 2, truly_at(at, WRONG, n)) for n in PLACES))
     ranged = replace(sample(10.0), height_source=HeightSource.RANGEFINDER, std=replace(STD, height_agl_m=0.3))
-    home, other = now(live, PoseBatch.of([sample(10.0), ranged]))
+    home, other = now(live, PoseBatch.from_samples([sample(10.0), ranged]))
     assert home.pose.position_enu_m[2] == pytest.approx(40.0 + WRONG[1] + 0.5 * WRONG[-1], abs=0.5)
     assert home.std.height_agl_m < 0.5 * STD.height_agl_m
     assert other.std.height_agl_m == pytest.approx(0.3, rel=0.05)

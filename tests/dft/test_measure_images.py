@@ -96,7 +96,7 @@ on_every_ground = pytest.mark.parametrize(
 
 @on_every_ground
 def test_answers_do_not_depend_on_the_images_beside(setup):
-    poses, asked = PoseBatch.of(samples(70 if setup.ground is None else 20)), requests()
+    poses, asked = PoseBatch.from_samples(samples(70 if setup.ground is None else 20)), requests()
     numbers = np.arange(len(poses))
     together = measure(setup, poses, asked, numbers)
     alone = [measure(setup, poses[k : k + 1], asked, numbers[k : k + 1])[0] for k in numbers]
@@ -111,7 +111,7 @@ def test_answers_do_not_depend_on_the_images_beside(setup):
 @on_every_ground
 @pytest.mark.parametrize("kind", list(PIXELS))
 def test_images_may_have_pixels_of_their_own(setup, kind):
-    poses, rng = PoseBatch.of(samples(70 if setup.ground is None else 20)), np.random.default_rng(6)
+    poses, rng = PoseBatch.from_samples(samples(70 if setup.ground is None else 20)), np.random.default_rng(6)
     probe = Probe(name="seen", kind=kind, source=PixelSource.OBSERVED, elevation_m=0.3, elevation_std_m=0.1)
     moved = np.array([np.array(PIXELS[kind]) + rng.normal(0.0, 15.0, 2) for _ in poses])
     together = measure(setup, poses, (Request(probe=probe, pixels=moved, std_px=0.7),))

@@ -184,7 +184,7 @@ def test_a_batch_is_the_same_whatever_order_its_events_are_given_in(bench):
     now_ns = tick_after(bench.host0_ns + 100 * MS, bench.tick_ns)
     frames = bench.flight(1.0)[:8]
     events = [*bench.blocks(frames), bench.image(0, 60), bench.image(1, 70), bench.observation(60, late_ms=0)]
-    one, two = (Batches.of(np.array([now_ns]), given) for given in (events, events[::-1]))
+    one, two = (Batches.from_events(np.array([now_ns]), given) for given in (events, events[::-1]))
     assert [shot.index for shot in one.images] == [shot.index for shot in two.images]
     assert frames_of(one.raw[0]) == frames_of(two.raw[0]) == [raw for _, raw in frames]
 

@@ -229,7 +229,7 @@ def flown(draw, truth, std, seen, errors, *, every_width=False):
     points = on_ground(last, RIVER * SIZE if every_width else draw.uniform(MARGIN_PX, SIZE - MARGIN_PX, (2, 2)))
     observations = _observations(draw, truth, seen, stamps, places, points, every_width=every_width)
     end_ns = max(truth.end_ns, *(each.due_ns for each in sent))
-    batches = Batches.of(np.array([end_ns]), [raw, *observations])
+    batches = Batches.from_events(np.array([end_ns]), [raw, *observations])
     return _seen(Flight(truth, points), answers_of(pipeline, [batches]))
 
 

@@ -162,7 +162,7 @@ def _flight(
         for probe in PROBES
     )
     pipeline = Pipeline(_settings(std), CompositeDecoder())
-    batches = Batches.of(np.array([truth.end_ns]), [raw, *seen])
+    batches = Batches.from_events(np.array([truth.end_ns]), [raw, *seen])
     return pose, points, measurements_of(answers_of(pipeline, [batches]))
 
 

@@ -83,7 +83,7 @@ def measure(
     surface = MeasuredSurface(max_range_m=max_range_m)
     setup, sample = image_setup(camera, pose, ground=ground, model=chosen, calibration=calibration, surface=surface)
     wanted = (probes,) if isinstance(probes, ImageProbe) else probes
-    found = measure_batch(setup, PoseBatch.of([sample]), requests_of(wanted))[0]
+    found = measure_batch(setup, PoseBatch.from_samples([sample]), requests_of(wanted))[0]
     return found[0] if isinstance(probes, ImageProbe) else found
 
 

@@ -376,5 +376,5 @@ def _corrected(setup: Setup, sample: PoseSample, known: CalibrationFile) -> tupl
     """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
     if known.camera is not None and setup.model is not known.model:
         raise UsageError(f"{setup.model} beside a calibration", expected=f"{known.model}, which it was made with")
-    corrected = BiasCalibrator(known.biases).refine(PoseBatch.of([sample]))[0]
+    corrected = BiasCalibrator(known.biases).refine(PoseBatch.from_samples([sample]))[0]
     return replace(setup, camera=known.camera or setup.camera), corrected

@@ -214,7 +214,8 @@ class View(ABC):
         setup, sample = self.scene(number)
         u, v = np.asarray(probe.pixels, dtype=np.float64)[-1].tolist()
         sides = ([(u - 0.5, v), (u + 0.5, v)], [(u, v - 0.5), (u, v + 0.5)])
-        across, down = measure(setup, PoseBatch.of([sample]), requests_of([Distance(side) for side in sides]))[0]
+        poses, distances = PoseBatch.from_samples([sample]), requests_of([Distance(side) for side in sides])
+        across, down = measure(setup, poses, distances)[0]
         return None if across.value is None or down.value is None else (across.value, down.value)
 
     def save_probe(self, number: int, probe: ImageProbe, *, is_tracked: bool) -> Path:
@@ -255,7 +256,7 @@ class View(ABC):
         setup, sample = self.scene(number)
         requests = requests_of(probes)
         documents = []
-        for found, request in zip(measure(setup, PoseBatch.of([sample]), requests)[0], requests, strict=True):
+        for found, request in zip(measure(setup, PoseBatch.from_samples([sample]), requests)[0], requests, strict=True):
             budget = explain(setup, sample, request) if with_budget else None
             command = _command(self.options(number), request)
             documents.append(measured_document(found, budget) | {"command": command})
@@ -274,7 +275,7 @@ class View(ABC):
             From the base up; empty where the base is not on the ground.
         """
         setup, sample = self.scene(number)
-        found = measure(setup, PoseBatch.of([sample]), requests_of([base]))[0][0]
+        found = measure(setup, PoseBatch.from_samples([sample]), requests_of([base]))[0][0]
         if found.enu_m is None or sample.pose is None:
             return []
         foot = np.asarray(found.enu_m[0], dtype=np.float64)

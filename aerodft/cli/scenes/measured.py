@@ -25,7 +25,7 @@ def show_measurements(
     Raises:
         typer.Exit: With 3 for a pixel outside the image, with 4 where nothing was measured.
     """
-    measurements = measure(setup, PoseBatch.of([sample]), requests)[0]
+    measurements = measure(setup, PoseBatch.from_samples([sample]), requests)[0]
     budgets = [explain_request(setup, sample, request) for request in requests] if explain else []
     if as_json:
         print_json([measured_document(*each) for each in zip_longest(measurements, budgets)])

@@ -66,7 +66,7 @@ class AttitudeBrackets:
     gap_ns: IntArray
 
     @classmethod
-    def of(cls, wxyz: FloatArray, found: Brackets) -> "AttitudeBrackets":
+    def from_brackets(cls, wxyz: FloatArray, found: Brackets) -> "AttitudeBrackets":
         """From a stream's ``wxyz (m, 4)`` and its brackets."""
         return cls(*found.ends(wxyz), found.weight, found.gap_ns)
 

@@ -128,9 +128,9 @@ def _read(
     return Readings(
         source=source,
         age_s=stream.ages_s(query.stamps_ns, found),
-        report=AttitudeBrackets.of(reported, found),
+        report=AttitudeBrackets.from_brackets(reported, found),
         previous=np.where(has_previous[:, None], reported[found.before - 1], np.nan),
-        vehicle=AttitudeBrackets.of(vehicle.column("wxyz"), query.vehicle) if mode.has_vehicle else None,
+        vehicle=AttitudeBrackets.from_brackets(vehicle.column("wxyz"), query.vehicle) if mode.has_vehicle else None,
         frame=frame,
         axes=axes,
         yaw_in_earth=mode.yaw_in_earth,
@@ -268,5 +268,5 @@ class AttitudeSources:
         """Attitudes at rows of a camera fixed to the vehicle."""
         known = vehicle.rows(rows)
         age_s = self._vehicle.ages_s(stamps_ns[rows], known)
-        ends = AttitudeBrackets.of(self._vehicle.column("wxyz"), known)
+        ends = AttitudeBrackets.from_brackets(self._vehicle.column("wxyz"), known)
         yield rows, self._resolver.attitudes(Readings(source=source, age_s=age_s, vehicle=ends))

@@ -90,7 +90,7 @@ class VehicleClock:
             Always true for one tick.
         """
         self.keep(ticks.count)
-        rows = StampedRows.of(ticks)
+        rows = StampedRows.from_ticks(ticks)
         if not len(rows.tick):
             return True
         return self._learn_stated(ticks, rows, last_boot_ns) and self._learn_host(ticks, rows)
@@ -112,7 +112,8 @@ class VehicleClock:
         before = lines[0]
         if before is None:
             return True
-        self.stated_by_tick = OffsetsByTick.of([line for line in lines if line is not None], changes, ticks.count)
+        known_lines = [line for line in lines if line is not None]
+        self.stated_by_tick = OffsetsByTick.from_lines(known_lines, changes, ticks.count)
         newest_ns = np.full(ticks.count, last_boot_ns)
         np.maximum.at(newest_ns, rows.tick, rows.boot_ns)
         by_newest = self.stated_by_tick.offset(np.maximum.accumulate(newest_ns), np.arange(ticks.count))
@@ -138,12 +139,12 @@ class VehicleClock:
 
 
 def _constant_offsets(clock: StatedOffset | ArrivalOffset, count: int) -> OffsetsByTick | None:
-    return None if clock.line is None else OffsetsByTick.of([clock.line], [], count, clock.unsettled_ns or 0)
+    return None if clock.line is None else OffsetsByTick.from_lines([clock.line], [], count, clock.unsettled_ns or 0)
 
 
 def _learn(clock: ArrivalOffset, sent_ns: IntArray, rows: StampedRows, ticks: Ticks) -> tuple[OffsetsByTick, bool]:
     """Update by arrivals of rows sent at ``sent_ns (n,)``; returns a line at each tick, and whether none jumps."""
-    before = _constant_offsets(clock, 1) or OffsetsByTick.of([ClockOffset(0, 0)], [], 1)  # before the first rows
+    before = _constant_offsets(clock, 1) or OffsetsByTick.from_lines([ClockOffset(0, 0)], [], 1)
     fastest, slower_ns = rows.fastest(sent_ns)
     learned = clock.learn_fastest(sent_ns[fastest], rows.arrival_ns[fastest], slower_ns)
     arrived_ns, row = ticks.last_arrivals()[rows.tick[fastest]], np.arange(len(fastest))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Ticks:
     count: int
 
     @classmethod
-    def of(cls, tracks: tuple[Track, ...], ticks_ns: IntArray) -> "Ticks":
+    def from_tracks(cls, tracks: tuple[Track, ...], ticks_ns: IntArray) -> "Ticks":
         """Tracks ``(n,)`` whose rows arrived by the last of ``ticks_ns (ticks,)``."""
         row_ends = tuple(np.searchsorted(track.arrival_ns, ticks_ns, side="right") for track in tracks)
         return cls(tracks, row_ends, len(ticks_ns))
@@ -83,7 +83,7 @@ class StampedRows:
     tick: IntArray
 
     @classmethod
-    def of(cls, ticks: Ticks) -> "StampedRows":
+    def from_ticks(cls, ticks: Ticks) -> "StampedRows":
         """The rows with a time since boot in the tracks of ticks."""
         boots = np.concatenate([_EMPTY, *(track.boot_ns for track in ticks.tracks)])
         arrivals = np.concatenate([_EMPTY, *(track.arrival_ns for track in ticks.tracks)])
@@ -122,7 +122,7 @@ class OffsetsByTick:
     off_ns: IntArray
 
     @classmethod
-    def of(cls, lines: Sequence[ClockOffset], from_tick: Sequence[int], count: int, off_ns: int = 0) -> "OffsetsByTick":
+    def from_lines(cls, lines: Sequence[ClockOffset], from_tick: Sequence[int], count: int, off_ns: int = 0) -> Self:
         """Columns of ``count`` ticks: the first line, and each further line from its tick on."""
         line_index = np.searchsorted(from_tick, np.arange(count), side="right")
         at_ns, offset_ns = (np.array([getattr(each, name) for each in lines]) for name in ("at_ns", "offset_ns"))

@@ -396,7 +396,7 @@ WRITE_FOREVER = """
         frames = [b"%08d" % (step * 10 + k) for k in range(10)]
         arrivals_ns = range(step * 100 - 9, step * 100 + 1)
         block = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames)]
-        recorder.take(Batches.of(np.array([step * 100]), block), StepOutputs())
+        recorder.take(Batches.from_events(np.array([step * 100]), block), StepOutputs())
         if step == 3000:
             print("busy", flush=True)
 """
@@ -439,7 +439,7 @@ FULL_DISK = """
         for step in steps:
             frame = os.urandom(900)
             block = [block_of(WireProtocol.MAVLINK, "a", [step * 100], [frame])]
-            recorder.take(Batches.of(np.array([step * 100]), block), StepOutputs())
+            recorder.take(Batches.from_events(np.array([step * 100]), block), StepOutputs())
             time.sleep(0.002)
     send(range(1, 101))
     time.sleep(0.5)  # a lossless recorder waits a tenth of a second for more to do at once

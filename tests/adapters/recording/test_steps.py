@@ -84,7 +84,7 @@ def contents_of(tick: int) -> list[Content]:
 
 def step(ticks: range) -> tuple[Batches, StepOutputs]:
     now_ns = START_NS + TICK_NS * np.array(ticks)
-    batches = Batches.of(now_ns, [event for tick in ticks for event in events_of(tick)])
+    batches = Batches.from_events(now_ns, [event for tick in ticks for event in events_of(tick)])
     return batches, step_outputs([contents_of(tick) for tick in ticks])
 
 

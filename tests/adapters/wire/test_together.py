@@ -98,8 +98,8 @@ def test_stamps_of_images() -> None:
 
 def test_poses() -> None:
     poses = samples(150)
-    assert encode_poses(PoseBatch.of(poses)).each() == [encode_pose(each) for each in poses]
-    assert encode_poses(PoseBatch.of([])).each() == []
+    assert encode_poses(PoseBatch.from_samples(poses)).each() == [encode_pose(each) for each in poses]
+    assert encode_poses(PoseBatch.from_samples([])).each() == []
 
 
 @pytest.mark.parametrize("limit_m", [None, 60.0])
@@ -108,7 +108,7 @@ def test_measurements(limit_m: float | None) -> None:
     probes = [Probe(name=str(kind), kind=kind, pixels=pixels) for kind, pixels in PIXELS.items()]
     requests = link_requests(Request(probe=probe, pixels=probe.pixels, std_px=0.75) for probe in probes)
     images = np.array([NO_IMAGE if k % 7 == 0 else 10**15 * k - 1 for k in range(150)])
-    batch = measure(Setup(camera=CAMERA, max_range_m=limit_m), PoseBatch.of(samples(150)), requests, images)
+    batch = measure(Setup(camera=CAMERA, max_range_m=limit_m), PoseBatch.from_samples(samples(150)), requests, images)
     assert len({each.status for image in batch for each in image}) > 2
     together = encode_batch(batch).each()
     assert together == [image_record(image) for image in batch]
@@ -120,7 +120,7 @@ def test_measurements_by_pixels_of_their_own() -> None:
     probe = Probe(name="seen", kind=ProbeKind.WIDTH, source=PixelSource.OBSERVED)
     pixels = np.array([((300.0 + k, 820.0), (1700.0, 810.5)) for k in range(40)])
     request = Request(probe=probe, pixels=pixels, std_px=2.0)
-    batch = measure(Setup(camera=CAMERA), PoseBatch.of(samples(40)), (request,))
+    batch = measure(Setup(camera=CAMERA), PoseBatch.from_samples(samples(40)), (request,))
     assert encode_batch(batch).each() == [image_record(image) for image in batch]
 
 

@@ -251,7 +251,7 @@ def test_what_a_jump_ahead_never_said_is_known():
 def test_lines_of_many_ticks_are_each_as_it_is_alone():
     rng = np.random.default_rng(6)
     lines = [ClockOffset(UTC0 + k * SECOND, HOST0 - UTC0 + k * MS, 1e-5 * k) for k in range(4)]
-    table = OffsetsByTick.of(lines, [3, 3, 8], 12)
+    table = OffsetsByTick.from_lines(lines, [3, 3, 8], 12)
     own_ns, ticks = UTC0 + rng.integers(0, 100 * SECOND, 60), rng.integers(0, 12, 60)
     wanted = [lines[0 if tick < 3 else 2 if tick < 8 else 3] for tick in ticks.tolist()]
     offsets = [line.offset_at(each) for line, each in zip(wanted, own_ns.tolist(), strict=True)]

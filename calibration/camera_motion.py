@@ -18,8 +18,8 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import (
-    Turn,
-    find_turn,
+    RelativeRotation,
+    find_rotation,
     from_rotation_vector,
     intrinsics_covariance,
     inverse,
@@ -28,17 +28,17 @@ from aerodft.geometry import (
     to_rotation_vector,
 )
 from aerodft.model import (
-    STEADY,
+    FIXED_POINTS,
     Camera,
     CameraMotionEstimate,
     FloatArray,
     IntArray,
+    MotionState,
     Observation,
     Pose,
     PoseBatch,
     PoseSample,
     Status,
-    Steadiness,
 )
 from aerodft.service import CameraMotionSettings, PipelineSettings
 
@@ -59,8 +59,8 @@ _NOTED: Final = 3.0
 _BACK: Final = 0.9  # of the limit: who is within it again, by more than noise
 _HOUR_NS: Final = 3600 * SECOND_NS
 _NUMBERLESS: Final = {
-    Steadiness.MOVING: "the camera turned, or was displaced, and where it rests is not known yet",
-    Steadiness.UNKNOWN_VIEW: (
+    MotionState.MOVING: "the camera turned, or was displaced, and where it rests is not known yet",
+    MotionState.UNKNOWN_VIEW: (
         "the view is not the reference's, turned: the camera was displaced, looks elsewhere, or is covered;"
         " set it up as it was, or calibrate it anew"
     ),
@@ -137,7 +137,7 @@ class Look:
         is_unknown_view: Points stand still where a camera that only turned would not see them.
     """
 
-    turn: Turn | None
+    turn: RelativeRotation | None
     points: int
     is_unknown_view: bool = False
 
@@ -159,18 +159,18 @@ class LookJudge:
     def judge(self, seen: Observation) -> Look:
         """What the pairs of pixels (reference, now) say."""
         pairs = np.array(seen.pixels, dtype=np.float64).reshape(-1, 2, 2)
-        turn = find_turn(self._camera, pairs[:, 0], pairs[:, 1])
+        turn = find_rotation(self._camera, pairs[:, 0], pairs[:, 1])
         staying = self._staying(pairs, turn)
         if len(pairs) >= _MIN_AGREEING and staying >= _STAY * len(pairs):
             return Look(None, len(pairs), is_unknown_view=True)
         return Look(turn if turn is not None and self._tells(turn) else None, len(pairs))
 
-    def _tells(self, turn: Turn) -> bool:
+    def _tells(self, turn: RelativeRotation) -> bool:
         agreeing = int(np.count_nonzero(turn.inliers))
         enough = agreeing >= max(_MIN_AGREEING, _MIN_SHARE * len(turn.inliers))
         return enough and float(np.max(np.diag(turn.cov))) <= self._fine_rad**2
 
-    def _staying(self, pairs: FloatArray, turn: Turn | None) -> int:
+    def _staying(self, pairs: FloatArray, turn: RelativeRotation | None) -> int:
         """How many points are where the turn does not bring them, and were there at the last look too."""
         is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(turn.residual_px, self._off_px)
         before, self._strays = self._strays, {tuple(then.tolist()): now for then, now in pairs[is_stray]}
@@ -212,13 +212,13 @@ class Scatter:
 class RestAttitude:
     """The mean over the last looks of a camera that rests."""
 
-    def __init__(self, first: Turn) -> None:
+    def __init__(self, first: RelativeRotation) -> None:
         self._base_wxyz = first.wxyz
-        self._turns: deque[Turn] = deque([first], maxlen=_WINDOW)
+        self._turns: deque[RelativeRotation] = deque([first], maxlen=_WINDOW)
         self._mean_rad = np.zeros(3)
 
     @classmethod
-    def over(cls, turns: list[Turn]) -> "RestAttitude":
+    def over(cls, turns: list[RelativeRotation]) -> "RestAttitude":
         """Over some looks, at least one."""
         rest = cls(turns[0])
         for turn in turns[1:]:
@@ -236,20 +236,20 @@ class RestAttitude:
         return len(self._turns)
 
     @property
-    def last(self) -> Turn:
+    def last(self) -> RelativeRotation:
         """The newest of them."""
         return self._turns[-1]
 
-    def add(self, turn: Turn) -> None:
+    def add(self, turn: RelativeRotation) -> None:
         """Take in a look; the oldest one leaves."""
         self._turns.append(turn)
         self._mean_rad = np.mean([_between(self._base_wxyz, each) for each in self._turns], axis=0)
 
-    def off(self, turn: Turn) -> FloatArray:
+    def off(self, turn: RelativeRotation) -> FloatArray:
         """How far a look is from here: a small rotation ``(3,)`` about the camera's axes now."""
         return _between(self.wxyz, turn)
 
-    def newest(self, count: int) -> list[Turn]:
+    def newest(self, count: int) -> list[RelativeRotation]:
         """The last looks."""
         return list(self._turns)[-count:]
 
@@ -270,7 +270,7 @@ class RestAttitude:
         return np.asarray(measured + scatter * np.eye(3))
 
 
-def _between(wxyz: FloatArray, turn: Turn) -> FloatArray:
+def _between(wxyz: FloatArray, turn: RelativeRotation) -> FloatArray:
     return to_rotation_vector(multiply(turn.wxyz, inverse(wxyz)))
 
 
@@ -291,7 +291,7 @@ class CameraMotionState:
     """
 
     def __init__(self, settings: CameraMotionSettings) -> None:
-        self.state = Steadiness.UNCHECKED
+        self.state = MotionState.UNCHECKED
         self.since_ns = 0
         self.moved_ns: int | None = None
         self.determined_ns: int | None = None
@@ -300,7 +300,7 @@ class CameraMotionState:
         self.off_rad: FloatArray = np.zeros(3)
         self._settings = settings
         self._scatter = Scatter(settings.limit_rad)
-        self._elsewhere: list[Turn] = []
+        self._elsewhere: list[RelativeRotation] = []
         self._strange = self._nothing = self._beyond = 0
         self._left_ns = 0  # the first look of those that may come to a move
 
@@ -318,17 +318,18 @@ class CameraMotionState:
             self.state = self._with_turn(stamp_ns, look.turn)
         elif look.is_unknown_view:
             self._strange, self._nothing = self._strange + 1, 0
-            self.state = Steadiness.UNKNOWN_VIEW if self._strange >= self._settings.confirm_looks else Steadiness.MOVING
+            is_confirmed = self._strange >= self._settings.confirm_looks
+            self.state = MotionState.UNKNOWN_VIEW if is_confirmed else MotionState.MOVING
         else:
             self._nothing += 1
             if self._nothing >= self._settings.confirm_looks:
                 self.has_looked = True
-                rested = before in {Steadiness.STEADY, Steadiness.MOVED}
-                self.state = Steadiness.UNCHECKED if rested else before
+                rested = before in {MotionState.STEADY, MotionState.MOVED}
+                self.state = MotionState.UNCHECKED if rested else before
         if self.state is not before or not self.since_ns:
             self.since_ns = stamp_ns
 
-    def _with_turn(self, stamp_ns: int, turn: Turn) -> Steadiness:
+    def _with_turn(self, stamp_ns: int, turn: RelativeRotation) -> MotionState:
         if self.rest is None:
             self.rest = RestAttitude(turn)
         elif np.linalg.norm(off_rad := self.rest.off(turn)) > max(self._settings.limit_rad, self._chance_rad(1.0)):
@@ -338,7 +339,7 @@ class CameraMotionState:
         self._elsewhere = []
         return self._within(stamp_ns, self.rest)
 
-    def _followed(self, rest: RestAttitude, turn: Turn, off_rad: FloatArray) -> RestAttitude:
+    def _followed(self, rest: RestAttitude, turn: RelativeRotation, off_rad: FloatArray) -> RestAttitude:
         """Where the camera looks, with a look that is near; where the last few agree on a step, by these alone."""
         is_chance = np.linalg.norm(off_rad) <= self._chance_rad(1.0) * _NOTED / _RARE
         self.off_rad = np.zeros(3) if is_chance else off_rad
@@ -348,7 +349,7 @@ class CameraMotionState:
         stepped = np.linalg.norm(rest.step(few)) > self._chance_rad(1 / few + 1 / max(rest.looks - few, 1))
         return RestAttitude.over(rest.newest(few)) if stepped else rest
 
-    def _after_jump(self, stamp_ns: int, turn: Turn, off_rad: FloatArray) -> Steadiness:
+    def _after_jump(self, stamp_ns: int, turn: RelativeRotation, off_rad: FloatArray) -> MotionState:
         """A look far from where the camera was: believed once enough in a row agree with each other."""
         close_rad = max(self._settings.limit_rad / 2, self._chance_rad(2.0))
         if self._elsewhere and np.linalg.norm(RestAttitude.over(self._elsewhere).off(turn)) > close_rad:
@@ -358,26 +359,26 @@ class CameraMotionState:
         self._elsewhere.append(turn)
         self.off_rad = off_rad
         if len(self._elsewhere) < self._settings.confirm_looks:
-            return Steadiness.MOVING
+            return MotionState.MOVING
         self.rest, self.off_rad = RestAttitude.over(self._elsewhere), np.zeros(3)
         self._elsewhere, self._beyond, self.moved_ns = [], self._settings.confirm_looks, None
         return self._within(stamp_ns, self.rest)
 
-    def _within(self, stamp_ns: int, rest: RestAttitude) -> Steadiness:
+    def _within(self, stamp_ns: int, rest: RestAttitude) -> MotionState:
         """Whether the camera has moved: by where it looks now, against where it looked at first."""
         angle_rad = float(np.linalg.norm(to_rotation_vector(rest.wxyz)))
         limit_rad = self._settings.limit_rad * (1.0 if self.moved_ns is None else _BACK)
         if angle_rad <= limit_rad:
             self._beyond, self.moved_ns = 0, None
-            return Steadiness.STEADY
+            return MotionState.STEADY
         if not self._beyond:
             self._left_ns = stamp_ns
         self._beyond += 1
         if self.moved_ns is None and self._beyond < self._settings.confirm_looks:
-            is_drift = self.state is Steadiness.STEADY  # then it is known where the camera is
-            return Steadiness.STEADY if is_drift else Steadiness.MOVING
+            is_drift = self.state is MotionState.STEADY  # then it is known where the camera is
+            return MotionState.STEADY if is_drift else MotionState.MOVING
         self.moved_ns = self.moved_ns or self._left_ns
-        return Steadiness.MOVED
+        return MotionState.MOVED
 
     def _chance_rad(self, variances: float) -> float:
         """What chance does not reach, where so many times a look's variance adds up."""
@@ -432,7 +433,7 @@ class CameraMotionCalibrator:
 
     def observes(self, name: str) -> bool:
         """Whether that is what observations of steady points are called."""
-        return name == STEADY
+        return name == FIXED_POINTS
 
     def fits(self, observation: Observation) -> bool:
         """Whether its pixels come in pairs; none says that nothing was found."""
@@ -471,7 +472,7 @@ class CameraMotionCalibrator:
     def _unwatched_rad2(self, stamp_ns: IntArray) -> FloatArray:
         """Variances ``(n,)`` about each axis since the camera was last recognised: a random walk of 1 limit an hour."""
         determined_ns = self._state.determined_ns
-        if self._state.state is not Steadiness.UNCHECKED or determined_ns is None:
+        if self._state.state is not MotionState.UNCHECKED or determined_ns is None:
             return np.zeros(len(stamp_ns))
         return np.asarray(self._settings.limit_rad**2 * np.maximum(stamp_ns - determined_ns, 0) / _HOUR_NS)
 
@@ -484,7 +485,7 @@ class CameraMotionCalibrator:
                 f"{Status.CAMERA_MOVED}: turned by {angle_deg:.2f} deg since {_utc(state.moved_ns)};"
                 " the pose is corrected, and fixed pixels follow the ground"
             )
-        if state.state is not Steadiness.UNCHECKED or not state.has_looked:
+        if state.state is not MotionState.UNCHECKED or not state.has_looked:
             return [tuple(remarks)] * len(stamp_ns)
         whens = ["yet"] * len(stamp_ns)
         if state.determined_ns is not None:

@@ -22,6 +22,7 @@ from aerodft.model import (
     HeightSource,
     Innovation,
     Measurement,
+    MotionState,
     Observation,
     Pose,
     PoseBatch,
@@ -29,7 +30,6 @@ from aerodft.model import (
     ProbeKind,
     ProjectionModel,
     Status,
-    Steadiness,
     read_only,
 )
 
@@ -173,7 +173,7 @@ def _camera_motion(payload: Json) -> CameraMotionEstimate:
     turn, look, moved = payload["turn"], payload["look"], payload["moved_ns"]
     return CameraMotionEstimate(
         stamp_ns=int(payload["stamp_ns"]),
-        state=Steadiness(payload["state"]),
+        state=MotionState(payload["state"]),
         since_ns=int(payload["since_ns"]),
         moved_ns=None if moved is None else int(moved),
         turn_rad=_three_radians([turn[name]["value"] for name in _AXES]),

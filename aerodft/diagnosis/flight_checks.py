@@ -182,7 +182,7 @@ class HeightPair:
             return
         self.steps_m.append(difference.step_m)
         self.stamps_ns.append(difference.stamp_ns)
-        self.beyond += difference.is_beyond
+        self.beyond += difference.is_significant
 
     @property
     def disagrees(self) -> bool:

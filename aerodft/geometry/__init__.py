@@ -17,7 +17,7 @@ from aerodft.geometry.kernels import (
     meet_brown,
     meet_dense,
     meet_fisheye,
-    meet_straight,
+    meet_pinhole,
 )
 from aerodft.geometry.lens import (
     PINHOLE_PARAMETERS,
@@ -25,7 +25,7 @@ from aerodft.geometry.lens import (
     distorted_with_jacobian,
     fisheye_limit,
     intrinsics_covariance,
-    padded,
+    padded_distortion,
     pixels_by_intrinsics,
     pixels_from_rays,
     rays_by_intrinsics,
@@ -33,9 +33,9 @@ from aerodft.geometry.lens import (
     rays_with_jacobian,
     reproject,
 )
-from aerodft.geometry.poses import UNKNOWN_HEADING_VAR, camera_pose, moved_on, pose_covariance
-from aerodft.geometry.relative_rotation import LEAST_POINTS, Turn, find_turn, rotated_pixels
-from aerodft.geometry.robust import middle_and_std, robust_std
+from aerodft.geometry.poses import UNKNOWN_HEADING_VAR, camera_pose, extrapolate_pose, pose_covariance
+from aerodft.geometry.relative_rotation import MIN_POINTS, RelativeRotation, find_rotation, rotated_pixels
+from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import (
     angles_of_matrix,
     camera_angles,

@@ -149,9 +149,9 @@ def meet_level(camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m
 
 def _intersect_plane(camera: FloatArray, directions: FloatArray, normal: FloatArray, offset: FloatArray) -> GroundHits:
     """Intersect rays with the planes ``normal . p = offset``; misses as in ``meet_level``."""
-    camera = finite(camera, "camera position")
+    camera = require_finite(camera, "camera position")
     directions = np.asarray(directions, dtype=np.float64)
-    above = camera @ normal - finite(offset, "elevation")
+    above = camera @ normal - require_finite(offset, "elevation")
     length = np.linalg.norm(directions, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         along = directions @ normal
@@ -171,7 +171,7 @@ def _intersect_plane(camera: FloatArray, directions: FloatArray, normal: FloatAr
     )
 
 
-def finite(values: npt.ArrayLike, what: str) -> FloatArray:
+def require_finite(values: npt.ArrayLike, what: str) -> FloatArray:
     """Values as float64, checked to be finite.
 
     Raises:

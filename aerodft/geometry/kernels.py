@@ -62,7 +62,7 @@ def meet_dense(
 
 
 @njit_fused
-def meet_straight(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: FloatArray, out_m: FloatArray) -> None:
+def meet_pinhole(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: FloatArray, out_m: FloatArray) -> None:
     """Intersect the rays of pixels ``(n, 2)`` of a lens without distortion with level ground.
 
     Args:
@@ -106,7 +106,7 @@ def meet_brown(
         count = min(_BLOCK_PIXELS, len(pixels_px) - first)
         normalise(pixels_px[first : first + count], intrinsics, distorted)
         undistort(distorted[:count], coefficients, limit, undistorted)
-        meet_straight(undistorted[:count], ground_from_ray, foot_m, out_m[first : first + count])
+        meet_pinhole(undistorted[:count], ground_from_ray, foot_m, out_m[first : first + count])
 
 
 @njit_fused

@@ -44,7 +44,7 @@ def rays_from_pixels(camera: Camera, pixels_px: FloatArray) -> FloatArray:
     if pixels.size <= _CACHE_LIMIT or camera.lens is LensModel.FISHEYE:
         return rays_with_jacobian(camera, pixels).rays_cam
     # For whole images the unused Jacobian would take three quarters of the time.
-    return _with_unit_depth(_undistorted(padded(camera, 8), _normalised_pixels(camera, pixels)))
+    return _with_unit_depth(_undistorted(padded_distortion(camera, 8), _normalised_pixels(camera, pixels)))
 
 
 def rays_with_jacobian(camera: Camera, pixels_px: FloatArray) -> Rays:
@@ -67,9 +67,9 @@ def _rays(camera: Camera, pixels_px: FloatArray) -> Rays:
     focal = np.array([camera.fx_px, camera.fy_px])
     distorted = _normalised_pixels(camera, pixels_px)
     if camera.lens is LensModel.FISHEYE:
-        rays, jac = _fisheye_rays(padded(camera, 4), distorted)
+        rays, jac = _fisheye_rays(padded_distortion(camera, 4), distorted)
     else:
-        rays, jac = _brown_rays(padded(camera, 8), distorted)
+        rays, jac = _brown_rays(padded_distortion(camera, 8), distorted)
     return Rays(rays, jac / focal)
 
 
@@ -102,7 +102,7 @@ def distorted_with_jacobian(camera: Camera, rays_cam: FloatArray) -> tuple[Float
 
 
 def _brown_distorted(camera: Camera, rays: FloatArray) -> _Projection:
-    coefficients, z = padded(camera, 8), rays[..., 2]
+    coefficients, z = padded_distortion(camera, 8), rays[..., 2]
     xy = rays[..., :2] / z[..., None]
     jac = np.zeros((*xy.shape, 3))
     if not any(coefficients):
@@ -117,7 +117,7 @@ def _brown_distorted(camera: Camera, rays: FloatArray) -> _Projection:
 
 
 def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Projection:
-    polynomial, limit = _fisheye_polynomial(padded(camera, 4)), fisheye_limit(padded(camera, 4))
+    polynomial, limit = _fisheye_polynomial(padded_distortion(camera, 4)), fisheye_limit(padded_distortion(camera, 4))
     off_axis, z = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2]
     angle = np.arctan2(off_axis, z)
     on_axis = off_axis == 0
@@ -133,8 +133,8 @@ def _fisheye_distorted(camera: Camera, rays: FloatArray) -> _Projection:
     return rays[..., :2] * scale[..., None], jac, angle <= limit
 
 
-def padded(camera: Camera, count: int) -> tuple[float, ...]:
-    """The camera's distortion coefficients, padded with zeros to ``count``."""
+def padded_distortion(camera: Camera, count: int) -> tuple[float, ...]:
+    """The camera's distortion coefficients, padded_distortion with zeros to ``count``."""
     return (*camera.distortion, *([0.0] * (count - len(camera.distortion))))
 
 
@@ -288,7 +288,7 @@ def pixels_by_intrinsics(camera: Camera, rays_cam: FloatArray, distorted: FloatA
 
 def _brown_by_coefficients(camera: Camera, rays_cam: FloatArray) -> FloatArray:
     """Derivative ``(..., 2, 8)`` of the distorted points by the coefficients."""
-    k1, k2, _, _, k3, k4, k5, k6 = padded(camera, 8)
+    k1, k2, _, _, k3, k4, k5, k6 = padded_distortion(camera, 8)
     x, y = rays_cam[..., 0] / rays_cam[..., 2], rays_cam[..., 1] / rays_cam[..., 2]
     s = x * x + y * y
     over, under = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))

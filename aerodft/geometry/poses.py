@@ -35,7 +35,7 @@ def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> Floa
     return cov
 
 
-def moved_on(pose: Pose, elapsed_s: float) -> Pose:
+def extrapolate_pose(pose: Pose, elapsed_s: float) -> Pose:
     """The pose extrapolated by ``elapsed_s`` (negative: backwards) with its velocity and its angular rate."""
     turn = from_rotation_vector(pose.rate_cam_radps * elapsed_s)
     position = pose.position_enu_m + pose.velocity_enu_mps * elapsed_s

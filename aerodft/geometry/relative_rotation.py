@@ -14,7 +14,7 @@ from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
 from aerodft.model import BoolArray, Camera, FloatArray
 
-LEAST_POINTS: Final = 6
+MIN_POINTS: Final = 6
 
 _RANSAC_TRIALS: Final = 400  # with half of all points outliers, one pair in four is of two inliers
 _MAX_ITERATIONS: Final = 12
@@ -26,7 +26,7 @@ _MIN_INLIER_PX: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turn:
+class RelativeRotation:
     """Rotation of a camera between two images, with its covariance.
 
     Attributes:
@@ -46,9 +46,9 @@ class Turn:
     std_px: float
 
 
-def find_turn(
+def find_rotation(
     camera: Camera, earlier_px: FloatArray, later_px: FloatArray, *, tolerance_px: float = 2.0
-) -> Turn | None:
+) -> RelativeRotation | None:
     """The rotation with the most inliers; deterministic.
 
     Args:
@@ -58,11 +58,11 @@ def find_turn(
         tolerance_px: Largest residual of an inlier.
 
     Returns:
-        None with fewer than ``LEAST_POINTS`` inliers, or with inliers that do not determine the rotation.
+        None with fewer than ``MIN_POINTS`` inliers, or with inliers that do not determine the rotation.
     """
     earlier, later = _bearings(camera, earlier_px), _bearings(camera, later_px)
     visible = np.isfinite(earlier[:, 0] + later[:, 0])
-    if np.count_nonzero(visible) < LEAST_POINTS:
+    if np.count_nonzero(visible) < MIN_POINTS:
         return None
     wxyz = _best_trial(earlier[visible], later[visible], tolerance_px / camera.fx_px)
     if wxyz is None:
@@ -123,13 +123,13 @@ def _quaternion(rotation: FloatArray) -> FloatArray:
 
 def _refine(
     camera: Camera, earlier: FloatArray, later_px: FloatArray, wxyz: FloatArray, tolerance_px: float
-) -> Turn | None:
+) -> RelativeRotation | None:
     """Gauss-Newton over the inliers, which are chosen again at each step."""
     inliers = np.zeros(len(earlier), dtype=np.bool_)
     for _ in range(_MAX_ITERATIONS):
         predicted_px, by_turn = _predict(camera, earlier, wxyz)
         inliers = _find_inliers(later_px - predicted_px, tolerance_px)
-        if np.count_nonzero(inliers) < LEAST_POINTS:
+        if np.count_nonzero(inliers) < MIN_POINTS:
             return None
         step = np.linalg.pinv(by_turn[inliers].reshape(-1, 3)) @ (later_px - predicted_px)[inliers].ravel()
         wxyz = multiply(from_rotation_vector(np.asarray(step)), wxyz)
@@ -140,7 +140,7 @@ def _refine(
 
 def _turn_from_inliers(
     camera: Camera, earlier: FloatArray, later_px: FloatArray, wxyz: FloatArray, inliers: BoolArray
-) -> Turn | None:
+) -> RelativeRotation | None:
     predicted_px, by_turn = _predict(camera, earlier, wxyz)
     residual_px, by = later_px - predicted_px, by_turn[inliers].reshape(-1, 3)
     variance = float(np.sum(np.square(residual_px[inliers]))) / (len(by) - 3)
@@ -150,7 +150,7 @@ def _turn_from_inliers(
         return None
     cov = std_px**2 * np.linalg.inv(information)
     by_lens = _by_intrinsics(camera, earlier[inliers], wxyz)
-    return Turn(wxyz, cov, -np.linalg.pinv(by) @ by_lens.reshape(len(by), -1), inliers, residual_px, std_px)
+    return RelativeRotation(wxyz, cov, -np.linalg.pinv(by) @ by_lens.reshape(len(by), -1), inliers, residual_px, std_px)
 
 
 def _find_inliers(residual_px: FloatArray, tolerance_px: float) -> BoolArray:

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry.ground import GroundHits, finite
+from aerodft.geometry.ground import GroundHits, require_finite
 from aerodft.jit import njit
 from aerodft.model import CODE_OF, FloatArray, Status, read_only
 
@@ -129,7 +129,7 @@ class Terrain:
             ValueError: A position or elevation is not finite.
         """
         curvature_per_m = (1.0 - self.refraction) / (2.0 * self.earth_radius_m)
-        camera, elevation = finite(camera_enu_m, "camera position"), finite(elevation_m, "elevation")
+        camera, elevation = require_finite(camera_enu_m, "camera position"), require_finite(elevation_m, "elevation")
         directions = np.asarray(directions_enu, dtype=np.float64)
         shape = np.broadcast_shapes(camera.shape[:-1], directions.shape[:-1], elevation.shape)
         rays = np.empty((*shape, 7))

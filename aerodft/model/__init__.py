@@ -3,13 +3,13 @@
 from aerodft.model.arrays import BoolArray, FloatArray, FloatLike, ImageArray, IntArray, read_only
 from aerodft.model.calibration import (
     BIASES,
-    STEADY,
+    FIXED_POINTS,
     BiasValues,
     Calibration,
     CalibrationEstimate,
     CameraMotionEstimate,
     Innovation,
-    Steadiness,
+    MotionState,
 )
 from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel, Zoom, ZoomSource
 from aerodft.model.evidence import (
@@ -40,9 +40,9 @@ from aerodft.model.health import (
     Health,
     HeartbeatTrack,
     LinkTrack,
-    RivalTrack,
+    OtherSenderTrack,
 )
-from aerodft.model.image import Image, ImageRows, StampClock, VideoPacket, image_indices, joined_images
+from aerodft.model.image import Image, ImageRows, StampClock, VideoPacket, concatenate_images, image_indices
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, PixelSource, Probe, ProbeKind, ProjectionModel
 from aerodft.model.observation import VISION, Arrival, Box, Event, Observation
 from aerodft.model.pose import (
@@ -73,5 +73,5 @@ from aerodft.model.telemetry import (
     Track,
     VehicleTrack,
     WireProtocol,
-    joined,
+    concatenate_tracks,
 )

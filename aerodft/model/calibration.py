@@ -12,7 +12,7 @@ from aerodft.model.pose import HeightSource, PoseStd
 
 BIASES: Final = ("height", "tilt", "roll", "heading", "pan", "east", "north", "time")
 """Biases of the telemetry in the order of covariances: in metres and radians, the last one in seconds."""
-STEADY: Final = "steady"
+FIXED_POINTS: Final = "steady"
 """Name of observations whose pixels are pairs: a fixed point in the reference image, and where it is now."""
 
 
@@ -112,7 +112,7 @@ class CalibrationEstimate:
     restarts: int = 0
 
 
-class Steadiness(StrEnum):
+class MotionState(StrEnum):
     """Whether a fixed camera has moved, by its last looks."""
 
     UNCHECKED = "unchecked"  # no fixed points recognised yet, or not for some looks: night, fog, a covered lens
@@ -141,7 +141,7 @@ class CameraMotionEstimate:
     """
 
     stamp_ns: int
-    state: Steadiness
+    state: MotionState
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     std_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     look_turn_rad: tuple[float, float, float] | None = None

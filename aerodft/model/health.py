@@ -65,7 +65,7 @@ class LinkTrack(Track):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RivalTrack(Track):
+class OtherSenderTrack(Track):
     """Messages of another sender that could have been followed as well, where the configuration names none.
 
     Attributes:

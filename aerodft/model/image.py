@@ -97,7 +97,7 @@ class ImageRows(Sequence[Image]):
         )
 
 
-def joined_images(parts: Sequence[Image | ImageRows]) -> Sequence[Image]:
+def concatenate_images(parts: Sequence[Image | ImageRows]) -> Sequence[Image]:
     """Images and columns of images in order of arrival; as columns if all parts are columns with equal ``common``."""
     rows = [part for part in parts if isinstance(part, ImageRows)]
     if rows and len(rows) == len(parts) and len({part.common for part in rows}) == 1:

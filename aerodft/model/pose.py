@@ -53,7 +53,7 @@ class Pose:
         return Pose(**selected, time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows])
 
     @staticmethod
-    def joined(poses: Sequence["Pose"]) -> "Pose":
+    def concatenate(poses: Sequence["Pose"]) -> "Pose":
         """Concatenate poses, single ones or ``(n,)``, ``(m,)``, ..., to ``(n + m + ...,)``.
 
         Poses without a covariance with the lens get 0 where others have one.
@@ -217,7 +217,7 @@ class PoseBatch(Sequence[PoseSample]):
         )
 
     @staticmethod
-    def joined(batches: Sequence["PoseBatch"]) -> "PoseBatch":
+    def concatenate(batches: Sequence["PoseBatch"]) -> "PoseBatch":
         """Concatenate batches."""
         if len(batches) == 1:
             return batches[0]
@@ -225,7 +225,7 @@ class PoseBatch(Sequence[PoseSample]):
         firsts = np.cumsum([0, *(len(batch.variants) for batch in batches)]).tolist()
         sample_index = [index[first + batch.variant_index] for batch, first in zip(batches, firsts[:-1], strict=True)]
         columns = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _COLUMNS}
-        pose = Pose.joined([batch.pose for batch in batches])
+        pose = Pose.concatenate([batch.pose for batch in batches])
         return PoseBatch(pose=pose, variant_index=np.concatenate(sample_index), variants=variants, **columns)
 
     @staticmethod
@@ -301,7 +301,7 @@ class PoseBatch(Sequence[PoseSample]):
             return self
         order = np.arange(len(self))
         order[rows] = len(self) + np.arange(len(rows))
-        return PoseBatch.joined([self, change(self.rows(rows), rows)]).rows(order)
+        return PoseBatch.concatenate([self, change(self.rows(rows), rows)]).rows(order)
 
     def by_variant(self, value: Callable[[PoseSample], int]) -> IntArray:
         """A whole number for each sample ``(n,)``, computed from its variant; unused variants are skipped."""
@@ -386,7 +386,7 @@ _NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan
 
 
 def _stack_poses(poses: Sequence[Pose | None]) -> Pose:
-    return Pose.joined([_NO_POSE if pose is None else pose for pose in poses])
+    return Pose.concatenate([_NO_POSE if pose is None else pose for pose in poses])
 
 
 def _nan_for_none(values: Sequence[object]) -> FloatArray:
@@ -428,12 +428,12 @@ class HeightDifference:
         return self.other_m - self.height_m
 
     @property
-    def is_beyond(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the sources disagree: their step exceeds its 95 % interval."""
-        return bool(self.is_step_beyond(np.array(self.step_m), np.array(self.std_m)))
+        return bool(self.is_step_significant(np.array(self.step_m), np.array(self.std_m)))
 
     @staticmethod
-    def is_step_beyond(step_m: FloatArray, std_m: FloatArray) -> BoolArray:
+    def is_step_significant(step_m: FloatArray, std_m: FloatArray) -> BoolArray:
         """Whether steps ``(n,)`` exceed the 95 % interval of their standard deviations ``(n,)``."""
         return np.asarray(np.abs(step_m) > _DISAGREEMENT_STDS * std_m)
 

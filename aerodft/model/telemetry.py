@@ -191,7 +191,7 @@ class CameraTrack(Track):
     size_px: IntArray
 
 
-def joined(tracks: Sequence[TrackOf]) -> TrackOf:
+def concatenate_tracks(tracks: Sequence[TrackOf]) -> TrackOf:
     """Concatenate tracks of one kind and source; unknown places become NaN."""
     columns: dict[str, Any] = {}
     for each in fields(tracks[0]):

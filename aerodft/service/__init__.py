@@ -31,7 +31,7 @@ from aerodft.service.settings import (
     LiveCalibration,
     ObjectSettings,
     PipelineSettings,
-    RiverLook,
+    RiverSettings,
     SigningSettings,
     TelemetrySettings,
     WaterHints,

@@ -99,7 +99,7 @@ class _WorkPart:
         return _WorkPart(tick, order, self.work.rows(rows), self.poses.rows(rows), state_index)
 
     @staticmethod
-    def joined(parts: Sequence["_WorkPart"]) -> "_WorkPart | None":
+    def concatenate(parts: Sequence["_WorkPart"]) -> "_WorkPart | None":
         """Concatenate parts in the order of their answers; None if all are empty."""
         parts = [part for part in parts if len(part.tick)]
         if not parts:
@@ -107,8 +107,8 @@ class _WorkPart:
         return _WorkPart(
             np.concatenate([part.tick for part in parts]),
             np.concatenate([part.order for part in parts]),
-            WorkList.joined([part.work for part in parts]),
-            PoseBatch.joined([part.poses for part in parts]),
+            WorkList.concatenate([part.work for part in parts]),
+            PoseBatch.concatenate([part.poses for part in parts]),
             np.concatenate([part.state_index for part in parts]),
         )
 
@@ -220,7 +220,7 @@ class Answering:
 
     def _refined(self, parts: Sequence[_WorkPart]) -> _WorkPart | None:
         """Parts as one, with refined poses; None if all are empty."""
-        joined = _WorkPart.joined(parts)
+        joined = _WorkPart.concatenate(parts)
         if joined is None:
             return None
         poses = self.refined(joined.poses, joined.state_index)

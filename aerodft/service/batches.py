@@ -19,7 +19,7 @@ from aerodft.model import (
     Observation,
     RawBlock,
     StampClock,
-    joined_images,
+    concatenate_images,
 )
 
 _BLOCK_TYPES: Final = (RawBlock, ImageRows)
@@ -128,7 +128,7 @@ class Batches:
         return Batches(
             now_ns=now_ns,
             raw=tuple(sorted(raw, key=lambda block: (int(block.arrival_ns[0]), block.protocol, block.sender))),
-            images=joined_images(images),
+            images=concatenate_images(images),
             observations=sorted(observations, key=lambda observation: observation.arrival_ns),
         )
 

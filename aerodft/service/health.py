@@ -29,10 +29,10 @@ from aerodft.model import (
     HeightTrack,
     IntArray,
     LinkTrack,
+    OtherSenderTrack,
     PoseBatch,
     PoseSample,
     PositionTrack,
-    RivalTrack,
     Status,
     Track,
     VehicleTrack,
@@ -273,8 +273,8 @@ class HealthSources:
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append a track of any kind, as ``Stream.append``."""
-        if isinstance(track, RivalTrack | GimbalFailureTrack):
-            warnings = self._rivals if isinstance(track, RivalTrack) else self._failures
+        if isinstance(track, OtherSenderTrack | GimbalFailureTrack):
+            warnings = self._rivals if isinstance(track, OtherSenderTrack) else self._failures
             warnings.append(track.what, stamps_ns, row_end_by_tick)
             return
         if len(stamps_ns):

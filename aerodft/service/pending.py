@@ -54,7 +54,7 @@ class WorkList:
         return WorkList(empty, empty, empty.astype(np.bool_), empty, empty, empty, [], [])
 
     @staticmethod
-    def joined(parts: Sequence["WorkList"]) -> "WorkList":
+    def concatenate(parts: Sequence["WorkList"]) -> "WorkList":
         """Concatenate lists."""
         columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
         observations = [each for part in parts for each in part.observations]

@@ -116,7 +116,7 @@ class Pipeline:
                 self._work = self._work.shifted(shift_ns)
                 self._images.shift(shift_ns)
                 part = rest[:count]
-                self._work = WorkList.joined([self._work, self._accept(part)]).in_order_of_ticks()
+                self._work = WorkList.concatenate([self._work, self._accept(part)]).in_order_of_ticks()
                 self._answer(part.now_ns, first)
                 first += count
             return self._answering.outputs()
@@ -186,7 +186,7 @@ class Pipeline:
             observations=[None] * len(images),
             samples=[None] * len(images),
         )
-        return WorkList.joined([image_work, self._accept_observations(batches)])
+        return WorkList.concatenate([image_work, self._accept_observations(batches)])
 
     def _accept_observations(self, batches: Batches) -> WorkList:
         accepted: list[tuple[Task, int, Observation]] = []
@@ -282,7 +282,7 @@ class Pipeline:
         pose_index = np.full(len(work), -1)
         if parts:
             pose_index[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
-        poses = PoseBatch.joined([poses for _, poses in parts]) if parts else None
+        poses = PoseBatch.concatenate([poses for _, poses in parts]) if parts else None
         waiting = np.flatnonzero(answer < 0)
         samples = [None if poses is None or k < 0 else poses[k] for k in pose_index[waiting].tolist()]
         self._work = work.rows(waiting).waiting(samples)

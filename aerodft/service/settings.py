@@ -355,7 +355,7 @@ class WaterHints:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RiverLook:
+class RiverSettings:
     """How river banks are detected.
 
     Attributes:

@@ -33,7 +33,7 @@ from aerodft.model import (
     RawBlock,
     Track,
     VehicleTrack,
-    joined,
+    concatenate_tracks,
 )
 from aerodft.sim.observations import Observing, busiest_stations, pose_document, sightings, write_lines
 from aerodft.sim.render import Imaging, Renderer
@@ -127,7 +127,7 @@ def _whole_track(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT]
     parts = [track for track in parts if not isinstance(track, GimbalTrack) or track.source == sources[0]]
     if not parts:
         raise NoAnswerError("the log holds none", where=path, got="nothing", expected=what)
-    whole = joined(parts)
+    whole = concatenate_tracks(parts)
     boot_ns, order = np.unique(whole.boot_ns, return_index=True)
     return whole.rows(order, boot_ns=boot_ns)
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.model import STEADY, VISION, Event, FloatArray, Image, Observation
+from aerodft.model import FIXED_POINTS, VISION, Event, FloatArray, Image, Observation
 from aerodft.service import ImageObserver, ObservedImages, ObserverCounts, ObserverSchedule, Source
 
 _SAME_PX: Final = 1.0  # two references' corners that are one
@@ -66,7 +66,7 @@ class _NotingObserver:
         for each in found:
             self.names.add(each.name)
             points = _points(each)
-            if each.name == STEADY or len(points):
+            if each.name == FIXED_POINTS or len(points):
                 self.detections.setdefault((each.name, image.index), []).append(points)
         return found
 
@@ -127,9 +127,9 @@ class Redetection:
         points = _points(old)
         if not candidates:  # nor is anything lost where there was nothing
             self.moved.lost += len(_current_pixels(old.name, points))
-        elif not len(points) and old.name != STEADY:
+        elif not len(points) and old.name != FIXED_POINTS:
             return
-        elif old.name == STEADY:
+        elif old.name == FIXED_POINTS:
             self._compare_steady(points, candidates[0])
             del observer.detections[key]
         else:
@@ -178,4 +178,4 @@ def _to_nearest_px(points: FloatArray, others: FloatArray) -> FloatArray:
 
 def _current_pixels(name: str, points: FloatArray) -> FloatArray:
     """An observation's pixels ``(n, 2)`` in its own image: of steady points every second one."""
-    return points[1::2] if name == STEADY else points
+    return points[1::2] if name == FIXED_POINTS else points

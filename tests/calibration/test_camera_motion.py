@@ -8,9 +8,9 @@ import pytest
 
 from aerodft.dft import Request, Setup
 from aerodft.geometry import (
-    Turn,
+    RelativeRotation,
     camera_pose,
-    find_turn,
+    find_rotation,
     from_rotation_vector,
     inverse,
     matrix,
@@ -21,9 +21,10 @@ from aerodft.geometry import (
     to_rotation_vector,
 )
 from aerodft.model import (
-    STEADY,
+    FIXED_POINTS,
     Camera,
     CameraStd,
+    MotionState,
     Observation,
     PoseBatch,
     PoseSample,
@@ -31,7 +32,6 @@ from aerodft.model import (
     Probe,
     ProbeKind,
     Status,
-    Steadiness,
 )
 from aerodft.service import CameraMotionSettings, PipelineSettings
 from calibration.camera_motion import CameraMotionCalibrator, CameraMotionState, KnownTurn, Look, rotated_pose
@@ -91,7 +91,7 @@ class Station:
         flat = np.stack([np.reshape(then, (-1, 2)), np.reshape(now, (-1, 2))], axis=1).reshape(-1, 2)
         self.seconds += 1
         seen = Observation(
-            name=STEADY, stamp_ns=self.stamp_ns, arrival_ns=self.stamp_ns, pixels=tuple(map(tuple, flat.tolist()))
+            name=FIXED_POINTS, stamp_ns=self.stamp_ns, arrival_ns=self.stamp_ns, pixels=tuple(map(tuple, flat.tolist()))
         )
         assert self.calibrator.fits(seen)
         return self.calibrator.observe(replace(FIXED, stamp_ns=self.stamp_ns), (seen,))
@@ -125,13 +125,13 @@ def test_before_the_first_look_nothing_changes():
 def test_a_bump_is_said_within_three_looks_and_the_numbers_go_on(angle_deg):
     station, turn = Station(), bump(angle_deg)
     before = [station.look().state for _ in range(20)]
-    assert set(before) == {Steadiness.STEADY}
+    assert set(before) == {MotionState.STEADY}
     assert station.pose().reasons == ()
     states, statuses = [], []
     for _ in range(5):
         states.append(station.look(turn).state)
         statuses.append(station.pose().status)
-    assert states == [Steadiness.MOVING] * 2 + [Steadiness.MOVED] * 3
+    assert states == [MotionState.MOVING] * 2 + [MotionState.MOVED] * 3
     assert statuses == [Status.CAMERA_MOVED] * 2 + [Status.OK] * 3
     said = width(station.pose())
     assert said.status is Status.OK
@@ -147,7 +147,7 @@ def test_while_a_camera_moves_there_is_no_number_but_a_reason():
     for _ in range(10):
         station.look()
     for index in range(6):
-        assert station.look(bump(3.0 + 2.0 * index)).state is Steadiness.MOVING
+        assert station.look(bump(3.0 + 2.0 * index)).state is MotionState.MOVING
         said = width(station.pose())
         assert (said.status, said.value) == (Status.CAMERA_MOVED, None)
         assert "is not known yet" in said.reasons[0]
@@ -157,8 +157,8 @@ def test_one_look_elsewhere_is_forgotten():
     station = Station()
     for _ in range(10):
         station.look()
-    assert station.look(bump(5.0)).state is Steadiness.MOVING
-    assert station.look().state is Steadiness.STEADY
+    assert station.look(bump(5.0)).state is MotionState.MOVING
+    assert station.look().state is MotionState.STEADY
     assert station.pose().reasons == ()
 
 
@@ -166,10 +166,10 @@ def test_a_camera_that_is_put_back_is_steady_again():
     station = Station()
     for turn in [NO_TURN] * 10 + [bump(2.0)] * 10:
         estimate = station.look(turn)
-    assert (estimate.state, estimate.moved_ns) == (Steadiness.MOVED, START_NS + 11 * SECOND_NS)
+    assert (estimate.state, estimate.moved_ns) == (MotionState.MOVED, START_NS + 11 * SECOND_NS)
     for _ in range(4):
         estimate = station.look()
-    assert (estimate.state, estimate.moved_ns) == (Steadiness.STEADY, None)
+    assert (estimate.state, estimate.moved_ns) == (MotionState.STEADY, None)
     assert station.pose().reasons == ()
 
 
@@ -177,7 +177,7 @@ def test_the_second_bump_has_a_time_of_its_own():
     station = Station()
     for turn in [NO_TURN] * 10 + [bump(2.0, 1)] * 10 + [bump(3.0, 2)] * 5:
         estimate = station.look(turn)
-    assert (estimate.state, estimate.moved_ns) == (Steadiness.MOVED, START_NS + 21 * SECOND_NS)
+    assert (estimate.state, estimate.moved_ns) == (MotionState.MOVED, START_NS + 21 * SECOND_NS)
 
 
 def test_a_slow_drift_is_followed_and_said_once_it_passes_the_limit():
@@ -188,7 +188,7 @@ def test_a_slow_drift_is_followed_and_said_once_it_passes_the_limit():
         assert station.pose().status is Status.OK
         assert np.linalg.norm(np.degrees(estimate.turn_rad) + angle_deg * axis) < 0.03
         assert (
-            estimate.state is (Steadiness.MOVED if angle_deg > 0.24 else Steadiness.STEADY) or 0.2 < angle_deg <= 0.24
+            estimate.state is (MotionState.MOVED if angle_deg > 0.24 else MotionState.STEADY) or 0.2 < angle_deg <= 0.24
         )
 
 
@@ -198,7 +198,7 @@ def test_a_step_below_the_limit_is_corrected_without_a_word():
         station.look()
     for _ in range(4):
         estimate = station.look(turn)
-        assert estimate.state is Steadiness.STEADY
+        assert estimate.state is MotionState.STEADY
     assert np.degrees(np.linalg.norm(estimate.turn_rad)) == pytest.approx(0.12, abs=0.005)
     said = width(station.pose())
     assert said.reasons == ()
@@ -207,7 +207,7 @@ def test_a_step_below_the_limit_is_corrected_without_a_word():
 
 def straight(rotvec, std_rad=1e-5):
     """A look that tells just that."""
-    turn = Turn(
+    turn = RelativeRotation(
         from_rotation_vector(rotvec),
         std_rad**2 * np.eye(3),
         np.zeros((3, 4)),
@@ -227,7 +227,7 @@ def test_a_mast_in_the_wind_raises_no_alarm_in_thousands_of_looks(masts):
             state.take(START_NS + second * SECOND_NS, straight(rng.normal(scale=math.radians(0.05), size=3)))
             states.add(state.state)
         assert math.sqrt(state.variance_rad2) == pytest.approx(math.radians(0.05), rel=0.25)
-    assert states == {Steadiness.STEADY}
+    assert states == {MotionState.STEADY}
 
 
 @pytest.mark.parametrize("stations", [4, *at_night(16)])
@@ -253,7 +253,7 @@ def test_darkness_keeps_the_numbers_says_so_and_trusts_them_less_by_the_hour():
         station.look(now)
     light = width(station.pose())
     states = [station.see().state for _ in range(3)]
-    assert states == [Steadiness.MOVED, Steadiness.MOVED, Steadiness.UNCHECKED]
+    assert states == [MotionState.MOVED, MotionState.MOVED, MotionState.UNCHECKED]
     dusk, night = width(station.pose()), width(station.pose(9 * 3600.0))
     assert dusk.status is Status.OK
     assert dusk.value == night.value == light.value
@@ -262,7 +262,7 @@ def test_darkness_keeps_the_numbers_says_so_and_trusts_them_less_by_the_hour():
     added = math.sqrt(night.pose.std.tilt_rad**2 - light.pose.std.tilt_rad**2)
     assert math.degrees(added) == pytest.approx(0.6, rel=0.01)  # the limit of 0.2 deg, times the square root of 9 h
     assert night.std > 2 * light.std
-    assert station.look(turn).state is Steadiness.MOVED
+    assert station.look(turn).state is MotionState.MOVED
     assert len(width(station.pose()).reasons) == 1
 
 
@@ -295,7 +295,7 @@ def test_a_camera_that_was_carried_away_is_not_taken_for_one_that_turned(shift_m
     for _ in range(5):
         noisy = now[inside] + station.rng.normal(scale=0.1, size=(inside.sum(), 2))
         estimate = station.see(station.places[inside], noisy)
-    assert estimate.state is Steadiness.UNKNOWN_VIEW
+    assert estimate.state is MotionState.UNKNOWN_VIEW
     said = width(station.pose())
     assert (said.status, said.value) == (Status.CAMERA_MOVED, None)
     assert "calibrate it anew" in said.reasons[0]
@@ -319,7 +319,7 @@ def test_pose_and_lens_are_off_together_as_stated():
         share, du, dv = rng.normal(size=3) * [12.0, 6.0, 6.0]
         fields = {"fx_px": share, "fy_px": share * camera.fy_px / camera.fx_px, "cx_px": du, "cy_px": dv}
         true = replace(camera, **{key: getattr(camera, key) + step for key, step in fields.items()})
-        hat = find_turn(camera, places, rotated_pixels(true, from_rotation_vector(rotvec), places))
+        hat = find_rotation(camera, places, rotated_pixels(true, from_rotation_vector(rotvec), places))
         error = to_rotation_vector(multiply(hat.wxyz, from_rotation_vector(-rotvec)))  # of enu_SO3_cam: exp(e) after it
         off.append(error)
         lens.append(list(fields.values()))
@@ -338,7 +338,7 @@ def test_pose_and_lens_are_off_together_as_stated():
 
 
 def test_odd_pixels_are_no_pairs():
-    odd = Observation(name=STEADY, stamp_ns=1, arrival_ns=1, pixels=((1.0, 2.0),))
+    odd = Observation(name=FIXED_POINTS, stamp_ns=1, arrival_ns=1, pixels=((1.0, 2.0),))
     assert not Station().calibrator.fits(odd)
-    assert Station().calibrator.observes(STEADY)
+    assert Station().calibrator.observes(FIXED_POINTS)
     assert not Station().calibrator.observes("p1")

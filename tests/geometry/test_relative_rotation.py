@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aerodft.geometry import (
-    find_turn,
+    find_rotation,
     from_rotation_vector,
     inverse,
     matrix,
@@ -65,7 +65,7 @@ def test_a_turn_without_noise_is_found_exactly(camera, rotvec, seed):
     then = scattered(np.random.default_rng(seed), 40, camera)
     now = by_opencv(camera, rotvec, then)
     np.testing.assert_allclose(rotated_pixels(camera, from_rotation_vector(np.array(rotvec)), then), now, atol=1e-5)
-    turn = find_turn(camera, then, now)
+    turn = find_rotation(camera, then, now)
     assert turn is not None
     assert turn.inliers.all()
     np.testing.assert_allclose(error_rad(turn, rotvec), 0.0, atol=1e-8)
@@ -77,7 +77,7 @@ def test_errors_are_as_large_as_stated_with_two_thirds_of_the_points_astray():
         then, rotvec = scattered(rng, 90), rng.normal(scale=0.03, size=3)
         now = by_opencv(BROWN, rotvec, then) + rng.normal(scale=0.3, size=(90, 2))
         now[:54] += rng.normal(scale=25.0, size=(54, 2))
-        turn = find_turn(BROWN, then, now)
+        turn = find_rotation(BROWN, then, now)
         assert turn is not None
         assert np.count_nonzero(turn.inliers[:54]) <= 6
         z.append(np.linalg.solve(np.linalg.cholesky(turn.cov), error_rad(turn, rotvec)))
@@ -88,7 +88,7 @@ def test_errors_are_as_large_as_stated_with_two_thirds_of_the_points_astray():
 @pytest.mark.parametrize("column", range(8))
 def test_what_the_lens_adds_is_what_another_lens_gives(column):
     rotvec, then = (0.05, -0.07, 0.04), scattered(np.random.default_rng(1), 80)
-    turn = find_turn(BROWN, then, by_opencv(BROWN, rotvec, then))
+    turn = find_rotation(BROWN, then, by_opencv(BROWN, rotvec, then))
     step = [0.5, 0.5, 0.5, 0.5, 1e-4, 1e-4, 1e-5, 1e-5][column]
     fields = ("fx_px", "fy_px", "cx_px", "cy_px")
     if column < len(fields):
@@ -97,7 +97,7 @@ def test_what_the_lens_adds_is_what_another_lens_gives(column):
         bent = list(BROWN.distortion)
         bent[column - 4] += step
         true = replace(BROWN, distortion=tuple(bent))
-    seen = find_turn(BROWN, then, by_opencv(true, rotvec, then))
+    seen = find_rotation(BROWN, then, by_opencv(true, rotvec, then))
     assert turn is not None
     assert seen is not None
     got = turn.by_intrinsics[:, column] * step
@@ -110,7 +110,7 @@ def test_a_pinhole_turn_is_the_homography_of_its_rotation():
     intrinsics = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
     homography = intrinsics @ matrix(from_rotation_vector(rotvec)) @ np.linalg.inv(intrinsics)
     now = cv2.perspectiveTransform(then[:, None], homography)[:, 0]
-    turn = find_turn(camera, then, now)
+    turn = find_rotation(camera, then, now)
     assert turn is not None
     np.testing.assert_allclose(error_rad(turn, rotvec), 0.0, atol=1e-9)
 
@@ -118,14 +118,14 @@ def test_a_pinhole_turn_is_the_homography_of_its_rotation():
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_too_few_points_tell_nothing(count):
     then = scattered(np.random.default_rng(0), count)
-    assert find_turn(BROWN, then, then) is None
+    assert find_rotation(BROWN, then, then) is None
 
 
 def test_points_that_all_go_their_own_way_tell_nothing():
     rng = np.random.default_rng(8)
-    assert find_turn(BROWN, scattered(rng, 60), scattered(rng, 60)) is None
+    assert find_rotation(BROWN, scattered(rng, 60), scattered(rng, 60)) is None
 
 
 def test_points_in_one_place_tell_nothing():
     then = np.full((20, 2), 700.0)
-    assert find_turn(BROWN, then, then) is None
+    assert find_rotation(BROWN, then, then) is None

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aerodft.model import STEADY, VISION, Event, Image, Observation
+from aerodft.model import FIXED_POINTS, VISION, Event, Image, Observation
 from aerodft.service import ObserverSchedule
 from replay.recordings import Redetection
 
@@ -57,8 +57,11 @@ def test_points_are_paired_by_name_and_image_and_the_rest_is_lost_new_or_kept() 
 
 
 def test_steady_points_are_paired_by_where_the_reference_has_them() -> None:
-    recorded = Events(image(1), seen(STEADY, 1, (0, 0), (1, 1), (50, 50), (52, 50), (90, 90), (90, 90)), image(2))
-    found = (seen(STEADY, 1, (50.4, 50), (52, 54), (0, 0), (1, 4), (20, 20), (20, 20)), seen(STEADY, 2, (0, 0), (2, 2)))
+    recorded = Events(image(1), seen(FIXED_POINTS, 1, (0, 0), (1, 1), (50, 50), (52, 50), (90, 90), (90, 90)), image(2))
+    found = (
+        seen(FIXED_POINTS, 1, (50.4, 50), (52, 54), (0, 0), (1, 4), (20, 20), (20, 20)),
+        seen(FIXED_POINTS, 2, (0, 0), (2, 2)),
+    )
     again = Redetection(recorded, [ObserverSchedule(Finder(*found))])
     list(again.events())
     assert again.moved.document() == {

@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA, encode_camera_motion
 from aerodft.adapters.wire.schemas import SCHEMAS
-from aerodft.model import CameraMotionEstimate, Steadiness
+from aerodft.model import CameraMotionEstimate, MotionState
 from tests.payloads import decode_camera_motion
 
 angle = st.floats(-math.pi, math.pi)
@@ -20,7 +20,7 @@ stamps = st.integers(0, 2**63 - 1)
 estimates = st.builds(
     CameraMotionEstimate,
     stamp_ns=stamps,
-    state=st.sampled_from(Steadiness),
+    state=st.sampled_from(MotionState),
     turn_rad=three,
     std_rad=three,
     look_turn_rad=st.none() | three,
@@ -47,7 +47,7 @@ def test_an_estimate_comes_back(value):
         np.testing.assert_allclose(got.look_turn_rad, value.look_turn_rad, rtol=1e-15, atol=1e-300)
 
 
-@pytest.mark.parametrize("state", Steadiness)
+@pytest.mark.parametrize("state", MotionState)
 def test_the_angle_is_that_of_the_turn(state):
     value = CameraMotionEstimate(stamp_ns=1, since_ns=1, state=state, turn_rad=(0.03, -0.04, 0.0))
     assert orjson.loads(encode_camera_motion(value))["angle_deg"] == pytest.approx(math.degrees(0.05))

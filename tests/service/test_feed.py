@@ -18,7 +18,7 @@ from aerodft.model import (
     RawBlock,
     StampClock,
     WireProtocol,
-    joined_images,
+    concatenate_images,
 )
 from aerodft.service import Batches, Inbox, LiveFeed, MergedFeed, block_of, feed, first_arrival_ns
 from aerodft.service.batches import tick_after
@@ -53,7 +53,7 @@ class GatheredListSource(ListSource):
             if rows is None:
                 found.append(event)
             elif isinstance(before, ImageRows) and before.common == rows.common and len(before) < self._most:
-                found[-1] = joined_images([before, rows])
+                found[-1] = concatenate_images([before, rows])
             else:
                 found.append(rows)
         return iter(found)

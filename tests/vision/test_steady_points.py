@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.geometry import find_turn
+from aerodft.geometry import find_rotation
 from aerodft.vision.camera_motion import SteadyPoints
 from tests.nights import at_night
 
@@ -28,7 +28,7 @@ def look(points, picture, index=0):
 
 def found_turn(points, picture, index=0):
     then, now = look(points, picture, index)
-    return find_turn(CAMERA, then, now)
+    return find_rotation(CAMERA, then, now)
 
 
 BUMPS = [(angle_deg, axis) for angle_deg in (0.05, 2.0, 8.0, 20.0) for axis in AXES]

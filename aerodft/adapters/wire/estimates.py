@@ -19,7 +19,7 @@ from aerodft.adapters.wire.json_schema import (
     payload_of,
 )
 from aerodft.adapters.wire.pose import HEIGHTS
-from aerodft.model import CalibrationEstimate, CameraMotionEstimate, Steadiness
+from aerodft.model import CalibrationEstimate, CameraMotionEstimate, MotionState
 
 CALIBRATION_SCHEMA = "aerodft.calibration_estimate/1"
 CAMERA_MOTION_SCHEMA = "aerodft.camera_motion/1"
@@ -77,7 +77,7 @@ CAMERA_MOTION: Final = Payload(
     "Whether a fixed camera still looks where it looked, after one look at its steady points",
     {
         "stamp_ns": doc(STAMP, "Of the image that was looked at"),
-        "state": one_of(Steadiness),
+        "state": one_of(MotionState),
         "since_ns": doc(STAMP, "The first look in this state"),
         "moved_ns": doc(STAMP_OR_NULL, "The first look that saw the camera where it rests by now, beyond the limit"),
         "angle_deg": doc(NUMBER, "By how much it has turned, about whichever axis"),

@@ -11,7 +11,7 @@ from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, riv
 from aerodft.adapters.images import read_camera_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
-from aerodft.geometry import moved_on
+from aerodft.geometry import extrapolate_pose
 from aerodft.model import Camera, Image, PixelSource, PoseSample, Status
 from aerodft.service import CameraMotionSettings, ObserverCounts, ObserverSchedule, Pipeline
 from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
@@ -158,7 +158,7 @@ def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
     if sample is None or sample.pose is None:
         return None
     elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
-    return replace(sample, pose=moved_on(sample.pose, elapsed_s))
+    return replace(sample, pose=extrapolate_pose(sample.pose, elapsed_s))
 
 
 def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:

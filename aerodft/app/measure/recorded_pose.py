@@ -11,7 +11,7 @@ from aerodft.app.assembly import build_pipeline, recorded_station
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model import STEADY, Event, Image, Observation, PoseSample, RawBlock
+from aerodft.model import FIXED_POINTS, Event, Image, Observation, PoseSample, RawBlock
 from aerodft.service import MergedFeed, PipelineSettings, Source, TelemetrySettings
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recordings import Recording, RecordingSource, pose_at, pose_of
@@ -28,7 +28,7 @@ class _PoseOnly:
     def __init__(self, source: Source, station: StationConfig, stamp_ns: int) -> None:
         self._source = source
         landmarks = [each.name for each in station.live.landmarks] if station.live else []
-        self._taught_by = frozenset(landmarks + ([STEADY] if station.camera_motion else []))
+        self._taught_by = frozenset(landmarks + ([FIXED_POINTS] if station.camera_motion else []))
         self._stamp_ns = stamp_ns
 
     def events(self) -> Iterator[Event]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from aerodft.adapters.wire.status import StationStatus
-from aerodft.model import CameraMotionEstimate, Steadiness
+from aerodft.model import CameraMotionEstimate, MotionState
 from aerodft.service import Batches, StepOutputs
 
 _LONGEST_S: Final = 3.0
@@ -58,7 +58,7 @@ class Alerts:
         silent_s = time.monotonic() - self._image_s
         if silent_s > _LONGEST_S:
             yield "images", f"no image has come for {silent_s:.0f} s: is the stream still there?"
-        if self._motion is not None and self._motion.state not in {Steadiness.STEADY, Steadiness.UNCHECKED}:
+        if self._motion is not None and self._motion.state not in {MotionState.STEADY, MotionState.UNCHECKED}:
             turned_deg = math.degrees(math.hypot(*self._motion.turn_rad))
             yield "camera", f"the camera has moved ({self._motion.state}), by {turned_deg:.2f} deg: calibrate it anew"
         if free_bytes < _LEAST_FREE_BYTES:

@@ -14,8 +14,8 @@ from aerodft.geometry import (
     matrix,
     meet_brown,
     meet_fisheye,
-    meet_straight,
-    padded,
+    meet_pinhole,
+    padded_distortion,
 )
 from aerodft.model import Camera, FloatArray, LensModel, Pose, ProjectionModel
 
@@ -67,7 +67,7 @@ class GroundMap:
         points = np.empty((*pixels.shape[:-1], 3))
         flat, out = pixels.reshape(-1, 2), points.reshape(-1, 3)
         if self.ground_from_pixel is not None:
-            meet_straight(flat, self.ground_from_pixel, self.foot_enu_m, out)
+            meet_pinhole(flat, self.ground_from_pixel, self.foot_enu_m, out)
         elif self.brown is not None:
             meet_brown(flat, self.brown, self.ground_from_ray, self.foot_enu_m, out)
         elif self.fisheye is not None:
@@ -119,11 +119,11 @@ def _intrinsics_of(camera: Camera) -> tuple[float, float, float, float]:
 
 def _brown_lens(camera: Camera) -> BrownLens:
     """A lens with Brown's distortion, as the compiled loops take it."""
-    coefficients = tuple(map(float, padded(camera, 8)))
+    coefficients = tuple(map(float, padded_distortion(camera, 8)))
     return _intrinsics_of(camera), coefficients, brown_limit(coefficients)
 
 
 def _fisheye_lens(camera: Camera) -> FisheyeLens:
     """A fisheye lens, as the compiled loops take it."""
-    coefficients = tuple(map(float, padded(camera, 4)))
+    coefficients = tuple(map(float, padded_distortion(camera, 4)))
     return _intrinsics_of(camera), coefficients, fisheye_limit(coefficients)

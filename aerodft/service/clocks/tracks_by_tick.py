@@ -6,7 +6,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from aerodft.model import NO_BOOT_TIME, FloatArray, IntArray, Track, joined
+from aerodft.model import NO_BOOT_TIME, FloatArray, IntArray, Track, concatenate_tracks
 from aerodft.service.clocks.stated_offset import ClockOffset
 
 _EMPTY: Final = np.empty(0, dtype=np.int64)
@@ -166,7 +166,7 @@ def grouped_by_stream(
             [np.repeat(np.arange(len(row_ends[row])), np.diff(row_ends[row], prepend=0)) for row in rows]
         )
         order = np.argsort(tick, kind="stable")
-        concatenated = joined([tracks[row] for row in rows])
+        concatenated = concatenate_tracks([tracks[row] for row in rows])
         ends = np.sum([row_ends[row] for row in rows], axis=0)
         ordered = np.concatenate([stamps[row] for row in rows])[order]
         yield concatenated.rows(order, boot_ns=concatenated.boot_ns), ordered, ends

@@ -275,8 +275,8 @@ class PoseComposer:
         surface_m = poses.pose.position_enu_m[rows, :2] + inputs.heights.foot_m[rows]
         below = ground_below(ground, surface_m)
         is_known = below.status == CODE_OF[Status.OK]
-        is_beyond = below.status == CODE_OF[Status.BEYOND_TERRAIN]
-        for k in np.flatnonzero(is_beyond | ~(is_above_home[rows] | is_known)).tolist():
+        is_significant = below.status == CODE_OF[Status.BEYOND_TERRAIN]
+        for k in np.flatnonzero(is_significant | ~(is_above_home[rows] | is_known)).tolist():
             east, north = surface_m[k].tolist()
             where = f"below the camera, {east:.0f} m east and {north:.0f} m north of the origin"
             reason = f"{where}, is {below.what(below.status[k])}"

@@ -384,7 +384,7 @@ class HeightSources:
         std_m = np.hypot(source_heights.std_m, other_std_m)
         is_known = (other_missing == Missing.NOTHING) & (source_heights.missing == Missing.NOTHING)
         if only_disagreeing:
-            is_known &= HeightDifference.is_step_beyond(other_m - source_heights.height_m, std_m)
+            is_known &= HeightDifference.is_step_significant(other_m - source_heights.height_m, std_m)
         return [
             (
                 int(rows[k]),

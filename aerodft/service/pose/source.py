@@ -132,7 +132,7 @@ class PoseSource:
         why = missing_poses(inputs.rows(lost), self._settings, self.clock, self._has_begun_by(stamps_ns[matched[lost]]))
         why += map(self._refused, *(column[refused_rows].tolist() for column in (stamps_ns, ticks, by_utc)))
         parts = [self._maker.poses(inputs.rows(whole), self._vehicle_position.origin, self.clock)] if len(whole) else []
-        poses = PoseBatch.joined([*parts, PoseBatch.from_samples(why)] if why else parts)
+        poses = PoseBatch.concatenate([*parts, PoseBatch.from_samples(why)] if why else parts)
         poses = self._health.with_verdicts(poses, ticks[rows])
         if self._zoom is not None:
             poses, awaits_zoom = self._zoom.with_zoom(poses, ticks[rows], watermark_ns[rows])

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from aerodft.geometry import (
-    LEAST_POINTS,
-    Turn,
-    find_turn,
+    MIN_POINTS,
+    RelativeRotation,
+    find_rotation,
     inverse,
     matrix,
     multiply,
@@ -23,7 +23,7 @@ from aerodft.geometry import (
     rotated_pixels,
     to_rotation_vector,
 )
-from aerodft.model import STEADY, BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation
+from aerodft.model import FIXED_POINTS, BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation
 from aerodft.vision.common import (
     between_nodes,
     grey_of,
@@ -232,7 +232,7 @@ class SteadyPoints:
             self._held = _HeldReference(self._camera, reference)
         then_px, now_px = self._held.look(local_contrast(pixels)) if self._held is not None else _no_pairs()
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
-        return (Observation.in_image(image, STEADY, tuple((u, v) for u, v in flat)),)
+        return (Observation.in_image(image, FIXED_POINTS, tuple((u, v) for u, v in flat)),)
 
 
 class _HeldReference:
@@ -256,7 +256,7 @@ class _HeldReference:
         found, now_px, turn = self._follow(now)
         if turn is None or np.count_nonzero(turn.inliers) < self._least_agreeing():
             then_px, new_px = match_features(self._reference.features, features_of(now))
-            known = find_turn(self._camera, then_px, new_px, tolerance_px=_RECOGNISED_PX)
+            known = find_rotation(self._camera, then_px, new_px, tolerance_px=_RECOGNISED_PX)
             if known is None or np.count_nonzero(known.inliers) < _LEAST_RECOGNISED:
                 return then_px[:_MOST_MATCHES], new_px[:_MOST_MATCHES]
             self._wxyz, self._view = known.wxyz, self._view_after(known.wxyz)
@@ -271,24 +271,24 @@ class _HeldReference:
 
     def _least_agreeing(self) -> float:
         in_view = np.count_nonzero(self._view.inside & (self._flicker < _MOST_FLICKER))
-        return max(_LOST * in_view, LEAST_POINTS)
+        return max(_LOST * in_view, MIN_POINTS)
 
-    def _follow(self, now: ImageArray) -> tuple[IntArray, FloatArray, Turn | None]:
+    def _follow(self, now: ImageArray) -> tuple[IntArray, FloatArray, RelativeRotation | None]:
         """Indices ``(k,)`` of the points that were found, where, and the turn that most of them agree on."""
         guess_px = rotated_pixels(self._camera, self._wxyz, self._points_px)
         tried = np.flatnonzero(self._view.inside & np.isfinite(guess_px[:, 0]))
         there_px, ok = track_lk(self._view.local_contrast, now, self._view.points_px[tried], guess_px[tried])
         found, now_px = tried[ok], there_px[ok]
-        return found, now_px, find_turn(self._camera, self._points_px[found], now_px)
+        return found, now_px, find_rotation(self._camera, self._points_px[found], now_px)
 
-    def _learn(self, found: IntArray, turn: Turn) -> None:
+    def _learn(self, found: IntArray, turn: RelativeRotation) -> None:
         """Go on from where the camera looks now, and remember which points move by themselves."""
         self._wxyz = turn.wxyz
         moved = np.max(np.abs(turn.residual_px - self._last_off_px[found]), axis=-1) > _FLICKER_PX
         self._flicker[found] += _FADING * (moved - self._flicker[found])
         self._last_off_px[found] = turn.residual_px
 
-    def _is_another_view(self, turn: Turn) -> bool:
+    def _is_another_view(self, turn: RelativeRotation) -> bool:
         step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))
         return bool(np.linalg.norm(step) > _ANOTHER_VIEW_RAD)
 

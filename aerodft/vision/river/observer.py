@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.dft import Setup, zoomed
 from aerodft.model import Camera, Image, Observation, PoseSample, Probe
-from aerodft.service import RiverLook
+from aerodft.service import RiverSettings
 from aerodft.vision.river.find import River, RiverQuestion, find_river
 from aerodft.vision.river.status import WHY, NoRiver, RiverStatus
 from aerodft.vision.river.water import RiverHints, WaterPlane
@@ -36,7 +36,7 @@ class RiverObserver:
     def __init__(
         self,
         camera: Camera,
-        look: RiverLook,
+        look: RiverSettings,
         probes: tuple[Probe, ...],
         pose_near: Callable[[Image], PoseSample | None],
     ) -> None:

@@ -17,9 +17,9 @@ from aerodft.model import (
     HeightSource,
     HeightTrack,
     LinkTrack,
+    OtherSenderTrack,
     PositionTrack,
     RawBlock,
-    RivalTrack,
     SyncTrack,
     Track,
     VehicleTrack,
@@ -67,7 +67,7 @@ def _terrain(spacing: int, height_m: float) -> dialect.MAVLink_message:
 def _besides_life(decoder: MavlinkDecoder, made: RawBlock) -> tuple[Track, ...]:
     """The tracks of what messages say, not of that there are any."""
     return tuple(
-        track for track in decoder.decode(made) if not isinstance(track, HeartbeatTrack | LinkTrack | RivalTrack)
+        track for track in decoder.decode(made) if not isinstance(track, HeartbeatTrack | LinkTrack | OtherSenderTrack)
     )
 
 

@@ -201,5 +201,5 @@ def test_the_footing_is_the_planes_own(east, north, slope, uphill):
     assert_allclose(below.slope, [gradient], atol=1e-9)
     assert_allclose(below.height_m, [7.0 + gradient @ [east - 100.0, north + 20.0]], atol=1e-6)
     pose = camera_pose(height_agl_m=4.0, tilt_rad=0.3, east_m=east, north_m=north)
-    carried = raised_by_ground(Pose.joined([pose]), below.height_m, below.slope)
+    carried = raised_by_ground(Pose.concatenate([pose]), below.height_m, below.slope)
     assert_allclose(carried.position_enu_m, [[east, north, below.height_m[0] + 4.0]])

@@ -121,7 +121,7 @@ def _on_ground(pose: Pose, ground: Ground) -> Pose:
     if below.status[0] != CODE_OF[Status.OK]:
         hint = "check the position, or set fill_msl_m or radius_m in [ground]"
         raise ConfigError("below the pose", got=below.what(below.status[0]), expected="ground", hint=hint)
-    return raised_by_ground(Pose.joined([pose]), below.height_m, below.slope).rows(0)
+    return raised_by_ground(Pose.concatenate([pose]), below.height_m, below.slope).rows(0)
 
 
 def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:

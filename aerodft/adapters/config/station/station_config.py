@@ -16,7 +16,7 @@ from aerodft.service import (
     LiveCalibration,
     ObjectSettings,
     PipelineSettings,
-    RiverLook,
+    RiverSettings,
     SigningSettings,
 )
 from aerodft.service.clocks import ImageClock
@@ -203,7 +203,7 @@ class StationConfig:
     markers: MarkerSettings | None = None
     camera_motion: CameraMotionSettings | None = None
     objects: ObjectSettings | None = None
-    river: RiverLook | None = None
+    river: RiverSettings | None = None
     topics: Topics = field(default_factory=Topics)
 
     @property

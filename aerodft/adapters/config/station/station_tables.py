@@ -26,7 +26,7 @@ from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, par
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import ConfigError
 from aerodft.model import (
-    STEADY,
+    FIXED_POINTS,
     Camera,
     PixelSource,
     Probe,
@@ -73,7 +73,7 @@ class HintsTable(Table):
 
 
 class RiverTable(Table):
-    """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverLook``."""
+    """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverSettings``."""
 
     every_s: keys.Duration = 1.0
     spacing_m: keys.Positive = 1.0
@@ -332,7 +332,7 @@ class ConfigTable(Table):
     @model_validator(mode="after")
     def _suits_the_probes(self) -> Self:
         for name in (each.name for each in self.probe):
-            if self.camera_motion is not None and name == STEADY:
+            if self.camera_motion is not None and name == FIXED_POINTS:
                 expected = "another name: the points that stand still have this one"
                 raise impossible("probe.name", got=f'"{name}", beside [camera_motion]', expected=expected)
             if self.objects is not None and (name == OBJECTS or name.startswith("object-")):

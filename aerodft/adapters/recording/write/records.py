@@ -198,7 +198,7 @@ class RecordEncoder:
 
     def _add_outputs(self, rows: "_TickRows", outputs: StepOutputs) -> None:
         if outputs.images:
-            poses = PoseBatch.joined([block.poses for block in outputs.images])
+            poses = PoseBatch.concatenate([block.poses for block in outputs.images])
             tick = np.concatenate([block.tick for block in outputs.images])
             order = _PER_IMAGE * np.concatenate([block.order for block in outputs.images])
             sequence = np.concatenate([block.images for block in outputs.images]) & _SEQUENCE_MASK

@@ -42,7 +42,7 @@ from aerodft.adapters.telemetry.tracks import (
 )
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
-from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, LinkTrack, RawBlock, RivalTrack, Track, WireProtocol
+from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, LinkTrack, OtherSenderTrack, RawBlock, Track, WireProtocol
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
@@ -330,7 +330,7 @@ class OtherSenders:
     def __init__(self, followed: Followed) -> None:
         self._followed = followed
 
-    def tracks(self, block: RawBlock, heads: IntArray, slots: IntArray, state: IntArray) -> Iterator[RivalTrack]:
+    def tracks(self, block: RawBlock, heads: IntArray, slots: IntArray, state: IntArray) -> Iterator[OtherSenderTrack]:
         """One track for each of them that spoke in a block.
 
         Args:
@@ -351,7 +351,7 @@ class OtherSenders:
             if what is not None:
                 rows = aside[member.ravel() == number]
                 none = np.full(len(rows), NO_BOOT_TIME, dtype=np.int64)
-                yield RivalTrack(arrival_ns=block.arrival_ns[rows], boot_ns=none, what=what)
+                yield OtherSenderTrack(arrival_ns=block.arrival_ns[rows], boot_ns=none, what=what)
 
     def _sentence(self, message_id: int, system: int, component: int, state: IntArray) -> str | None:
         """Who sent a message that was left out; None where it is nobody who could have been meant."""

@@ -14,16 +14,16 @@ from aerodft.sim.render import Renderer
 from aerodft.sim.shading import (
     HAZE_PER_M2,
     SKY,
+    Appearance,
     CameraState,
-    Look,
     Rays,
     RiverFrame,
     Tiles,
     gap_to_bank,
-    ground_seen,
     paint_sky,
     sample,
-    wetness,
+    trace_ground,
+    water_fraction,
 )
 
 _STRETCH = 5.0  # waves and foam are so much longer along the flow
@@ -166,7 +166,7 @@ def shade_waterside(
     rays: Rays,
     camera: CameraState,
     waterway: tuple[RiverFrame, FloatArray],
-    look: Look,
+    look: Appearance,
     sides: tuple[float, ...],
     tiles: Tiles,
     image: ImageArray,
@@ -185,7 +185,7 @@ def shade_waterside(
     river, banks = waterway
     for v in range(rays.shape[0]):
         for u in range(rays.shape[1]):
-            reach, east, north, moved, footprint, along, across = ground_seen(rays, v, u, camera, river)
+            reach, east, north, moved, footprint, along, across = trace_ground(rays, v, u, camera, river)
             if reach == 0.0:
                 paint_sky(rays, v, u, image)
                 continue
@@ -194,7 +194,7 @@ def shade_waterside(
             down = camera[2] / slant
             east += camera[0]
             north += camera[1]
-            wet = wetness(along, across, moved, footprint, banks, river)
+            wet = water_fraction(along, across, moved, footprint, banks, river)
             gap, _ = gap_to_bank(along, across, banks, river[4], river[5])
             index = int(min(max((along - river[4]) / river[5], 0.0), banks.shape[0] - 1.001))
             light = _shade(along, across - banks[index, 0], tiles, sides, footprint)

@@ -1,4 +1,4 @@
-"""Simulated flights with known truth: what a camera would see, and what an autopilot would say."""
+"""Simulated flights with known truth: images of a camera and MAVLink of an autopilot."""
 
 from aerodft.sim.scenario import default_camera
 from aerodft.sim.telemetry import DEFAULT_RATES_HZ, Autopilot, datagrams

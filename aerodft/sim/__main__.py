@@ -1,4 +1,4 @@
-"""``python -m aerodft.sim``: a simulated flight, as files or live."""
+"""Command line of the simulator, ``python -m aerodft.sim``: a flight as files or live."""
 
 import math
 import re
@@ -20,18 +20,18 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError, UsageError
 from aerodft.model import BiasValues, PoseStd
 from aerodft.service.clocks import WallClock
-from aerodft.sim.live import Outlets, encode_packets, observation_publisher, perform, signing_sender, udp_sender
+from aerodft.sim.live import Outlets, encode_packets, observation_publisher, send_live, signing_sender, udp_sender
 from aerodft.sim.scenario import Progress, Scenario, default_camera, scenario_from_log, survey_scenario, write_files
-from aerodft.sim.telemetry import Radio, drawn_biases
+from aerodft.sim.telemetry import Radio, draw_biases
 
-_MOST = 1e5  # metres, degrees, seconds, pixels: what fits into MAVLink's integers
-_MOST_CLOCK_S = 1e9
+_MAX_VALUE = 1e5  # metres, degrees, seconds, pixels: fits into MAVLink's integers
+_MAX_CLOCK_S = 1e9
 _ANGLES = ("tilt", "pan", "roll", "heading")
-_SHARES = ("drop", "duplicate", "reorder")
+_FRACTIONS = ("drop", "duplicate", "reorder")
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """``1280x720``: width and height in pixels, even, as H.264 wants them.
+    """Image size from ``1280x720``: width and height in pixels, even as H.264 requires.
 
     Raises:
         UsageError: Anything else.
@@ -43,14 +43,14 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_stds(option: str, text: str) -> PoseStd:
-    """Height and position in m, tilt, pan, roll, heading in degrees, none below 0."""
-    values = _pairs(option, text, ("height", "position", *_ANGLES), lowest=0.0)
+    """Standard deviations by name: height and position in m, tilt, pan, roll, heading in degrees, none negative."""
+    values = _parse_pairs(option, text, ("height", "position", *_ANGLES), min_value=0.0)
     return PoseStd(height_agl_m=values["height"], horizontal_m=values["position"], **_angles_rad(values))
 
 
 def parse_biases(option: str, text: str) -> BiasValues:
-    """Height in m, tilt, pan, roll, heading in degrees."""
-    values = _pairs(option, text, ("height", *_ANGLES), lowest=-_MOST)
+    """Biases by name: height in m, tilt, pan, roll, heading in degrees."""
+    values = _parse_pairs(option, text, ("height", *_ANGLES), min_value=-_MAX_VALUE)
     return BiasValues(height_m=values["height"], **_angles_rad(values))
 
 
@@ -59,9 +59,9 @@ def _angles_rad(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def parse_radio(option: str, text: str, *, seed: int) -> Radio:
-    """Latency and jitter in seconds; drop, duplicate, reorder as shares; one outage from ``mute`` to ``unmute`` (s)."""
+    """Radio by name: latency, jitter, an outage from ``mute`` to ``unmute`` (s); fractions drop, duplicate, reorder."""
     names = ("latency", "jitter", "drop", "duplicate", "reorder", "mute", "unmute")
-    values = _pairs(option, text, names, lowest=0.0, most=dict.fromkeys(_SHARES, 1.0))
+    values = _parse_pairs(option, text, names, min_value=0.0, max_values=dict.fromkeys(_FRACTIONS, 1.0))
     outage = (round(values["mute"] * SECOND_NS), round(values["unmute"] * SECOND_NS))
     return Radio(
         latency_ns=round(values["latency"] * SECOND_NS),
@@ -75,27 +75,27 @@ def parse_radio(option: str, text: str, *, seed: int) -> Radio:
 
 
 def parse_numbers(option: str, text: str, **defaults: float) -> dict[str, float]:
-    """Numbers of at least 0 by name."""
-    values = _pairs(option, text, tuple(defaults), lowest=0.0)
+    """Non-negative numbers by name, with defaults."""
+    values = _parse_pairs(option, text, tuple(defaults), min_value=0.0)
     named = {part.partition("=")[0].strip() for part in text.split(",")}
     return {name: values[name] if name in named else value for name, value in defaults.items()}
 
 
 def parse_autopilot(option: str, text: str) -> tuple[int, int]:
-    """Lag of the camera behind the gimbal's reports, and the autopilot's UTC minus the host's: s in, ns out."""
-    values = _pairs(option, text, ("lag", "clock"), lowest=-_MOST, most={"clock": _MOST_CLOCK_S})
+    """The camera's lag behind the gimbal's reports, and the autopilot's UTC minus the host's: from s to ns."""
+    values = _parse_pairs(option, text, ("lag", "clock"), min_value=-_MAX_VALUE, max_values={"clock": _MAX_CLOCK_S})
     if values["lag"] < 0:
         raise UsageError(f"{option} lag", got=values["lag"], expected="a number of at least 0")
     return round(values["lag"] * SECOND_NS), round(values["clock"] * SECOND_NS)
 
 
-def _pairs(
-    option: str, text: str, names: tuple[str, ...], *, lowest: float, most: Mapping[str, float] | None = None
+def _parse_pairs(
+    option: str, text: str, names: tuple[str, ...], *, min_value: float, max_values: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-    """Every name with its value, 0 where it is not given.
+    """Values by name, 0 for names that are not given.
 
     Raises:
-        UsageError: An unknown name, or a value that is no number from ``lowest`` to the name's ``most``.
+        UsageError: An unknown name, or a value that is no number from ``min_value`` to the name's ``max_values``.
     """
     values = dict.fromkeys(names, 0.0)
     for part in filter(None, (piece.strip() for piece in text.split(","))):
@@ -106,10 +106,10 @@ def _pairs(
             value = float(number)
         except ValueError:
             value = math.nan
-        limit = (most or {}).get(name, _MOST)
-        least = -limit if lowest < 0 else lowest
-        if not least <= value <= limit:
-            expected = f"a number of at least {least:g}, at most {limit:g}, e.g. {name}=0.3"
+        maximum = (max_values or {}).get(name, _MAX_VALUE)
+        minimum = -maximum if min_value < 0 else min_value
+        if not minimum <= value <= maximum:
+            expected = f"a number of at least {minimum:g}, at most {maximum:g}, e.g. {name}=0.3"
             raise UsageError(f"{option} {part}", got=repr(number), expected=expected)
         values[name] = value
     return values
@@ -175,7 +175,7 @@ def simulate(
     else:
         scenario = scenario_from_log(lens, log, interval_s=(start, duration), fps=fps, seed=seed, thin=thin)
     lag_ns, clock_ns = parse_autopilot("--autopilot", autopilot)
-    drawn, stated = drawn_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias)
+    drawn, stated = draw_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias)
     sums = {each.name: getattr(drawn, each.name) + getattr(stated, each.name) for each in fields(BiasValues)}
     reporting = replace(scenario.autopilot, biases=BiasValues(**sums), noise=parse_stds("--noise", noise))
     observing = parse_numbers("--observe", observe, std=0.5, delay=0.05)
@@ -206,7 +206,7 @@ def _fly(
     station: str,
     observe_delay_ns: int,
 ) -> None:
-    """Render, then fly at once; ``addresses`` are those of MAVLink, video and zenoh, ``key`` signs the first."""
+    """Render, then fly at once; ``addresses`` are for MAVLink, video and zenoh, ``key`` signs MAVLink."""
     mavlink, video, zenoh = addresses
     clock = WallClock()
     with ExitStack() as stack:
@@ -221,16 +221,16 @@ def _fly(
         if video:
             with _progress() as progress:
                 packets = encode_packets(scenario, progress)
-        # Whole microseconds: the logs and the video know nothing finer.
+        # Whole microseconds: the resolution of logs and video.
         start_ns = (clock.now_ns() + _LEAD_NS) // 1000 * 1000
         scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
         write_files(scenario, out, video=False)
         _print_summary(scenario)
-        perform(scenario, packets, outlets, clock)
+        send_live(scenario, packets, outlets, clock)
 
 
 def _print_summary(scenario: Scenario) -> None:
-    """One line of JSON on stdout: when the flight is, and which errors it was given."""
+    """Print one line of JSON on stdout: the flight's time and its biases."""
     biases = scenario.autopilot.biases
     document = {
         "start_ns": str(scenario.trajectory.start_ns),
@@ -248,7 +248,7 @@ def _print_summary(scenario: Scenario) -> None:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """A bar on stderr where that is a terminal."""
+    """A progress bar on stderr if that is a terminal."""
     console = Console(stderr=True)
     with Bar(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("rendering")
@@ -256,7 +256,7 @@ def _progress() -> Iterator[Progress]:
 
 
 def main() -> None:
-    """Entry point; errors are one sentence and an exit code."""
+    """Run the command; errors are one sentence and an exit code."""
     try:
         app()
     except AerodftError as error:

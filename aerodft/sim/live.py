@@ -1,4 +1,4 @@
-"""The simulated flight in real time: rendered and encoded beforehand, then every byte sent when it is due."""
+"""A simulated flight in real time: rendered and encoded beforehand, then sent byte by byte when due."""
 
 import socket
 from collections.abc import Callable, Iterator
@@ -27,13 +27,13 @@ _ADDRESSES = "udpout:HOST:PORT or udp://HOST:PORT"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlets:
-    """Where the flight goes; what is None is not sent.
+    """Outputs of a live flight; None for outputs that are not sent.
 
     Attributes:
-        telemetry: Takes MAVLink datagrams.
-        video: Takes MPEG-TS datagrams.
-        observe: Takes sightings, true and noisy pixels at once.
-        observe_delay_ns: How long an observer takes to find the pixels.
+        telemetry: Sends MAVLink datagrams.
+        video: Sends MPEG-TS datagrams.
+        observe: Sends sightings.
+        observe_delay_ns: Processing time of an observer.
     """
 
     telemetry: Send | None = None
@@ -43,37 +43,37 @@ class Outlets:
 
 
 def encode_packets(scenario: Scenario, progress: Progress | None = None) -> list[list[bytes]]:
-    """Every image's datagrams: the slow part, to be done before the clock starts."""
+    """Datagrams of every image; the slow part, done before the clock starts."""
     with TransportStream(scenario.fps) as stream:
         start_ns = int(scenario.image_stamps_ns[0])
         return [stream.encode(image, stamp - start_ns) for stamp, image in images_with_progress(scenario, progress)]
 
 
-def perform(scenario: Scenario, video: list[list[bytes]], outlets: Outlets, clock: Clock) -> None:
-    """Send everything at its time by ``clock``, in one thread; returns after the last byte.
+def send_live(scenario: Scenario, video: list[list[bytes]], outlets: Outlets, clock: Clock) -> None:
+    """Send everything when it is due by ``clock``, in one thread; returns after the last byte.
 
     Args:
-        scenario: The flight, shifted to when it shall take place.
-        video: :func:`encode_packets` images, one list of datagrams each.
-        outlets: Where to.
+        scenario: The flight, shifted to its time.
+        video: Datagrams of each image, by :func:`encode_packets`.
+        outlets: The outputs.
         clock: Paces the flight; its time is the scenario's host UTC.
     """
-    for due_ns, act in sorted(_acts(scenario, video, outlets), key=lambda each: each[0]):
+    for due_ns, send_due in sorted(_sends(scenario, video, outlets), key=lambda each: each[0]):
         clock.sleep_until(due_ns)
-        act()
+        send_due()
 
 
-def _acts(scenario: Scenario, video: list[list[bytes]], outlets: Outlets) -> Iterator[tuple[int, Callable[[], None]]]:
+def _sends(scenario: Scenario, video: list[list[bytes]], outlets: Outlets) -> Iterator[tuple[int, Callable[[], None]]]:
     stamps: list[int] = scenario.image_stamps_ns.tolist()
     if outlets.telemetry is not None:
-        for each in through_radio(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio):
-            yield each.due_ns, partial(outlets.telemetry, each.data)
+        for datagram in through_radio(datagrams(scenario.trajectory, scenario.autopilot), scenario.radio):
+            yield datagram.due_ns, partial(outlets.telemetry, datagram.data)
     if outlets.video is not None:
         for stamp, packets in zip(stamps, video, strict=True):
             yield stamp, partial(_send_all, outlets.video, packets)
     if outlets.observe is not None:
-        for seen in sightings(scenario.world, scenario.camera, scenario.trajectory, stamps, scenario.observing):
-            yield seen.stamp_ns + outlets.observe_delay_ns, partial(outlets.observe, seen)
+        for sighting in sightings(scenario.world, scenario.camera, scenario.trajectory, stamps, scenario.observing):
+            yield sighting.stamp_ns + outlets.observe_delay_ns, partial(outlets.observe, sighting)
 
 
 def _send_all(send: Send, packets: list[bytes]) -> None:
@@ -99,14 +99,14 @@ def parse_udp(text: str) -> tuple[str, int]:
 
 
 def signing_sender(send: Send, key: bytes, clock: Clock) -> Send:
-    """A sender that signs each MAVLink 2 frame first."""
+    """A sender that signs each MAVLink 2 frame before sending."""
     check = SignatureCheck(key, SigningState(), clock.now_ns)
     return lambda frame: send(check.sign(frame))
 
 
 @contextmanager
 def udp_sender(text: str) -> Iterator[Send]:
-    """Datagrams to an address; it does not matter whether anybody listens.
+    """A sender of UDP datagrams, whether or not anybody receives them.
 
     Raises:
         UsageError: Not an address.
@@ -130,14 +130,14 @@ def udp_sender(text: str) -> Iterator[Send]:
 
 @contextmanager
 def observation_publisher(endpoint: str, station: str) -> Iterator[Observe]:
-    """Publishes sightings; connects only, listens nowhere, scouts nobody, and waits for a service that is not up yet.
+    """A zenoh publisher of sightings that connects only (no listening, no scouting) and waits for the service.
 
     Args:
-        endpoint: Where the service listens, for example ``tcp/127.0.0.1:7447``.
+        endpoint: The service's endpoint, for example ``tcp/127.0.0.1:7447``.
         station: The station's name in key expressions.
 
     Raises:
-        LinkError: The endpoint makes no sense.
+        LinkError: The endpoint is invalid.
     """
     with session_on(None, [endpoint]) as session:
 

@@ -1,4 +1,4 @@
-"""What an ideal observer sees: the true pixels of banks and landmarks, and the same with chosen noise."""
+"""Observations by an ideal observer: true pixels of banks and landmarks, and the same with noise."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -17,21 +17,21 @@ from aerodft.sim.world import World
 MARGIN_PX = 4.0
 """Points closer to the image's border are not observed."""
 MAX_RANGE_M = 120.0
-_LOWEST_M = 1.0
+_MIN_HEIGHT_M = 1.0
 _STATION_STEP_M = 1.0
 _STATION_REACH_M = 400.0
-_STATIONS_APART_M = 15.0
+_MIN_SPACING_M = 15.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Observing:
-    """What is observed, and how well.
+class ObserverModel:
+    """Model of the observer: range, noise and river stations.
 
     Attributes:
-        std_px: Noise of every coordinate.
-        max_range_m: Points farther away are not observed: nobody can point at them to ``std_px``.
-        stations_m: River stations of the probes ``width-a``, ``width-b``, ...; see :func:`busiest_stations`.
-        seed: Of the noise.
+        std_px: Standard deviation of every coordinate.
+        max_range_m: Maximum range of observed points: farther ones cannot be picked to ``std_px``.
+        stations_m: River stations of the probes ``width-a``, ``width-b``, ...; see :func:`most_visible_stations`.
+        seed: Seed of the noise.
     """
 
     std_px: float = 0.5
@@ -42,16 +42,16 @@ class Observing:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sighting:
-    """One probe in one image, as it truly is and as it is observed.
+    """True and observed pixels of one probe in one image.
 
     Attributes:
         stamp_ns: The image's stamp.
         name: The probe's name.
-        kind: What it measures.
-        points_enu_m: ``(k, 3)`` the truth.
-        pixels: ``(k, 2)`` the truth.
-        observed: ``(k, 2)`` with noise.
-        std_px: Of the noise.
+        kind: The probe's kind.
+        points_enu_m: ``(k, 3)`` true points.
+        pixels: ``(k, 2)`` true pixels.
+        observed: ``(k, 2)`` pixels with noise.
+        std_px: Standard deviation of the noise.
         pose: The camera's true pose.
     """
 
@@ -66,13 +66,13 @@ class Sighting:
 
     @property
     def value_m(self) -> float | None:
-        """The distance between two points; None for a single one."""
+        """Distance between the two points; None for a single point."""
         if self.kind != ProbeKind.DISTANCE:
             return None
         return float(np.linalg.norm(self.points_enu_m[1] - self.points_enu_m[0]))
 
     def observation_line(self) -> bytes:
-        """JSON for an observation file or topic."""
+        """JSON line for an observation file or topic."""
         return orjson.dumps(
             {
                 "stamp_ns": str(self.stamp_ns),
@@ -83,7 +83,7 @@ class Sighting:
         )
 
     def truth_line(self) -> bytes:
-        """JSON for the truth file."""
+        """JSON line for the truth file."""
         return orjson.dumps(
             {
                 "stamp_ns": str(self.stamp_ns),
@@ -99,7 +99,7 @@ class Sighting:
 
 
 def pose_document(pose: Pose) -> dict[str, Any]:
-    """A true pose as people read it, and as quaternion."""
+    """A true pose as angles in degrees and as a quaternion."""
     tilt, roll, heading = (math.degrees(float(angle)) for angle in camera_angles(pose.wxyz))
     return {
         "position_enu_m": pose.position_enu_m.tolist(),
@@ -116,30 +116,30 @@ def pixels_of(camera: Camera, pose: Pose, points_enu_m: FloatArray) -> FloatArra
     return pixels_from_rays(camera, (points_enu_m - pose.position_enu_m) @ matrix(inverse(pose.wxyz)).T)
 
 
-def busiest_stations(
+def most_visible_stations(
     world: World, camera: Camera, trajectory: Trajectory, stamps_ns: IntArray, count: int
 ) -> tuple[float, ...]:
-    """The ``count`` river stations (15 m or more apart) of which both banks are seen in the most images, ascending."""
+    """The ``count`` river stations (15 m or more apart) with both banks in the most images, ascending."""
     stations = np.arange(-_STATION_REACH_M, _STATION_REACH_M, 5 * _STATION_STEP_M)
-    banks, seen = world.river.crossing(stations), np.zeros(len(stations))
+    banks, visible_images = world.river.crossing(stations), np.zeros(len(stations))
     for stamp in stamps_ns.tolist():
         pose = trajectory.pose(stamp)
-        if pose.position_enu_m[2] > _LOWEST_M:
-            seen += _observable(camera, pose, banks, Observing()).all(axis=-1)
+        if pose.position_enu_m[2] > _MIN_HEIGHT_M:
+            visible_images += _observable(camera, pose, banks, ObserverModel()).all(axis=-1)
     chosen: list[float] = []
-    for index in np.argsort(-seen, kind="stable"):
+    for index in np.argsort(-visible_images, kind="stable"):
         station = float(stations[index])
-        if len(chosen) < count and seen[index] and all(abs(station - s) >= _STATIONS_APART_M for s in chosen):
+        if len(chosen) < count and visible_images[index] and all(abs(station - s) >= _MIN_SPACING_M for s in chosen):
             chosen.append(station)
     return tuple(sorted(chosen))
 
 
 def sightings(
-    world: World, camera: Camera, trajectory: Trajectory, stamps_ns: Iterable[int], observing: Observing
+    world: World, camera: Camera, trajectory: Trajectory, stamps_ns: Iterable[int], observing: ObserverModel
 ) -> Iterator[Sighting]:
-    """What can be seen at the images' stamps, in their order; nothing from below 1 m.
+    """Sightings at the images' stamps, in order; none from below 1 m.
 
-    ``width-a``, ... are the river's width at fixed stations; ``river`` is its width where the camera looks, at another
+    ``width-a``, ... are the river's width at fixed stations; ``river`` is its width at the image's middle, at another
     station in every image; ``marker-N`` the centre of a marker, ``post-N`` the foot of a post, ``walker-N`` feet.
     """
     generator = np.random.default_rng([observing.seed, 3])
@@ -148,13 +148,13 @@ def sightings(
     banks = world.river.crossing(stations)
     for stamp in stamps_ns:
         pose = trajectory.pose(stamp)
-        if pose.position_enu_m[2] <= _LOWEST_M:
+        if pose.position_enu_m[2] <= _MIN_HEIGHT_M:
             continue
         time_s = (stamp - trajectory.start_ns) / 1e9
         targets = dict(fixed)
-        nearest = _where_it_looks(camera, pose, banks, observing)
-        if nearest is not None:
-            targets["river"] = banks[nearest]
+        central = _central_crossing(camera, pose, banks, observing)
+        if central is not None:
+            targets["river"] = banks[central]
         targets |= {f"walker-{i}": walker.foot_enu_m(time_s)[None] for i, walker in enumerate(world.walkers)}
         for name, points in targets.items():
             if not _observable(camera, pose, points, observing).all():
@@ -178,7 +178,7 @@ def write_lines(path: Path, lines: Iterable[bytes]) -> None:
         file.writelines(line + b"\n" for line in lines)
 
 
-def _fixed_targets(world: World, observing: Observing) -> dict[str, FloatArray]:
+def _fixed_targets(world: World, observing: ObserverModel) -> dict[str, FloatArray]:
     targets = {
         f"width-{chr(ord('a') + index)}": world.river.crossing(station)
         for index, station in enumerate(observing.stations_m)
@@ -186,19 +186,19 @@ def _fixed_targets(world: World, observing: Observing) -> dict[str, FloatArray]:
     return targets | {name: point[None] for name, point in world.landmarks_enu_m().items()}
 
 
-def _observable(camera: Camera, pose: Pose, points_enu_m: FloatArray, observing: Observing) -> BoolArray:
-    """Whether points ``(..., 3)`` are in the image, off its border, and near enough, ``(...)``."""
+def _observable(camera: Camera, pose: Pose, points_enu_m: FloatArray, observing: ObserverModel) -> BoolArray:
+    """Whether points ``(..., 3)`` are in the image, off its border, and in range, ``(...)``."""
     pixels = pixels_of(camera, pose, points_enu_m)
     low, high = MARGIN_PX - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - MARGIN_PX
-    near = np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1) <= observing.max_range_m
-    return np.asarray(near & np.all((pixels >= low) & (pixels <= high), axis=-1))
+    is_near = np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1) <= observing.max_range_m
+    return np.asarray(is_near & np.all((pixels >= low) & (pixels <= high), axis=-1))
 
 
-def _where_it_looks(camera: Camera, pose: Pose, banks_enu_m: FloatArray, observing: Observing) -> int | None:
-    """The observable crossing ``(n, 2, 3)`` whose middle is closest to the image's; None where there is none."""
-    seen = _observable(camera, pose, banks_enu_m, observing).all(axis=-1)
-    if not seen.any():
+def _central_crossing(camera: Camera, pose: Pose, banks_enu_m: FloatArray, observing: ObserverModel) -> int | None:
+    """Index of the observable crossing ``(n, 2, 3)`` closest to the image's middle; None if none is observable."""
+    is_visible = _observable(camera, pose, banks_enu_m, observing).all(axis=-1)
+    if not is_visible.any():
         return None
     middle = np.array([camera.width_px - 1, camera.height_px - 1]) / 2
-    off = np.linalg.norm(pixels_of(camera, pose, banks_enu_m).mean(axis=-2) - middle, axis=-1)
-    return int(np.argmin(np.where(seen, off, np.inf)))
+    distance_px = np.linalg.norm(pixels_of(camera, pose, banks_enu_m).mean(axis=-2) - middle, axis=-1)
+    return int(np.argmin(np.where(is_visible, distance_px, np.inf)))

@@ -1,6 +1,6 @@
-"""Images of the simulated world, by tracing every pixel's ray to the ground, which repeating textures cover.
+"""Renderer of the simulated world: traces every pixel's ray to the textured ground.
 
-Flat things in space (markers, posts, persons) are drawn by tracing rays too, so that any lens bends them rightly.
+Sprites (markers, posts, persons) are traced too, so that lens distortion applies to them.
 """
 
 from collections.abc import Sequence
@@ -13,28 +13,28 @@ import numpy.typing as npt
 
 from aerodft.geometry import inverse, matrix, pixels_from_rays, rays_from_pixels
 from aerodft.model import Camera, FloatArray, ImageArray, IntArray, Pose
-from aerodft.sim.shading import Rays, RiverFrame, Texels, shade, stamp
+from aerodft.sim.shading import Rays, RiverFrame, Texels, draw_sprite, shade
 from aerodft.sim.world import Marker, River, Walker, Wall, World
 
 MARGIN_SCALE = 8 / 6
 """Marker with its white margin against the black square: one module of six on each side."""
 
-_EDGE_POINTS = 24
+_OUTLINE_POINTS = 24
 _SAMPLES = 4
-_FEW_SAMPLES = 2
+_SAMPLES_IF_LARGE = 2
 _LARGE_PX = 120_000
-_EDGE_ON = 1e-9
+_MIN_DETERMINANT = 1e-9
 _MODULE_PX = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sprite:
-    """A textured rectangle.
+    """A textured rectangle in space.
 
     Attributes:
-        corner_enu_m: Where the texture's top-left corner is, ``(3,)``.
-        right_enu_m: From there to its top-right corner.
-        down_enu_m: From there to its bottom-left corner.
+        corner_enu_m: The texture's top-left corner, ``(3,)``.
+        right_enu_m: Vector to its top-right corner.
+        down_enu_m: Vector to its bottom-left corner.
         texture: ``(h, w, 4)`` BGR and opacity.
     """
 
@@ -44,73 +44,73 @@ class Sprite:
     texture: ImageArray
 
     def distance_m(self, camera_enu_m: FloatArray) -> float:
-        """From the camera to its middle, on the map."""
+        """Horizontal distance from the camera to the middle."""
         return float(np.linalg.norm((self.corner_enu_m + self.right_enu_m / 2 - camera_enu_m)[:2]))
 
     def outline_enu_m(self) -> FloatArray:
-        """Points around the edge, ``(n, 3)``."""
-        steps = np.linspace(0, 1, _EDGE_POINTS, endpoint=False)[:, None]
+        """Points along the edge, ``(n, 3)``."""
+        steps = np.linspace(0, 1, _OUTLINE_POINTS, endpoint=False)[:, None]
         right, down = self.right_enu_m, self.down_enu_m
         sides = [steps * right, right + steps * down, right + down - steps * right, down - steps * down]
         return self.corner_enu_m + np.concatenate(sides)
 
 
 def sprites(world: World, camera_enu_m: FloatArray, time_s: float) -> list[Sprite]:
-    """What to draw, in painter's order: what lies on the ground, then what stands, from far to near."""
-    lying = [_marker(marker) for marker in world.markers]
-    lying += [_shadow(walker, world, time_s) for walker in world.walkers if walker.shadow]
-    standing = [_upright(p.ends_enu_m()[0], p.height_m, p.width_m, camera_enu_m, _post_texture()) for p in world.posts]
-    standing += [
+    """Sprites in painter's order: those on the ground, then upright ones from far to near."""
+    flat = [_marker(marker) for marker in world.markers]
+    flat += [_shadow(walker, world, time_s) for walker in world.walkers if walker.shadow]
+    upright = [_upright(p.ends_enu_m()[0], p.height_m, p.width_m, camera_enu_m, _post_texture()) for p in world.posts]
+    upright += [
         _upright(w.foot_enu_m(time_s), w.height_m, w.width_m, camera_enu_m, _person_texture()) for w in world.walkers
     ]
-    standing += [_wall(wall) for wall in world.walls]
-    standing.sort(key=lambda sprite: -sprite.distance_m(camera_enu_m))
-    return lying + standing
+    upright += [_wall(wall) for wall in world.walls]
+    upright.sort(key=lambda sprite: -sprite.distance_m(camera_enu_m))
+    return flat + upright
 
 
-def draw(image: ImageArray, rays: Rays, camera: Camera, pose: Pose, things: list[Sprite]) -> None:
-    """Draw ``things`` in their order onto ``image (h, w, 3)`` as ``camera`` sees them from ``pose``.
+def draw(image: ImageArray, rays: Rays, camera: Camera, pose: Pose, items: list[Sprite]) -> None:
+    """Draw ``items`` in their order onto ``image (h, w, 3)`` as ``camera`` sees them from ``pose``.
 
     Args:
         image: Written.
         rays: The camera's ray table, see ``shading.shade``.
         camera: The camera.
         pose: Where it is.
-        things: What to draw; those out of view are left out.
+        items: Sprites, in order; those out of view are skipped.
     """
-    if not things:
+    if not items:
         return
     cam_from_enu = matrix(inverse(pose.wxyz))
-    outlines = np.stack([thing.outline_enu_m() for thing in things]) - pose.position_enu_m
-    for thing, pixels in zip(things, pixels_from_rays(camera, outlines @ cam_from_enu.T), strict=True):
+    outlines = np.stack([sprite.outline_enu_m() for sprite in items]) - pose.position_enu_m
+    for sprite, pixels in zip(items, pixels_from_rays(camera, outlines @ cam_from_enu.T), strict=True):
         region = _region(camera, pixels)
         if region is None:
             continue
-        axes = np.column_stack([thing.right_enu_m, thing.down_enu_m, thing.corner_enu_m - pose.position_enu_m])
-        if abs(np.linalg.det(axes)) < _EDGE_ON:
+        axes = np.column_stack([sprite.right_enu_m, sprite.down_enu_m, sprite.corner_enu_m - pose.position_enu_m])
+        if abs(np.linalg.det(axes)) < _MIN_DETERMINANT:
             continue
         area = (region[2] - region[0]) * (region[3] - region[1])
-        samples = _SAMPLES if area < _LARGE_PX else _FEW_SAMPLES
-        stamp(
+        samples = _SAMPLES if area < _LARGE_PX else _SAMPLES_IF_LARGE
+        draw_sprite(
             rays,
             region,
             np.asarray(np.linalg.inv(cam_from_enu @ axes), dtype=np.float64),
-            thing.texture,
+            sprite.texture,
             samples,
             image,
         )
 
 
 def _region(camera: Camera, pixels: FloatArray) -> tuple[int, int, int, int] | None:
-    """Columns and rows (half-open) that an outline ``(n, 2)`` encloses; None where it is out of the image."""
-    seen = pixels[np.all(np.isfinite(pixels), axis=-1)]
-    if len(seen) == 0:
+    """Columns and rows (half-open) that an outline ``(n, 2)`` covers; None if outside the image."""
+    finite_pixels = pixels[np.all(np.isfinite(pixels), axis=-1)]
+    if len(finite_pixels) == 0:
         return None
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    spare = 2 + (high - low) * (0.0 if len(seen) == len(pixels) else 0.1)
+    low, high = finite_pixels.min(axis=0), finite_pixels.max(axis=0)
+    margin = 2 + (high - low) * (0.0 if len(finite_pixels) == len(pixels) else 0.1)
     size = np.array([camera.width_px, camera.height_px])
-    left, top = (int(x) for x in np.floor(np.clip(low - spare, 0, size)))
-    right, bottom = (int(x) for x in np.ceil(np.clip(high + spare + 1, 0, size)))
+    left, top = (int(x) for x in np.floor(np.clip(low - margin, 0, size)))
+    right, bottom = (int(x) for x in np.ceil(np.clip(high + margin + 1, 0, size)))
     return (left, top, right, bottom) if right > left and bottom > top else None
 
 
@@ -137,7 +137,7 @@ def _wall(wall: Wall) -> Sprite:
 
 
 def _shadow(walker: Walker, world: World, time_s: float) -> Sprite:
-    """The shadow on the plane, from the feet away from the sun."""
+    """Shadow of a walker on the plane, from the feet away from the sun."""
     azimuth = world.look.sun_azimuth_rad
     away = -np.array([np.sin(azimuth), np.cos(azimuth), 0.0])
     along = away * walker.height_m / np.tan(world.look.sun_elevation_rad)
@@ -194,24 +194,24 @@ def _shadow_texture() -> ImageArray:
     return texture
 
 
-_SIZE = 1024  # texels of a tile's side
-_ONE = 32  # a texel of one standard deviation; small integers keep the tiles in the processor's cache
+_TILE_TEXELS = 1024  # texels of a tile's side
+_TEXELS_PER_STD = 32  # of a texel; small integers keep the tiles in the processor's cache
 _LEVELS = 9  # from 1024 down to 4 texels; the smallest is all but flat
 _BANK_STEP_M = 0.25
 _BANK_REACH_M = 2500.0
-_NOISE_SLACK_PX = 64
+_NOISE_MARGIN_PX = 64
 _NO_SHORE_M = 1e6
-_LOWEST_M = 0.05
-_TIME = 14  # the only number of a camera's state that is not where it is and looks
+_MIN_HEIGHT_M = 0.05
+_TIME_INDEX = 14  # of the time in a camera's state
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Imaging:
-    """How the camera spoils the image.
+class SensorModel:
+    """Model of the sensor.
 
     Attributes:
         noise_std: Gaussian noise of every channel, in grey levels of 255.
-        seed: Of the noise.
+        seed: Seed of the noise.
     """
 
     noise_std: float = 2.0
@@ -219,7 +219,7 @@ class Imaging:
 
 
 class Renderer:
-    """Renders ``world`` as ``camera`` sees it; the same arguments give the same bytes on the same machine.
+    """Renders ``world`` for ``camera``; deterministic on one machine.
 
     Args:
         camera: The camera, lens distortion included.
@@ -227,13 +227,13 @@ class Renderer:
         imaging: Noise.
     """
 
-    def __init__(self, camera: Camera, world: World, imaging: Imaging | None = None) -> None:
+    def __init__(self, camera: Camera, world: World, sensor: SensorModel | None = None) -> None:
         self.camera = camera
         self.world = world
-        self._imaging = imaging or Imaging()
+        self._sensor = sensor or SensorModel()
         self._rays = _ray_table(camera)
-        self._place: tuple[float, ...] = ()
-        self._still: ImageArray | None = None
+        self._last_state: tuple[float, ...] = ()
+        self._background_image: ImageArray | None = None
         self._wet_rows = slice(0)
         self._river, self._banks = _river_tables(world.river)
         fine, coarse, water = (
@@ -242,12 +242,12 @@ class Renderer:
             _pyramid(3 * world.seed + 2, 6, 0.75),
         )
         self._tiles = (fine.texels, coarse.texels, water.texels, fine.starts)
-        size_px = camera.height_px + _NOISE_SLACK_PX, camera.width_px + _NOISE_SLACK_PX
-        std = self._imaging.noise_std
-        self._noise = None if std == 0 else _sensor_noise(self._imaging.seed, *size_px, std)
+        size_px = camera.height_px + _NOISE_MARGIN_PX, camera.width_px + _NOISE_MARGIN_PX
+        std = self._sensor.noise_std
+        self._noise = None if std == 0 else _sensor_noise(self._sensor.seed, *size_px, std)
 
     def render(self, pose: Pose, time_s: float) -> ImageArray:
-        """The sharp image at ``time_s`` of the flight, noise included.
+        """The sharp image at ``time_s`` of the flight, with noise.
 
         Args:
             pose: The camera, ``()`` batch; one on the ground is lifted by 5 cm.
@@ -256,65 +256,65 @@ class Renderer:
         Returns:
             ``(height, width, 3)`` uint8 BGR; black where the lens model has no inverse.
         """
-        return self._noisy(self._clean(pose, time_s), time_s)
+        return self._with_noise(self._render_without_noise(pose, time_s), time_s)
 
     def render_exposure(self, poses: Sequence[Pose], times_s: Sequence[float]) -> ImageArray:
-        """The mean of the images during an exposure: motion blur; noise is added once, stamped by the first time."""
+        """Mean of images during an exposure (motion blur) with noise of the first time."""
         total = np.zeros((self.camera.height_px, self.camera.width_px, 3), dtype=np.float32)
         for pose, time_s in zip(poses, times_s, strict=True):
-            cv2.accumulate(self._clean(pose, time_s), total)
-        return self._noisy(np.rint(total / len(poses)).astype(np.uint8), times_s[0])
+            cv2.accumulate(self._render_without_noise(pose, time_s), total)
+        return self._with_noise(np.rint(total / len(poses)).astype(np.uint8), times_s[0])
 
-    def _clean(self, pose: Pose, time_s: float) -> ImageArray:
+    def _render_without_noise(self, pose: Pose, time_s: float) -> ImageArray:
         camera = self.camera
         image = np.empty((camera.height_px, camera.width_px, 3), dtype=np.uint8)
         east, north, up = pose.position_enu_m
-        height = max(up, _LOWEST_M)
-        turn = matrix(pose.wxyz).ravel()
-        state = (east, north, height, *turn, 1 / camera.fx_px, 1 / camera.fy_px, time_s, 1 / height)
+        height = max(up, _MIN_HEIGHT_M)
+        rotation = matrix(pose.wxyz).ravel()
+        state = (east, north, height, *rotation, 1 / camera.fx_px, 1 / camera.fy_px, time_s, 1 / height)
         self._background(tuple(map(float, state)), image)
         draw(image, self._rays, camera, pose, sprites(self.world, pose.position_enu_m, time_s))
         return image
 
     def _background(self, state: tuple[float, ...], image: ImageArray) -> None:
-        """Sky, land and water, into an image; of a camera that stands still only where there is water."""
+        """Draw sky, land and water; for a repeated view only the rows with water."""
         look = self.world.look
-        looks = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
-        place = (*state[:_TIME], *state[_TIME + 1 :])
+        appearance = (look.ground_contrast, look.water_contrast, self.world.river.flow_mps)
+        view_state = (*state[:_TIME_INDEX], *state[_TIME_INDEX + 1 :])
         rows = slice(None)
-        if self._still is not None and place == self._place:
-            np.copyto(image, self._still)
+        if self._background_image is not None and view_state == self._last_state:
+            np.copyto(image, self._background_image)
             rows = self._wet_rows
-        wet = shade(self._rays[rows], state, self._river, self._banks, looks, self._tiles, image[rows])
-        if place != self._place:
-            self._still = None
-        elif self._still is None:  # the second time that it looks from there: it may do so again
-            self._still, self._wet_rows = image.copy(), slice(*wet)
-        self._place = place
+        water_rows = shade(self._rays[rows], state, self._river, self._banks, appearance, self._tiles, image[rows])
+        if view_state != self._last_state:
+            self._background_image = None
+        elif self._background_image is None:  # the second render of this view
+            self._background_image, self._wet_rows = image.copy(), slice(*water_rows)
+        self._last_state = view_state
 
-    def _noisy(self, image: ImageArray, time_s: float) -> ImageArray:
+    def _with_noise(self, image: ImageArray, time_s: float) -> ImageArray:
         if self._noise is None:
             return image
-        generator = np.random.default_rng([self._imaging.seed, round(time_s * 1e6) % 2**32])
-        down, right = generator.integers(0, _NOISE_SLACK_PX, 2)
-        cut = self._noise[down : down + image.shape[0], right : right + image.shape[1]]
-        return np.asarray(cv2.add(image, cut, dtype=cv2.CV_8U), dtype=np.uint8)
+        generator = np.random.default_rng([self._sensor.seed, round(time_s * 1e6) % 2**32])
+        down, right = generator.integers(0, _NOISE_MARGIN_PX, 2)
+        noise = self._noise[down : down + image.shape[0], right : right + image.shape[1]]
+        return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
 @lru_cache(maxsize=2)
 def _ray_table(camera: Camera) -> Rays:
-    """``(h, w, 3)`` float32; zero where the lens model has no inverse. Kept: a second of work for 1080p."""
+    """Rays ``(h, w, 3)`` float32, zero where the lens model has no inverse; cached, as it takes a second for 1080p."""
     u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     rays = rays_from_pixels(camera, np.stack([u, v], axis=-1))
     return np.nan_to_num(rays).astype(np.float32)
 
 
 def _river_tables(river: River) -> tuple[RiverFrame, FloatArray]:
-    """Origin, direction and grid; banks and shores ``(n, 4)`` as the shading loop takes them."""
+    """River frame (origin, direction, grid), and banks and shores ``(n, 4)``, for ``shade``."""
     along = np.arange(-_BANK_REACH_M, _BANK_REACH_M, _BANK_STEP_M)
     left, right = river.banks_m(along)
     shore_left, shore_right = river.shores_m(along)
-    # Where there is no island, its shores lie where every point is far to the right of the right one.
+    # Without an island both shores are so far to the left that every point is outside.
     table = np.column_stack([left, right, np.nan_to_num(shore_left, nan=_NO_SHORE_M)])
     table = np.column_stack([table, np.nan_to_num(shore_right, nan=_NO_SHORE_M)])
     head = [*river.origin_en_m, np.sin(river.azimuth_rad), np.cos(river.azimuth_rad), along[0], _BANK_STEP_M]
@@ -323,10 +323,10 @@ def _river_tables(river: River) -> tuple[RiverFrame, FloatArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pyramid:
-    """A square tile that repeats, and its halvings, one after the other.
+    """A periodic square tile with its mipmap levels, one after the other.
 
     Attributes:
-        texels: All levels' values, around 0 with standard deviation ``_ONE``, int8 ``(sum of sizes squared,)``.
+        texels: Values of all levels, of mean 0 and standard deviation ``_TEXELS_PER_STD``, int8 ``(texels,)``.
         starts: ``(_LEVELS,)`` where each level starts.
     """
 
@@ -336,20 +336,20 @@ class _Pyramid:
 
 @lru_cache(maxsize=16)
 def _pyramid(seed: int, octaves: int, roughness: float) -> _Pyramid:
-    """Sum of smooth noises, each half the size and ``roughness`` times the strength of the one before.
+    """Sum of smooth noises, each half the size and ``roughness`` times the strength of the one before, as a pyramid.
 
     Args:
-        seed: Same seed, same tile.
-        octaves: How many, counted from the finest (2 texels).
-        roughness: 1 for the same strength at every scale, below 1 for larger forms to prevail.
+        seed: Seed of the tile.
+        octaves: Number of octaves from the finest (2 texels) on.
+        roughness: 1 for equal strength at every scale; larger forms prevail below 1.
     """
     generator = np.random.default_rng(seed)
-    tile = np.zeros((_SIZE, _SIZE), dtype=np.float32)
+    tile = np.zeros((_TILE_TEXELS, _TILE_TEXELS), dtype=np.float32)
     for octave in range(octaves):
-        cells = _SIZE // 2 ** (octave + 1)
+        cells = _TILE_TEXELS // 2 ** (octave + 1)
         coarse = generator.standard_normal((cells, cells)).astype(np.float32)
         wrapped = cv2.copyMakeBorder(coarse, 2, 2, 2, 2, cv2.BORDER_WRAP)
-        scale = _SIZE // cells
+        scale = _TILE_TEXELS // cells
         smooth = cv2.resize(wrapped, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         tile += roughness ** (octaves - 1 - octave) * smooth[2 * scale : -2 * scale, 2 * scale : -2 * scale]
     levels = [np.asarray((tile - tile.mean()) / tile.std(), dtype=np.float32)]
@@ -359,7 +359,7 @@ def _pyramid(seed: int, octaves: int, roughness: float) -> _Pyramid:
     sizes = [level.size for level in levels]
     values = np.concatenate([level.ravel() for level in levels])
     return _Pyramid(
-        np.rint(np.clip(values * _ONE, -127, 127)).astype(np.int8),
+        np.rint(np.clip(values * _TEXELS_PER_STD, -127, 127)).astype(np.int8),
         np.concatenate([[0], np.cumsum(sizes[:-1])]).astype(int),
     )
 

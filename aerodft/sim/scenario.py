@@ -1,6 +1,6 @@
-"""A whole simulated flight: trajectory, world, camera, telemetry and observers; and its files.
+"""A simulated flight: trajectory, world, camera, telemetry and observers; and its files.
 
-It is generated, or the motion that a recorded autopilot log tells of, taken as the truth.
+It is generated, or the motion in a recorded autopilot log is taken as the truth.
 """
 
 import math
@@ -35,8 +35,8 @@ from aerodft.model import (
     VehicleTrack,
     concatenate_tracks,
 )
-from aerodft.sim.observations import Observing, busiest_stations, pose_document, sightings, write_lines
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.observations import ObserverModel, most_visible_stations, pose_document, sightings, write_lines
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.telemetry import Autopilot, Radio, datagrams, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, heading_wxyz, survey
 from aerodft.sim.video import write_video
@@ -45,24 +45,24 @@ from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished_world
 TrackT = TypeVar("TrackT", bound=Track)
 
 MAX_GAP_NS = SECOND_NS
-_HEADER = {0xFD: 10, 0xFE: 6}
+_HEADER_BYTES = {0xFD: 10, 0xFE: 6}
 
 
 def trajectory_from_log(path: Path) -> Trajectory:
-    """The flight in a telemetry log, one sample for every attitude of the gimbal that has a neighbour in each stream.
+    """Trajectory of a telemetry log, at gimbal attitudes with position and vehicle attitude around them.
 
-    Stamps are UTC: time since boot plus the median of SYSTEM_TIME. Heights are home-relative, so that the plane goes
-    through home, where the ENU origin is.
+    Stamps are UTC: time since boot plus the median of SYSTEM_TIME. Heights are home-relative: the plane goes through
+    home, the ENU origin.
 
     Raises:
         InputError: The file is missing, or not a telemetry log.
         NoAnswerError: The log lacks positions, vehicle attitudes, gimbal attitudes with their own time, or UTC.
     """
     tracks = _tracks_by_kind(path)
-    clock = _whole_track(path, tracks, ClockTrack, "SYSTEM_TIME with UTC")
-    position = _whole_track(path, tracks, PositionTrack, "GLOBAL_POSITION_INT")
-    vehicle = _whole_track(path, tracks, VehicleTrack, "ATTITUDE")
-    gimbal = _whole_track(path, tracks, GimbalTrack, "gimbal attitude")
+    clock = _track_of_kind(path, tracks, ClockTrack, "SYSTEM_TIME with UTC")
+    position = _track_of_kind(path, tracks, PositionTrack, "GLOBAL_POSITION_INT")
+    vehicle = _track_of_kind(path, tracks, VehicleTrack, "ATTITUDE")
+    gimbal = _track_of_kind(path, tracks, GimbalTrack, "gimbal attitude")
     if NO_BOOT_TIME in gimbal.boot_ns:
         expected = "GIMBAL_DEVICE_ATTITUDE_STATUS or MOUNT_ORIENTATION"
         raise NoAnswerError(
@@ -99,29 +99,29 @@ def _tracks_by_kind(path: Path) -> dict[type, list[Track]]:
 
 
 def thin_log(source: Path, target: Path, *, keep_every: int) -> None:
-    """Copy a telemetry log with only every ``keep_every``-th frame of each message; clock and heartbeats are all kept.
+    """Copy a telemetry log with every ``keep_every``-th frame of each message, and all of clock and heartbeat.
 
     Raises:
         InputError: The source is missing, or not a telemetry log.
     """
-    whole = {0, 2}
-    seen: Counter[int] = Counter()
+    always_kept = {0, 2}
+    counts: Counter[int] = Counter()
     with target.open("wb") as file:
         for event in TlogSource(source).events():
             if not isinstance(event, RawBlock):
                 continue
             for arrival, start, length in zip(event.arrival_ns, event.offset, event.length, strict=True):
                 frame = event.data[start : start + length]
-                size = 3 if _HEADER[frame[0]] == _HEADER[0xFD] else 1
-                at = _HEADER[frame[0]] - size
+                size = 3 if _HEADER_BYTES[frame[0]] == _HEADER_BYTES[0xFD] else 1
+                at = _HEADER_BYTES[frame[0]] - size
                 message = int.from_bytes(frame[at : at + size], "little")
-                seen[message] += 1
-                if message in whole or (seen[message] - 1) % keep_every == 0:
+                counts[message] += 1
+                if message in always_kept or (counts[message] - 1) % keep_every == 0:
                     file.write((int(arrival) // 1000).to_bytes(8, "big") + frame)
 
 
-def _whole_track(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT], what: str) -> TrackT:
-    """All rows of one kind (of its first source, where there are several), ascending in time since boot, each once."""
+def _track_of_kind(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT], what: str) -> TrackT:
+    """All rows of one kind (of its first source), ascending in time since boot, without duplicates."""
     parts = [track for track in tracks[kind] if isinstance(track, kind)]
     sources = [track.source for track in parts if isinstance(track, GimbalTrack)]
     parts = [track for track in parts if not isinstance(track, GimbalTrack) or track.source == sources[0]]
@@ -133,25 +133,25 @@ def _whole_track(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT]
 
 
 def _common_stamps(gimbal_ns: IntArray, *others_ns: IntArray) -> tuple[IntArray, IntArray]:
-    """The gimbal's stamps (and their rows) that lie between two samples of all others, at most 1 s apart."""
-    good = gimbal_ns > 0
+    """The gimbal's stamps and rows between two samples of all others that are at most 1 s apart."""
+    is_common = gimbal_ns > 0
     for other in others_ns:
         after = np.clip(np.searchsorted(other, gimbal_ns), 1, len(other) - 1)
-        good &= (other[after - 1] <= gimbal_ns) & (gimbal_ns <= other[after])
-        good &= other[after] - other[after - 1] <= MAX_GAP_NS
-    rows = np.flatnonzero(good)
+        is_common &= (other[after - 1] <= gimbal_ns) & (gimbal_ns <= other[after])
+        is_common &= other[after] - other[after - 1] <= MAX_GAP_NS
+    rows = np.flatnonzero(is_common)
     return gimbal_ns[rows], rows
 
 
 def _bracket(stamps_ns: IntArray, values: FloatArray, at_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The samples ``(n, k)`` before and after ``at_ns (n,)``, and the weight of the later ones."""
+    """Samples ``(n, k)`` before and after ``at_ns (n,)``, and weights of the later ones."""
     after = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
     weight = (at_ns - stamps_ns[after - 1]) / (stamps_ns[after] - stamps_ns[after - 1])
     return values[after - 1], values[after], weight
 
 
 def _home_and_positions(position: PositionTrack) -> tuple[GeoOrigin, FloatArray]:
-    """Home (the first fix, on the home-relative height's datum) and the positions in its ENU, ``(n, 3)``."""
+    """Home (the first fix, at the datum of home-relative heights) and positions ``(n, 3)`` in its ENU."""
     home = GeoOrigin(
         lat_rad=float(position.lat_rad[0]),
         lon_rad=float(position.lon_rad[0]),
@@ -166,32 +166,32 @@ EPOCH_NS = 1_795_221_278 * SECOND_NS
 
 STATIONS = 3
 _CAMERA, _TRUTH = "camera.toml", "truth.jsonl"
-_ATLAS_REACH_M, _ATLAS_STEP_M = 400.0, 2.0  # of the banks on the map
+_MAP_REACH_M, _MAP_STEP_M = 400.0, 2.0  # of the banks on the map
 _EXPOSURE_SAMPLES = 5
-_AIRBORNE_M = 5.0
+_MIN_FLIGHT_HEIGHT_M = 5.0
 _HOME_FROM_RIVER_M = 26.0
 
 Progress = Callable[[int, int], None]
-"""Told how many images of how many are done."""
+"""Called with the numbers of finished and of all images."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scenario:
-    """Everything that a simulated flight depends on.
+    """All parameters of a simulated flight.
 
     Attributes:
         camera: The camera.
-        world: What it flies over.
-        trajectory: How it flies.
-        image_stamps_ns: ``(n,)`` when images are taken, host UTC.
-        fps: Their nominal rate.
-        autopilot: What the telemetry says.
-        radio: What becomes of it on the way.
-        imaging: How the image is spoilt.
+        world: The world.
+        trajectory: The true motion.
+        image_stamps_ns: ``(n,)`` stamps of the images, host UTC.
+        fps: Nominal rate of the images.
+        autopilot: Message rates and errors of the telemetry.
+        radio: Delays and losses of the telemetry.
+        imaging: The camera's sensor.
         exposure_ns: Exposure of an image, for motion blur; 0 is sharp.
-        observing: What is observed.
-        log: The telemetry log that the flight was taken from; None for a generated flight.
-        thin: Of that log's frames, every how many are kept.
+        observing: The observer.
+        log: Telemetry log that the trajectory is from; None for a generated flight.
+        thin: Every how many frames of that log are kept.
     """
 
     camera: Camera
@@ -201,24 +201,24 @@ class Scenario:
     fps: float
     autopilot: Autopilot = field(default_factory=Autopilot)
     radio: Radio = field(default_factory=Radio)
-    imaging: Imaging = field(default_factory=Imaging)
+    imaging: SensorModel = field(default_factory=SensorModel)
     exposure_ns: int = 0
-    observing: Observing = field(default_factory=Observing)
+    observing: ObserverModel = field(default_factory=ObserverModel)
     log: Path | None = None
     thin: int = 1
 
     def shifted(self, by_ns: int) -> "Scenario":
-        """The flight, later by so much."""
+        """The flight delayed by ``by_ns``."""
         return replace(self, trajectory=self.trajectory.shifted(by_ns), image_stamps_ns=self.image_stamps_ns + by_ns)
 
     def images(self) -> Iterator[tuple[int, ImageArray]]:
-        """``(stamp_ns, (h, w, 3) uint8 BGR)`` of every image, rendered as they are asked for."""
+        """``(stamp_ns, (h, w, 3) uint8 BGR)`` of every image, rendered lazily."""
         renderer = Renderer(self.camera, self.world, self.imaging)
         for stamp in self.image_stamps_ns.tolist():
-            yield stamp, self._exposed(renderer, stamp)
+            yield stamp, self._render_image(renderer, stamp)
 
-    def _exposed(self, renderer: Renderer, stamp_ns: int) -> ImageArray:
-        """The stamp is the middle of the exposure."""
+    def _render_image(self, renderer: Renderer, stamp_ns: int) -> ImageArray:
+        """The image at a stamp, which is the middle of the exposure."""
         if self.exposure_ns == 0:
             time_s = (stamp_ns - self.trajectory.start_ns) / SECOND_NS
             return renderer.render(self.trajectory.pose(stamp_ns), time_s)
@@ -229,7 +229,7 @@ class Scenario:
 
 
 def default_camera(width_px: int, height_px: int) -> Camera:
-    """62 degrees wide, square pixels, mild distortion."""
+    """A camera 62 degrees wide with square pixels and mild distortion."""
     focal_px = width_px / 2 / float(np.tan(np.radians(31.0)))
     return Camera.of_focal(
         name=f"simulated {width_px}x{height_px}",
@@ -243,12 +243,12 @@ def default_camera(width_px: int, height_px: int) -> Camera:
 def survey_scenario(
     camera: Camera, *, duration_s: float = 20.0, fps: float = 10.0, height_m: float = 40.0, seed: int = 1
 ) -> Scenario:
-    """A survey of the default river from a home on its left bank."""
+    """A survey flight along the default river from a home on its left bank."""
     river = River(origin_en_m=(0.0, -_HOME_FROM_RIVER_M))
     trajectory = survey(river, origin=DEFAULT_ORIGIN, duration_s=duration_s, height_m=height_m, start_ns=EPOCH_NS)
     step_ns = round(SECOND_NS / fps)
     stamps = np.arange(trajectory.start_ns, trajectory.end_ns, step_ns, dtype=np.int64)
-    return _with_busiest_stations(
+    return _with_visible_stations(
         Scenario(
             camera=camera,
             world=furnished_world(river, seed=seed),
@@ -257,8 +257,8 @@ def survey_scenario(
             fps=fps,
             autopilot=Autopilot(seed=seed),
             radio=Radio(seed=seed),
-            imaging=Imaging(seed=seed),
-            observing=Observing(seed=seed),
+            imaging=SensorModel(seed=seed),
+            observing=ObserverModel(seed=seed),
         )
     )
 
@@ -273,40 +273,40 @@ def scenario_from_log(
     thin: int = 1,
     river: River | None = None,
 ) -> Scenario:
-    """A recorded flight over a river, an image at every sample of the gimbal.
+    """A recorded flight over a river, with an image at every gimbal sample.
 
     Args:
         camera: The camera.
         log: Telemetry log (.tlog).
-        interval_s: How long after the log's first sample images begin, and for how long; None for the rest.
-        fps: Take images at samples only about this often; None for all.
-        seed: Of everything random.
-        thin: Of the log's frames, every how many are kept in the written log.
-        river: Where the river is, in ENU from home; None lays one along the flight's ground track.
+        interval_s: Start after the log's first sample, and duration; None for the rest.
+        fps: Approximate rate of images; None for one at every sample.
+        seed: Seed of everything random.
+        thin: Every how many of the log's frames are kept in the written log.
+        river: The river, in ENU from home; None for one along the flight's ground track.
 
     Raises:
         InputError: The log cannot be read.
-        NoAnswerError: The log tells no flight, or none in this interval.
+        NoAnswerError: The log has no flight, or none in this interval.
     """
-    whole = trajectory_from_log(log)
-    trajectory = _part(whole, interval_s, log)
+    trajectory_of_log = trajectory_from_log(log)
+    trajectory = _cut_interval(trajectory_of_log, interval_s, log)
     rate_hz = SECOND_NS / float(np.median(np.diff(trajectory.stamp_ns)))
     step = 1 if fps is None else max(round(rate_hz / fps), 1)
     scenario = Scenario(
         camera=camera,
-        world=furnished_world(river or _along_track(whole), origin=whole.origin, seed=seed),
+        world=furnished_world(river or _along_track(trajectory_of_log), origin=trajectory_of_log.origin, seed=seed),
         trajectory=trajectory,
         image_stamps_ns=trajectory.stamp_ns[::step],
         fps=rate_hz / step,
-        imaging=Imaging(seed=seed),
-        observing=Observing(seed=seed),
+        imaging=SensorModel(seed=seed),
+        observing=ObserverModel(seed=seed),
         log=log,
         thin=thin,
     )
-    return _with_busiest_stations(scenario)
+    return _with_visible_stations(scenario)
 
 
-def _part(whole: Trajectory, interval_s: tuple[float, float | None], log: Path) -> Trajectory:
+def _cut_interval(whole: Trajectory, interval_s: tuple[float, float | None], log: Path) -> Trajectory:
     start_s, duration_s = interval_s
     start_ns = whole.start_ns + round(start_s * SECOND_NS)
     end_ns = whole.end_ns + 1 if duration_s is None else start_ns + round(duration_s * SECOND_NS)
@@ -319,16 +319,16 @@ def _part(whole: Trajectory, interval_s: tuple[float, float | None], log: Path) 
     return trajectory
 
 
-def _with_busiest_stations(scenario: Scenario) -> Scenario:
+def _with_visible_stations(scenario: Scenario) -> Scenario:
     sample = scenario.image_stamps_ns[:: max(len(scenario.image_stamps_ns) // 200, 1)]
-    stations = busiest_stations(scenario.world, scenario.camera, scenario.trajectory, sample, STATIONS)
+    stations = most_visible_stations(scenario.world, scenario.camera, scenario.trajectory, sample, STATIONS)
     return replace(scenario, observing=replace(scenario.observing, stations_m=stations))
 
 
 def _along_track(trajectory: Trajectory) -> River:
-    """A river under the flight: along the longest stretch of its ground track."""
+    """A river along the main direction of the flight's ground track."""
     up = trajectory.position_enu_m[:, 2]
-    track = trajectory.position_enu_m[up > min(_AIRBORNE_M, float(up.max())) - 1e-9, :2]
+    track = trajectory.position_enu_m[up > min(_MIN_FLIGHT_HEIGHT_M, float(up.max())) - 1e-9, :2]
     middle = track.mean(axis=0)
     direction: FloatArray = np.linalg.svd(track - middle, full_matrices=False)[2][0]
     return River(
@@ -349,24 +349,24 @@ def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progres
         raise InputError("is no simulated flight", where=folder, got=f"a {_CAMERA} in it", hint="choose another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write(scenario, folder)
+        _write_tables(scenario, folder)
         if video:
             write_video(folder / "video.mp4", images_with_progress(scenario, progress), fps=scenario.fps)
     except OSError as error:
         raise InputError("cannot be written", where=folder, got=error.strerror, hint="choose another folder") from None
 
 
-def _write(scenario: Scenario, folder: Path) -> None:
-    """Write everything but the video."""
+def _write_tables(scenario: Scenario, folder: Path) -> None:
+    """Write all files but the video."""
     world, trajectory, stamps_ns = scenario.world, scenario.trajectory, scenario.image_stamps_ns.tolist()
     if scenario.log is None:
-        arrived = through_radio(datagrams(trajectory, scenario.autopilot), scenario.radio)
-        write_tlog(folder / "flight.tlog", arrived)
+        received = through_radio(datagrams(trajectory, scenario.autopilot), scenario.radio)
+        write_tlog(folder / "flight.tlog", received)
     else:
         thin_log(scenario.log, folder / "flight.tlog", keep_every=scenario.thin)
-    seen = list(sightings(world, scenario.camera, trajectory, stamps_ns, scenario.observing))
-    write_lines(folder / "observations.jsonl", (each.observation_line() for each in seen))
-    write_lines(folder / _TRUTH, (each.truth_line() for each in seen))
+    all_sightings = list(sightings(world, scenario.camera, trajectory, stamps_ns, scenario.observing))
+    write_lines(folder / "observations.jsonl", (each.observation_line() for each in all_sightings))
+    write_lines(folder / _TRUTH, (each.truth_line() for each in all_sightings))
     poses = ({"stamp_ns": str(stamp), "pose": pose_document(trajectory.pose(stamp))} for stamp in stamps_ns)
     write_lines(folder / "poses.jsonl", map(orjson.dumps, poses))
     (folder / _CAMERA).write_text(tomli_w.dumps(camera_document(scenario.camera)))
@@ -374,7 +374,7 @@ def _write(scenario: Scenario, folder: Path) -> None:
 
 
 def images_with_progress(scenario: Scenario, progress: Progress | None) -> Iterator[tuple[int, ImageArray]]:
-    """The images of ``scenario``, with ``progress`` called after each."""
+    """The images of ``scenario``; ``progress`` is called after each."""
     total = len(scenario.image_stamps_ns)
     for done, image in enumerate(scenario.images()):
         yield image
@@ -383,8 +383,8 @@ def images_with_progress(scenario: Scenario, progress: Progress | None) -> Itera
 
 
 def _world_document(world: World) -> dict[str, Any]:
-    """A FeatureCollection; its member ``origin`` is the ENU origin."""
-    along = np.arange(-_ATLAS_REACH_M, _ATLAS_REACH_M + _ATLAS_STEP_M, _ATLAS_STEP_M)
+    """A GeoJSON FeatureCollection whose member ``origin`` is the ENU origin."""
+    along = np.arange(-_MAP_REACH_M, _MAP_REACH_M + _MAP_STEP_M, _MAP_STEP_M)
     features = [
         _feature(world, name, "LineString", world.river.enu(along, across))
         for name, across in zip(("bank-left", "bank-right"), world.river.banks_m(along), strict=True)
@@ -394,8 +394,8 @@ def _world_document(world: World) -> dict[str, Any]:
         left, right = (world.river.enu(stations, across) for across in world.river.shores_m(stations))
         features.append(_feature(world, f"island-{index}", "LineString", np.concatenate([left, right[::-1], left[:1]])))
     for marker in world.markers:
-        own = {"side_m": marker.side_m, "corners_enu_m": marker.corners_enu_m().tolist()}
-        features.append(_feature(world, f"marker-{marker.id}", "Point", marker.centre_enu_m, own))
+        properties = {"side_m": marker.side_m, "corners_enu_m": marker.corners_enu_m().tolist()}
+        features.append(_feature(world, f"marker-{marker.id}", "Point", marker.centre_enu_m, properties))
     features += [
         _feature(world, post.name, "Point", post.ends_enu_m()[0], {"height_m": post.height_m}) for post in world.posts
     ]
@@ -414,7 +414,7 @@ def _world_document(world: World) -> dict[str, Any]:
 def _feature(
     world: World, name: str, kind: str, points_enu_m: FloatArray, properties: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """A line of points ``(n, 3)``, or a point ``(3,)``, at longitude and latitude (deg)."""
+    """A GeoJSON feature: a line of points ``(n, 3)`` or a point ``(3,)``, at longitude and latitude (deg)."""
     coordinates = np.degrees(lat_lon(world.origin, points_enu_m[..., :2]))[..., ::-1].tolist()
     return {
         "type": "Feature",

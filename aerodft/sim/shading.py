@@ -1,4 +1,4 @@
-"""The hot loop of the renderer: every pixel's ray to the plane, and what lies there."""
+"""Compiled loops of the renderer: intersect every pixel's ray with the plane, and shade it."""
 
 from typing import TypeAlias
 
@@ -14,22 +14,22 @@ Texels: TypeAlias = npt.NDArray[np.int8]
 # Tuples, not arrays: their elements stay in registers throughout the loop.
 CameraState: TypeAlias = tuple[float, ...]
 RiverFrame: TypeAlias = tuple[float, ...]
-Look: TypeAlias = tuple[float, float, float]
+Appearance: TypeAlias = tuple[float, float, float]
 Tiles: TypeAlias = tuple[Texels, Texels, Texels, IntArray]
 
 _FINE_PER_M = 1 / 0.012
 _COARSE_PER_M = 1 / 0.192
 _WATER_PER_M = 1 / 0.03
-_COARSER = -4.0  # pyramid levels between the two ground textures
-_LOG_SIZE = 10
-_SIZE = 1 << _LOG_SIZE
+_LEVEL_OFFSET = -4.0  # pyramid levels between the two ground textures
+_LOG2_TILE_TEXELS = 10
+_TILE_TEXELS = 1 << _LOG2_TILE_TEXELS
 _LAST_LEVEL = 8
-_HORIZON = 1e-3
+_MIN_DOWN = 1e-3
 _NO_SHORE_M = 1e5
-_FINE_SHARE = 0.13 / 32  # of the brightness, by one standard deviation of a texel
-_ROUGH_SHARE = 0.12 / 32
-_WAVE_SHARE = 0.09 / 32
-_GREENNESS = 0.45 / 32
+_FINE_AMPLITUDE = 0.13 / 32  # of the brightness, by one standard deviation of a texel
+_COARSE_AMPLITUDE = 0.12 / 32
+_WAVE_AMPLITUDE = 0.09 / 32
+_GREEN_AMPLITUDE = 0.45 / 32
 HAZE_PER_M2 = 1 / 3000.0**2
 SKY = (235.0, 215.0, 190.0)
 _SOIL = (84.0, 128.0, 152.0)
@@ -40,7 +40,7 @@ _WATER = (104.0, 82.0, 52.0)
 @njit_inline
 def _texel(texels: Texels, start: int, level: int, x: float, y: float) -> float:
     """Bilinear value of the level that begins at ``start``, at ``x, y`` (in texels of level 0)."""
-    mask, shift = (_SIZE >> level) - 1, _LOG_SIZE - level
+    mask, shift = (_TILE_TEXELS >> level) - 1, _LOG2_TILE_TEXELS - level
     scale = 1.0 / (1 << level)
     fx = x * scale - 0.5
     fy = y * scale - 0.5
@@ -50,7 +50,7 @@ def _texel(texels: Texels, start: int, level: int, x: float, y: float) -> float:
     x0, x1 = ix & mask, (ix + 1) & mask
     row0 = start + ((iy & mask) << shift)
     row1 = start + (((iy + 1) & mask) << shift)
-    # Indices without a sign need no look whether they count from the end: a third of the time.
+    # Unsigned indices skip numba's check for negative ones: a third of the time.
     top = texels[np.uint64(row0 + x0)] * (1 - wx) + texels[np.uint64(row0 + x1)] * wx
     bottom = texels[np.uint64(row1 + x0)] * (1 - wx) + texels[np.uint64(row1 + x1)] * wx
     return float(top + wy * (bottom - top))
@@ -58,7 +58,7 @@ def _texel(texels: Texels, start: int, level: int, x: float, y: float) -> float:
 
 @njit_inline
 def sample(texels: Texels, starts: IntArray, x: float, y: float, level: float) -> float:
-    """Value at ``x, y`` (in texels of level 0), between the two pyramid levels around ``level``."""
+    """Trilinear value at ``x, y`` (in texels of level 0), between the two pyramid levels around ``level``."""
     if level >= _LAST_LEVEL:
         return 0.0
     if level <= 0.0:
@@ -70,7 +70,7 @@ def sample(texels: Texels, starts: IntArray, x: float, y: float, level: float) -
 
 @njit_inline
 def gap_to_bank(a: float, y: float, banks: FloatArray, first: float, spacing: float) -> tuple[float, float]:
-    """How far the bank is (m across, above 0 in the water), and the bank's slope there.
+    """Distance across to the nearest bank or shore (m, positive in water), and that curve's slope.
 
     Args:
         a: Station (m).
@@ -96,26 +96,26 @@ def gap_to_bank(a: float, y: float, banks: FloatArray, first: float, spacing: fl
 
 @njit_inline
 def paint_sky(rays: Rays, v: int, u: int, image: ImageArray) -> None:
-    """The sky, or black where the lens sees nothing."""
+    """Paint the sky, or black where the lens has no ray."""
     is_seen = rays[v, u, 0] != 0 or rays[v, u, 1] != 0 or rays[v, u, 2] != 0
     for k in range(3):
         image[v, u, k] = np.uint8(SKY[k]) if is_seen else np.uint8(0)
 
 
 @njit_inline
-def ground_seen(
+def trace_ground(
     rays: Rays, v: int, u: int, camera: CameraState, river: RiverFrame
 ) -> tuple[float, float, float, tuple[float, float, float, float], float, float, float]:
-    """What lies on a pixel's ray.
+    """Intersect a pixel's ray with the plane.
 
     Returns:
-        How often the ray goes into the way there, 0 for the sky; east and north from the camera (m); how far the place
-        moves east and north by one pixel right, and by one down; the pixel's footprint (m); along and across
-        coordinates in the river (m).
+        Length of the ray in its own units, 0 for the sky; east and north from the camera (m); derivatives of east and
+        north by a pixel to the right and by one down; the pixel's footprint (m); along and across coordinates in the
+        river (m).
     """
     x, y, z = float(rays[v, u, 0]), float(rays[v, u, 1]), float(rays[v, u, 2])
     up = camera[9] * x + camera[10] * y + camera[11] * z
-    if up > -_HORIZON:
+    if up > -_MIN_DOWN:
         return 0.0, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
     reach = -camera[2] / up
     east = reach * (camera[3] * x + camera[4] * y + camera[5] * z)
@@ -135,7 +135,7 @@ def ground_seen(
 
 
 @njit_inline
-def wetness(
+def water_fraction(
     along: float,
     across: float,
     motion: tuple[float, float, float, float],
@@ -143,7 +143,7 @@ def wetness(
     banks: FloatArray,
     river: RiverFrame,
 ) -> float:
-    """Share of a pixel that is water."""
+    """Fraction of a pixel that is water."""
     gap, slope = gap_to_bank(along, across, banks, river[4], river[5])
     if abs(gap) > (2.0 + 2.0 * abs(slope)) * footprint:
         return 0.0 if gap < 0 else 1.0
@@ -158,7 +158,7 @@ def _water(tile: Texels, starts: IntArray, along: float, across: float, footprin
     """Brightness of the water, 1 on average."""
     level = np.log2(footprint * _WATER_PER_M)
     wave = sample(tile, starts, along * _WATER_PER_M, across * _WATER_PER_M, level)
-    return 1.0 + contrast * _WAVE_SHARE * wave
+    return 1.0 + contrast * _WAVE_AMPLITUDE * wave
 
 
 @njit_inline
@@ -171,18 +171,18 @@ def _land(
     footprint: float,
     contrast: float,
 ) -> tuple[float, float]:
-    """Brightness of the land (1 on average) and how green it is (0 to 1)."""
+    """Brightness of the land (1 on average) and its greenness (0 to 1)."""
     level = np.log2(footprint * _FINE_PER_M)
     fine = sample(fine_tile, starts, east * _FINE_PER_M, north * _FINE_PER_M, level)
-    level += _COARSER
+    level += _LEVEL_OFFSET
     rough = sample(coarse_tile, starts, east * _COARSE_PER_M, north * _COARSE_PER_M, level)
-    green = min(max(0.5 + contrast * _GREENNESS * rough, 0.0), 1.0)
-    return 1.0 + contrast * (_FINE_SHARE * fine + _ROUGH_SHARE * rough), green
+    green = min(max(0.5 + contrast * _GREEN_AMPLITUDE * rough, 0.0), 1.0)
+    return 1.0 + contrast * (_FINE_AMPLITUDE * fine + _COARSE_AMPLITUDE * rough), green
 
 
 @njit_inline
-def _paint(image: ImageArray, v: int, u: int, wet: float, lights: tuple[float, float, float], clear: float) -> None:
-    """Mix land (brightness, greenness) and water (brightness) and haze into one pixel."""
+def _mix_pixel(image: ImageArray, v: int, u: int, wet: float, lights: tuple[float, float, float], clear: float) -> None:
+    """Mix land (brightness, greenness), water (brightness) and haze into one pixel."""
     land, green, water = lights
     for k in range(3):
         ground = land * (_SOIL[k] + green * (_GRASS[k] - _SOIL[k]))
@@ -197,7 +197,7 @@ def shade(
     camera: CameraState,
     river: RiverFrame,
     banks: FloatArray,
-    look: Look,
+    look: Appearance,
     tiles: Tiles,
     image: ImageArray,
 ) -> tuple[int, int]:
@@ -214,32 +214,32 @@ def shade(
         image: ``(h, w, 3)`` BGR, written.
 
     Returns:
-        The first row that shows water, and the one after the last: no other changes with the time.
+        First row with water and the end of the rows: no other row changes with time.
     """
     first_wet, end_wet = rays.shape[0], 0
     fine_tile, coarse_tile, water_tile, starts = tiles
     for v in range(rays.shape[0]):
         for u in range(rays.shape[1]):
-            reach, east, north, motion, footprint, along, across = ground_seen(rays, v, u, camera, river)
+            reach, east, north, motion, footprint, along, across = trace_ground(rays, v, u, camera, river)
             if reach == 0.0:
                 paint_sky(rays, v, u, image)
                 continue
             east += camera[0]
             north += camera[1]
-            wet = wetness(along, across, motion, footprint, banks, river)
+            wet = water_fraction(along, across, motion, footprint, banks, river)
             land, green, water = 1.0, 0.5, 1.0
             if wet < 1.0:
                 land, green = _land(fine_tile, coarse_tile, starts, east, north, footprint, look[0])
             if wet > 0.0:
                 first_wet, end_wet = min(first_wet, v), v + 1
                 water = _water(water_tile, starts, along - look[2] * camera[14], across, footprint, look[1])
-            _paint(image, v, u, wet, (land, green, water), 1.0 / (1.0 + reach * reach * HAZE_PER_M2))
+            _mix_pixel(image, v, u, wet, (land, green, water), 1.0 / (1.0 + reach * reach * HAZE_PER_M2))
     return first_wet, end_wet
 
 
 @njit_inline
-def _planar(rays: Rays, v: int, u: int, dv: float, du: float, planar: FloatArray) -> tuple[float, float, float]:
-    """``planar`` times the ray that is ``dv, du`` pixels off a pixel's centre: linear between the neighbours' rays."""
+def _project(rays: Rays, v: int, u: int, dv: float, du: float, planar: FloatArray) -> tuple[float, float, float]:
+    """Coordinates ``planar @ ray`` of the ray ``dv, du`` pixels off a pixel's centre, linear between neighbours."""
     u0, v0 = max(u - 1, 0), max(v - 1, 0)
     u1, v1 = min(u + 1, rays.shape[1] - 1), min(v + 1, rays.shape[0] - 1)
     across, down = du / max(u1 - u0, 1), dv / max(v1 - v0, 1)
@@ -253,7 +253,7 @@ def _planar(rays: Rays, v: int, u: int, dv: float, du: float, planar: FloatArray
 
 
 @njit
-def stamp(
+def draw_sprite(
     rays: Rays,
     region: tuple[int, int, int, int],
     planar: FloatArray,
@@ -279,7 +279,7 @@ def stamp(
             blue, green, red, opacity = 0.0, 0.0, 0.0, 0.0
             for j in range(samples):
                 for i in range(samples):
-                    x, y, s = _planar(rays, v, u, (j + 0.5) / samples - 0.5, (i + 0.5) / samples - 0.5, planar)
+                    x, y, s = _project(rays, v, u, (j + 0.5) / samples - 0.5, (i + 0.5) / samples - 0.5, planar)
                     if s > 0 and 0 <= x < s and 0 <= y < s:
                         texel = texture[int(y / s * rows), int(x / s * columns)]
                         blue += float(texel[0]) * texel[3]

@@ -1,4 +1,4 @@
-"""The simulated autopilot and the radio between it and the receiver: true motion in, late and wrong MAVLink out."""
+"""The simulated autopilot's MAVLink with biases and noise, and the radio that delays and loses it."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -31,11 +31,11 @@ DEFAULT_RATES_HZ = {
     "GIMBAL_DEVICE_ATTITUDE_STATUS": 20.0,
 }
 _MILLISECOND_NS = 1_000_000
-_HOLD_NS = 30 * _MILLISECOND_NS  # that a datagram is held back
+_REORDER_DELAY_NS = 30 * _MILLISECOND_NS  # of a datagram that is reordered
 
 
-def drawn_biases(std: PoseStd, seed: int) -> BiasValues:
-    """One flight's biases, normally distributed with these stds."""
+def draw_biases(std: PoseStd, seed: int) -> BiasValues:
+    """Biases of one flight, drawn from normal distributions with these stds."""
     height, tilt, pan, roll, heading = np.random.default_rng(seed).standard_normal(5).tolist()
     return BiasValues(
         height_m=height * std.height_agl_m,
@@ -48,18 +48,18 @@ def drawn_biases(std: PoseStd, seed: int) -> BiasValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autopilot:
-    """How the simulated autopilot speaks, and how wrong it is.
+    """Message rates and errors of the simulated autopilot.
 
     Attributes:
-        rates_hz: Messages by name; left out or 0 is not sent.
-        biases: What is said minus what is true, the same for a whole flight: height, tilt, pan, roll, heading.
+        rates_hz: Rates by message name; absent or 0 is not sent.
+        biases: Reported minus true values, constant over a flight: height, tilt, pan, roll, heading.
         noise: White noise of every sample: height, horizontal, tilt/pan/roll (of the gimbal), heading.
-        gimbal_lag_ns: The gimbal's reports are demands that the camera reaches this much later.
+        gimbal_lag_ns: Lag of the camera behind the gimbal's reports, which are demands.
         clock_offset_ns: The autopilot's UTC minus the host's.
         booted_ns: Time since boot at the flight's start.
-        mavlink1: MAVLink 1 frames; then the gimbal needs MOUNT_STATUS in ``rates_hz``.
+        mavlink1: Whether to send MAVLink 1; then the gimbal needs MOUNT_STATUS in ``rates_hz``.
         system: MAVLink system id.
-        seed: Of the noise.
+        seed: Seed of the noise.
     """
 
     rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(DEFAULT_RATES_HZ))
@@ -75,16 +75,16 @@ class Autopilot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Radio:
-    """What happens to datagrams on their way.
+    """Delays and losses of datagrams on a radio link.
 
     Attributes:
         latency_ns: Delay of every datagram.
         jitter_ns: Standard deviation of a further delay, which is never negative.
-        drop: Share that is lost.
-        duplicate: Share that arrives twice.
-        reorder: Share that is held back behind later ones.
-        outages_ns: Intervals ``(start, end)`` since the flight's start, in which nothing is sent.
-        seed: Of all chances.
+        drop: Fraction that is lost.
+        duplicate: Fraction that arrives twice.
+        reorder: Fraction that arrives behind later ones.
+        outages_ns: Intervals ``(start, end)`` since the flight's start in which all is lost.
+        seed: Seed of all random choices.
     """
 
     latency_ns: int = 0
@@ -105,8 +105,8 @@ class Datagram:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class State:
-    """One instant as the autopilot reports it, its errors included.
+class ReportedState:
+    """The vehicle's state at one instant as the autopilot reports it, with errors.
 
     Attributes:
         boot_ms: Time since boot.
@@ -114,11 +114,11 @@ class State:
         lat_lon_rad: ``(2,)`` WGS84.
         alt_msl_m: Altitude.
         height_home_m: Above home.
-        height_agl_m: What looks at the ground itself (rangefinder, terrain) says.
+        height_agl_m: By sensors of the ground itself (rangefinder, terrain).
         velocity_ned_mps: ``(3,)``.
         ned_wxyz_body: ``(4,)``.
         rate_body_radps: ``(3,)``.
-        level_wxyz_gimbal: ``(4,)`` against the horizon and the vehicle's heading.
+        level_wxyz_gimbal: ``(4,)`` relative to the horizon and the vehicle's heading.
     """
 
     boot_ms: int
@@ -139,13 +139,13 @@ class State:
 
     @property
     def lat_lon_dege7(self) -> tuple[int, int]:
-        """The sample in MAVLink's integers."""
+        """Latitude and longitude in MAVLink's integers."""
         lat, lon = np.rint(np.degrees(self.lat_lon_rad) * 1e7).astype(int).tolist()
         return lat, lon
 
 
 def datagrams(trajectory: Trajectory, autopilot: Autopilot) -> list[Datagram]:
-    """Everything that the autopilot sends during the flight, one frame a datagram, in order of sending.
+    """All datagrams that the autopilot sends during the flight, one frame each, in order.
 
     Messages are sampled at whole milliseconds of the time since boot and sent at once.
     """
@@ -171,28 +171,28 @@ def _schedule(trajectory: Trajectory, rates_hz: Mapping[str, float]) -> list[tup
     return sorted(schedule)
 
 
-def _states(trajectory: Trajectory, autopilot: Autopilot, stamps_ns: np.ndarray) -> list[State]:
+def _states(trajectory: Trajectory, autopilot: Autopilot, stamps_ns: np.ndarray) -> list[ReportedState]:
     generator = np.random.default_rng([autopilot.seed, 1])
     noise, biases, count = autopilot.noise, autopilot.biases, len(stamps_ns)
-    at = trajectory.sampled(stamps_ns)
+    truth = trajectory.at(stamps_ns)
     velocity = trajectory.velocity_enu_mps()
     rate = trajectory.body_rate_radps()
     row = np.clip(np.searchsorted(trajectory.stamp_ns, stamps_ns), 0, len(trajectory.stamp_ns) - 1)
-    horizontal = at.position_enu_m[:, :2] + noise.horizontal_m * generator.standard_normal((count, 2))
+    horizontal = truth.position_enu_m[:, :2] + noise.horizontal_m * generator.standard_normal((count, 2))
     positions = lat_lon(trajectory.origin, horizontal)
-    up = at.position_enu_m[:, 2]
+    up = truth.position_enu_m[:, 2]
     home = up + biases.height_m + noise.height_agl_m * generator.standard_normal(count)
-    turn = biases.heading_rad + noise.heading_rad * generator.standard_normal(count)
-    body = multiply(from_rotation_vector(turn[:, None] * np.array([0.0, 0.0, 1.0])), at.ned_wxyz_body)
+    heading_error = biases.heading_rad + noise.heading_rad * generator.standard_normal(count)
+    body = multiply(from_rotation_vector(heading_error[:, None] * np.array([0.0, 0.0, 1.0])), truth.ned_wxyz_body)
     # Camera axes x, y, z are the gimbal's y, z, x.
     bias = np.array([biases.roll_rad, biases.tilt_rad, biases.pan_rad])
-    wobble = np.array([noise.roll_rad, noise.tilt_rad, noise.pan_rad]) * generator.standard_normal((count, 3))
-    demand = trajectory.sampled(stamps_ns + autopilot.gimbal_lag_ns).level_wxyz_gimbal
-    gimbal = multiply(demand, from_rotation_vector(bias + wobble))
+    gimbal_noise = np.array([noise.roll_rad, noise.tilt_rad, noise.pan_rad]) * generator.standard_normal((count, 3))
+    demand = trajectory.at(stamps_ns + autopilot.gimbal_lag_ns).level_wxyz_gimbal
+    gimbal = multiply(demand, from_rotation_vector(bias + gimbal_noise))
     elapsed = stamps_ns - trajectory.start_ns
     ground_msl_m = trajectory.origin.alt_msl_m or 0.0
     return [
-        State(
+        ReportedState(
             boot_ms=int((elapsed[i] + autopilot.booted_ns) // _MILLISECOND_NS),
             unix_us=int(stamps_ns[i] + autopilot.clock_offset_ns) // 1000,
             lat_lon_rad=positions[i],
@@ -208,34 +208,34 @@ def _states(trajectory: Trajectory, autopilot: Autopilot, stamps_ns: np.ndarray)
     ]
 
 
-def through_radio(sent: list[Datagram], radio: Radio) -> list[Datagram]:
-    """What comes out of the radio, in order of arrival; outages count from the first datagram."""
-    if not sent:
+def through_radio(datagrams_sent: list[Datagram], radio: Radio) -> list[Datagram]:
+    """Datagrams after the radio, in order of arrival; outages count from the first datagram."""
+    if not datagrams_sent:
         return []
     generator = np.random.default_rng([radio.seed, 2])
-    start_ns = sent[0].due_ns
+    start_ns = datagrams_sent[0].due_ns
     arrived = []
-    for datagram in sent:
-        lost, twice, held = generator.random(3) < (radio.drop, radio.duplicate, radio.reorder)
+    for datagram in datagrams_sent:
+        is_lost, is_duplicated, is_reordered = generator.random(3) < (radio.drop, radio.duplicate, radio.reorder)
         # Whole nanoseconds: a stamp of today as a float is 256 ns off.
         delays: list[int] = np.rint(np.abs(generator.standard_normal(2)) * radio.jitter_ns).astype(int).tolist()
         elapsed = datagram.due_ns - start_ns
-        if lost or any(start <= elapsed < end for start, end in radio.outages_ns):
+        if is_lost or any(start <= elapsed < end for start, end in radio.outages_ns):
             continue
-        due_ns = datagram.due_ns + radio.latency_ns + (_HOLD_NS if held else 0)
-        copies = delays if twice else delays[:1]
+        due_ns = datagram.due_ns + radio.latency_ns + (_REORDER_DELAY_NS if is_reordered else 0)
+        copies = delays if is_duplicated else delays[:1]
         arrived += [Datagram(due_ns=due_ns + delay, data=datagram.data) for delay in copies]
     return sorted(arrived, key=lambda datagram: datagram.due_ns)
 
 
 def write_tlog(path: Path, arrived: list[Datagram]) -> None:
-    """A telemetry log as ground stations write it: host stamp (us, big-endian, 8 bytes), then the frame."""
+    """Write a telemetry log as ground stations do: host stamp (us, big-endian, 8 bytes), then the frame."""
     with path.open("wb") as file:
         for datagram in arrived:
             file.write((datagram.due_ns // 1000).to_bytes(8, "big") + datagram.data)
 
 
-def _heartbeat(_state: State) -> Any:  # noqa: ANN401 (pymavlink is untyped, here and below)
+def _heartbeat(_state: ReportedState) -> Any:  # noqa: ANN401 (pymavlink is untyped, here and below)
     return dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_QUADROTOR,
         dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -246,16 +246,16 @@ def _heartbeat(_state: State) -> Any:  # noqa: ANN401 (pymavlink is untyped, her
     )
 
 
-def _system_time(state: State) -> Any:  # noqa: ANN401
+def _system_time(state: ReportedState) -> Any:  # noqa: ANN401
     return dialect.MAVLink_system_time_message(state.unix_us, state.boot_ms)
 
 
-def _attitude(state: State) -> Any:  # noqa: ANN401
+def _attitude(state: ReportedState) -> Any:  # noqa: ANN401
     yaw, pitch, roll = (float(angle) for angle in yaw_pitch_roll(state.ned_wxyz_body))
     return dialect.MAVLink_attitude_message(state.boot_ms, roll, pitch, yaw, *state.rate_body_radps.tolist())
 
 
-def _global_position_int(state: State) -> Any:  # noqa: ANN401
+def _global_position_int(state: ReportedState) -> Any:  # noqa: ANN401
     return dialect.MAVLink_global_position_int_message(
         state.boot_ms,
         *state.lat_lon_dege7,
@@ -266,24 +266,24 @@ def _global_position_int(state: State) -> Any:  # noqa: ANN401
     )
 
 
-def _gimbal_device_attitude_status(state: State) -> Any:  # noqa: ANN401
+def _gimbal_device_attitude_status(state: ReportedState) -> Any:  # noqa: ANN401
     return dialect.MAVLink_gimbal_device_attitude_status_message(
         0, 0, state.boot_ms, GIMBAL_FLAGS, state.level_wxyz_gimbal.tolist(), math.nan, math.nan, math.nan, 0, math.nan
     )
 
 
-def _mount_orientation(state: State) -> Any:  # noqa: ANN401
+def _mount_orientation(state: ReportedState) -> Any:  # noqa: ANN401
     yaw, pitch, roll = (math.degrees(angle) for angle in yaw_pitch_roll(state.level_wxyz_gimbal))
     absolute = (math.degrees(state.heading_rad) + yaw + 180) % 360 - 180
     return dialect.MAVLink_mount_orientation_message(state.boot_ms, roll, pitch, yaw, absolute)
 
 
-def _mount_status(state: State) -> Any:  # noqa: ANN401
+def _mount_status(state: ReportedState) -> Any:  # noqa: ANN401
     yaw, pitch, roll = (round(math.degrees(angle) * 100) for angle in yaw_pitch_roll(state.level_wxyz_gimbal))
     return dialect.MAVLink_mount_status_message(0, 0, pitch, roll, yaw, 0)
 
 
-def _distance_sensor(state: State) -> Any:  # noqa: ANN401
+def _distance_sensor(state: ReportedState) -> Any:  # noqa: ANN401
     _, pitch, roll = yaw_pitch_roll(state.ned_wxyz_body)
     slant_m = state.height_agl_m / float(np.cos(pitch) * np.cos(roll))
     low, high = _RANGEFINDER_CM
@@ -292,14 +292,14 @@ def _distance_sensor(state: State) -> Any:  # noqa: ANN401
     return dialect.MAVLink_distance_sensor_message(state.boot_ms, low, high, distance_cm, laser, 0, down, 255)
 
 
-def _terrain_report(state: State) -> Any:  # noqa: ANN401
+def _terrain_report(state: ReportedState) -> Any:  # noqa: ANN401
     terrain_m = state.alt_msl_m - state.height_home_m
     return dialect.MAVLink_terrain_report_message(
         *state.lat_lon_dege7, _TERRAIN_SPACING_M, terrain_m, state.height_agl_m, 0, 504
     )
 
 
-def _gps_raw_int(state: State) -> Any:  # noqa: ANN401
+def _gps_raw_int(state: ReportedState) -> Any:  # noqa: ANN401
     speed_cmps = round(float(np.hypot(*state.velocity_ned_mps[:2])) * 100)
     return dialect.MAVLink_gps_raw_int_message(
         state.unix_us,
@@ -317,7 +317,7 @@ def _gps_raw_int(state: State) -> Any:  # noqa: ANN401
     )
 
 
-PACKERS: dict[str, Callable[[State], Any]] = {
+PACKERS: dict[str, Callable[[ReportedState], Any]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": _system_time,
     "ATTITUDE": _attitude,
@@ -332,11 +332,11 @@ PACKERS: dict[str, Callable[[State], Any]] = {
 """The messages that the simulated autopilot can send, by name."""
 
 MAVLINK2_ONLY = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"})
-"""Their ids do not fit into MAVLink 1."""
+"""Messages with ids beyond MAVLink 1."""
 
 
 class Packer:
-    """Messages to frames with running sequence numbers.
+    """Packs messages to frames with running sequence numbers.
 
     Args:
         mavlink1: Whether frames are MAVLink 1.
@@ -347,11 +347,11 @@ class Packer:
         self._mavlink1 = mavlink1
         self._link = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
 
-    def pack(self, name: str, state: State) -> bytes:
-        """One whole frame.
+    def pack(self, name: str, state: ReportedState) -> bytes:
+        """One whole frame of a message.
 
         Raises:
-            ValueError: An unknown message, or one that MAVLink 1 has no room for.
+            ValueError: An unknown message, or one that MAVLink 1 cannot carry.
         """
         if name not in PACKERS:
             raise ValueError(f"cannot send {name}, must be one of {', '.join(PACKERS)}")

@@ -1,6 +1,6 @@
-"""The true flight: where the vehicle was and where its camera looked, at every instant.
+"""The true motion of the vehicle and its camera, by samples or from waypoints.
 
-A plan is waypoints to a smooth motion, of which the vehicle's attitude is the consequence.
+Waypoints become a smooth motion, from which the vehicle's attitude follows.
 """
 
 import math
@@ -27,14 +27,14 @@ from aerodft.sim.world import River
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
-    """Samples of the true motion; between them positions are linear and attitudes turn evenly.
+    """Samples of the true motion; linear positions and slerped attitudes between them.
 
     Attributes:
         origin: ENU origin, on the measured plane.
         stamp_ns: ``(n,)`` ascending, host UTC.
         position_enu_m: ``(n, 3)``; up is the height above the plane, which is also the home-relative height.
         ned_wxyz_body: ``(n, 4)`` the vehicle's attitude.
-        level_wxyz_gimbal: ``(n, 4)`` the gimbal against the horizon and the vehicle's heading (``ref_SO3_gimbal``).
+        level_wxyz_gimbal: ``(n, 4)`` the gimbal relative to the horizon and the vehicle's heading (``ref_SO3_gimbal``).
         enu_wxyz_cam: ``(n, 4)`` the camera's attitude.
     """
 
@@ -56,7 +56,7 @@ class Trajectory:
         return int(self.stamp_ns[-1])
 
     def shifted(self, by_ns: int) -> "Trajectory":
-        """The flight, later by so much."""
+        """The trajectory delayed by ``by_ns``."""
         return replace(self, stamp_ns=self.stamp_ns + by_ns)
 
     def cut(self, start_ns: int, end_ns: int) -> "Trajectory":
@@ -66,8 +66,8 @@ class Trajectory:
             self, **{each.name: getattr(self, each.name)[keep] for each in fields(self) if each.name != "origin"}
         )
 
-    def sampled(self, stamps_ns: npt.ArrayLike) -> "Trajectory":
-        """The motion at ``stamps_ns (m,)``, which outside the flight is that of its end."""
+    def at(self, stamps_ns: npt.ArrayLike) -> "Trajectory":
+        """The motion at ``stamps_ns (m,)``; outside the flight that of its nearer end."""
         stamps = np.asarray(stamps_ns, dtype=np.int64)
         after = np.clip(np.searchsorted(self.stamp_ns, stamps, side="right"), 1, len(self.stamp_ns) - 1)
         before = after - 1
@@ -84,17 +84,17 @@ class Trajectory:
         )
 
     def pose(self, stamp_ns: int) -> Pose:
-        """The camera's exact pose."""
-        at = self.sampled([stamp_ns])
-        return Pose(position_enu_m=at.position_enu_m[0], wxyz=at.enu_wxyz_cam[0])
+        """The camera's true pose."""
+        interpolated_sample = self.at([stamp_ns])
+        return Pose(position_enu_m=interpolated_sample.position_enu_m[0], wxyz=interpolated_sample.enu_wxyz_cam[0])
 
     def velocity_enu_mps(self) -> FloatArray:
-        """``(n, 3)``, by central differences."""
+        """Velocities ``(n, 3)`` by central differences."""
         seconds = (self.stamp_ns - self.stamp_ns[0]) / 1e9
         return np.asarray(np.gradient(self.position_enu_m, seconds, axis=0))
 
     def body_rate_radps(self) -> FloatArray:
-        """Angular rate in body axes, ``(n, 3)``, by forward differences."""
+        """Angular rates ``(n, 3)`` in body axes by forward differences."""
         seconds = np.diff(self.stamp_ns) / 1e9
         step = to_rotation_vector(multiply(inverse(self.ned_wxyz_body[:-1]), self.ned_wxyz_body[1:]))
         rate = step / seconds[:, None]
@@ -102,13 +102,13 @@ class Trajectory:
 
 
 def heading_wxyz(ned_wxyz_body: FloatArray) -> FloatArray:
-    """The heading alone of vehicle attitudes, as a rotation about down, ``(..., 4)``."""
+    """Headings ``(..., 4)`` of vehicle attitudes, as rotations about down."""
     yaw, _, _ = yaw_pitch_roll(ned_wxyz_body)
     return from_rotation_vector(yaw[..., None] * np.array([0.0, 0.0, 1.0]))
 
 
-def camera_of(ned_wxyz_body: FloatArray, level_wxyz_gimbal: FloatArray) -> FloatArray:
-    """``enu_SO3_cam`` of a gimbal whose yaw counts from the vehicle's heading, ``(..., 4)``."""
+def camera_attitude_from_gimbal(ned_wxyz_body: FloatArray, level_wxyz_gimbal: FloatArray) -> FloatArray:
+    """``enu_SO3_cam (..., 4)`` from a gimbal whose yaw is relative to the vehicle's heading."""
     return camera_from_gimbal(multiply(heading_wxyz(ned_wxyz_body), level_wxyz_gimbal))
 
 
@@ -119,10 +119,10 @@ ROUNDING_S = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waypoint:
-    """Where the vehicle is at ``time_s``, and where it and its gimbal point.
+    """Position, heading and gimbal angles at ``time_s``.
 
-    ``gimbal_pitch_rad`` is against the horizon (negative downwards), ``gimbal_yaw_rad`` against the vehicle's heading;
-    headings may run past a full turn, they are interpolated as they are written.
+    ``gimbal_pitch_rad`` is relative to the horizon (negative downwards), ``gimbal_yaw_rad`` to the vehicle's heading;
+    headings may exceed a full turn, they are interpolated as numbers.
     """
 
     time_s: float
@@ -136,10 +136,10 @@ class Waypoint:
 
 
 def fly(waypoints: tuple[Waypoint, ...], *, origin: GeoOrigin, start_ns: int = 0) -> Trajectory:
-    """Fly through ``waypoints``, rounding every corner of the motion off over ``ROUNDING_S``.
+    """Trajectory through ``waypoints``, corners of the motion smoothed over ``ROUNDING_S``.
 
-    Horizontally the path is a spline, all else goes without overshoot; equal waypoints at the start are a wait. The
-    vehicle leans into its acceleration, as a multicopter must; the gimbal keeps its angles against the horizon.
+    Horizontally the path is a spline, all else is monotone interpolation; equal waypoints at the start are a wait. The
+    vehicle tilts by its acceleration as a multicopter; the gimbal keeps its angles relative to the horizon.
 
     Raises:
         ValueError: Fewer than two waypoints, or times that do not increase.
@@ -151,13 +151,13 @@ def fly(waypoints: tuple[Waypoint, ...], *, origin: GeoOrigin, start_ns: int = 0
     path = np.array([(w.east_m, w.north_m) for w in waypoints])
     wait = int(np.argmax(np.any(path[1:] != path[:-1], axis=1)))
     spline = CubicSpline(knots[wait:], path[wait:], bc_type="clamped")
-    rest = PchipInterpolator(
+    others = PchipInterpolator(
         knots,
         [(w.height_m, w.heading_rad, w.gimbal_pitch_rad, w.gimbal_yaw_rad, w.gimbal_roll_rad) for w in waypoints],
     )(times)
     horizontal = _smooth(spline(np.maximum(times, knots[wait])))
-    height, heading, pitch, yaw, roll = _smooth(rest).T
-    body = _attitude_of(np.gradient(np.gradient(horizontal, SAMPLE_S, axis=0), SAMPLE_S, axis=0), heading)
+    height, heading, pitch, yaw, roll = _smooth(others).T
+    body = _attitude(np.gradient(np.gradient(horizontal, SAMPLE_S, axis=0), SAMPLE_S, axis=0), heading)
     gimbal = from_yaw_pitch_roll(yaw, pitch, roll)
     return Trajectory(
         origin=origin,
@@ -165,17 +165,17 @@ def fly(waypoints: tuple[Waypoint, ...], *, origin: GeoOrigin, start_ns: int = 0
         position_enu_m=np.column_stack([horizontal, height]),
         ned_wxyz_body=body,
         level_wxyz_gimbal=gimbal,
-        enu_wxyz_cam=camera_of(body, gimbal),
+        enu_wxyz_cam=camera_attitude_from_gimbal(body, gimbal),
     )
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    """``values (n, k)`` smoothed along time."""
+    """Values ``(n, k)`` smoothed along time."""
     return np.asarray(gaussian_filter1d(values, ROUNDING_S / SAMPLE_S, axis=0, mode="nearest"))
 
 
-def _attitude_of(acceleration_en_mps2: FloatArray, heading_rad: FloatArray) -> FloatArray:
-    """``ned_SO3_body`` of a multicopter with this horizontal acceleration ``(n, 2)`` and heading ``(n,)``."""
+def _attitude(acceleration_en_mps2: FloatArray, heading_rad: FloatArray) -> FloatArray:
+    """``ned_SO3_body`` of a multicopter from horizontal acceleration ``(n, 2)`` and heading ``(n,)``."""
     east, north = acceleration_en_mps2.T
     forward = north * np.cos(heading_rad) + east * np.sin(heading_rad)
     right = east * np.cos(heading_rad) - north * np.sin(heading_rad)
@@ -184,8 +184,8 @@ def _attitude_of(acceleration_en_mps2: FloatArray, heading_rad: FloatArray) -> F
     return from_yaw_pitch_roll(heading_rad, pitch, roll)
 
 
-# time (fraction), metres along and across the river from home to the centreline, height, heading against the
-# river's direction, gimbal pitch, yaw and roll (deg)
+# time (fraction), along (m) and across (fraction from home to the centreline) the river, height (fraction), heading
+# relative to the river's direction, gimbal pitch, yaw and roll (deg)
 _SURVEY = (
     (0.00, 0.0, 0.00, 0.0, 0.0, 0.0, 0.0, 0.0),
     (0.10, 0.0, 0.00, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -204,10 +204,10 @@ _SURVEY = (
 def survey(
     river: River, *, origin: GeoOrigin, duration_s: float = 20.0, height_m: float = 40.0, start_ns: int = 0
 ) -> Trajectory:
-    """Take off beside the river, climb, fly down it at gimbal pitch -60, bank into a turn, come back over it at -90.
+    """A survey flight: take off beside the river, fly down it at gimbal pitch -60, turn, come back over it at -90.
 
-    On the way the gimbal pans and rolls a little. All of it is stretched to ``duration_s``, whose first tenth is spent
-    on the ground; in less than 15 s it flies harder than a real vehicle could.
+    The gimbal pans and rolls a little. The flight takes ``duration_s``, the first tenth on the ground; in less than
+    15 s it is harder than a real vehicle could fly.
     """
     home_along, home_across = river.along_across(np.zeros(2))
     axis = river.azimuth_rad

@@ -1,4 +1,4 @@
-"""Images to video: a file with exact stamps, or a live stream's datagrams."""
+"""Video encoding: a file with exact stamps, or the datagrams of a live stream."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ from aerodft.model import ImageArray
 FILE_TIME_BASE = Fraction(1, 1_000_000)
 STREAM_TIME_BASE = Fraction(1, 90_000)
 DATAGRAM_BYTES = 1316
-"""Seven MPEG-TS packets, as every sender cuts them."""
+"""Seven MPEG-TS packets, the usual size of a datagram."""
 
-_CRF = "18"  # x264's quality of a file
+_CRF = "18"  # x264's quality for files
 _LOW_DELAY = {"preset": "ultrafast", "tune": "zerolatency"}
-# A PES packet with a length, which is what lets a receiver decode an image before the next one comes, holds 65 kB at
-# most: the rate buffer keeps every image, key images too, below that.
+# A PES packet with a length, by which a receiver can decode an image before the next one comes, holds at most 65 kB:
+# the rate buffer keeps every image below that, key images too.
 _MAX_IMAGE_KBIT = 400
 
 
@@ -45,7 +45,7 @@ def write_video(path: Path, images: Iterable[tuple[int, ImageArray]], *, fps: fl
             for stamp_ns, image in images:
                 if stream is None:
                     start_ns = stamp_ns
-                    _note_start(container, start_ns)
+                    _write_start(container, start_ns)
                     stream = _add_stream(container, image, fps, FILE_TIME_BASE, {**_LOW_DELAY, "crf": _CRF})
                 _encode(container, stream, image, (stamp_ns - start_ns) // 1000, FILE_TIME_BASE)
             if stream is not None:
@@ -54,7 +54,7 @@ def write_video(path: Path, images: Iterable[tuple[int, ImageArray]], *, fps: fl
         raise InputError("cannot be written", where=path, got=error.strerror, hint="choose another folder") from None
 
 
-def _note_start(container: OutputContainer, start_ns: int) -> None:
+def _write_start(container: OutputContainer, start_ns: int) -> None:
     seconds, nanoseconds = divmod(start_ns, 1_000_000_000)
     moment = datetime.fromtimestamp(seconds, tz=UTC).replace(microsecond=nanoseconds // 1000)
     text = moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
@@ -82,8 +82,8 @@ def _encode(container: OutputContainer, stream: VideoStream, image: ImageArray, 
 
 
 @dataclass(slots=True)
-class _Collector:
-    """Takes what the muxer writes."""
+class _Buffer:
+    """Buffer that the muxer writes to."""
 
     data: bytearray
 
@@ -93,7 +93,7 @@ class _Collector:
 
 
 class TransportStream:
-    """Encodes images one by one to MPEG-TS (H.264 baseline, no delayed images, a key image every second).
+    """Encoder of images to MPEG-TS (H.264 baseline, no delayed images, a key image every second).
 
     Args:
         fps: Rate of the images.
@@ -101,9 +101,9 @@ class TransportStream:
 
     def __init__(self, fps: float) -> None:
         self._fps = fps
-        self._collector = _Collector(bytearray())
+        self._buffer = _Buffer(bytearray())
         options = {"flush_packets": "1", "omit_video_pes_length": "0"}
-        self._container = av.open(self._collector, "w", format="mpegts", options=options)
+        self._container = av.open(self._buffer, "w", format="mpegts", options=options)
         self._stream: VideoStream | None = None
 
     def __enter__(self) -> Self:
@@ -126,11 +126,11 @@ class TransportStream:
             }
             self._stream = _add_stream(self._container, image, self._fps, STREAM_TIME_BASE, options)
         pts = elapsed_ns * STREAM_TIME_BASE.denominator // 1_000_000_000
-        self._collector.data.clear()
+        self._buffer.data.clear()
         _encode(self._container, self._stream, image, pts, STREAM_TIME_BASE)
-        return list(_cut(bytes(self._collector.data)))
+        return list(_split_datagrams(bytes(self._buffer.data)))
 
 
-def _cut(data: bytes) -> Iterator[bytes]:
+def _split_datagrams(data: bytes) -> Iterator[bytes]:
     for start in range(0, len(data), DATAGRAM_BYTES):
         yield data[start : start + DATAGRAM_BYTES]

@@ -1,4 +1,4 @@
-"""The simulated place: ground, a river whose banks and widths are known in closed form, surveyed landmarks."""
+"""The simulated world: ground, a river with banks and widths in closed form, surveyed landmarks."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ _NEWTON_STEPS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Island:
-    """A lens of land that splits the river in two.
+    """An island: a lens of land in the river.
 
     Attributes:
         station_m: River station of its middle.
@@ -28,7 +28,7 @@ class Island:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class River:
-    """A river around a sine-shaped centreline, its width a sine too.
+    """A river with a sinusoidal centreline and a sinusoidal width.
 
     River axes: ``along`` (the station) in the direction of flow, ``across`` to the left of it.
 
@@ -59,28 +59,28 @@ class River:
             raise ValueError(f"river width {self.width_m} m swings by {self.width_swing_m} m, it must stay above 0")
 
     def centre_m(self, along_m: npt.ArrayLike) -> FloatArray:
-        """The centreline's across coordinate, ``(...)``."""
+        """Across coordinates ``(...)`` of the centreline."""
         return self.meander_m * np.sin(2 * np.pi * np.asarray(along_m) / self.meander_wavelength_m)
 
     def banks_m(self, along_m: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The across coordinates of the left and the right bank, each ``(...)``."""
+        """Across coordinates ``(...)`` of the left and of the right bank."""
         along = np.asarray(along_m, dtype=np.float64)
         half = 0.5 * (self.width_m + self.width_swing_m * np.sin(2 * np.pi * along / self.width_wavelength_m))
         centre = self.centre_m(along)
         return centre + half, centre - half
 
     def shores_m(self, along_m: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The across coordinates of the islands' left and right shores, each ``(...)``; NaN where there is none."""
+        """Across coordinates ``(...)`` of the islands' left and right shores; NaN where there is no island."""
         along = np.asarray(along_m, dtype=np.float64)
         half = np.full(along.shape, np.nan)
         for island in self.islands:
             phase = (along - island.station_m) / island.length_m
-            half = np.where(np.abs(phase) < 0.5, 0.5 * island.width_m * np.cos(np.pi * phase) ** 2, half)  # noqa: PLR2004 (from tip to tip)
+            half = np.where(np.abs(phase) < 0.5, 0.5 * island.width_m * np.cos(np.pi * phase) ** 2, half)  # noqa: PLR2004
         centre = self.centre_m(along)
         return centre + half, centre - half
 
     def enu(self, along_m: npt.ArrayLike, across_m: npt.ArrayLike) -> FloatArray:
-        """River coordinates to ENU points on the plane, ``(..., 3)``."""
+        """ENU points ``(..., 3)`` on the plane from river coordinates."""
         along, across = np.broadcast_arrays(np.asarray(along_m, dtype=np.float64), np.asarray(across_m))
         sine, cosine = math.sin(self.azimuth_rad), math.cos(self.azimuth_rad)
         east = self.origin_en_m[0] + along * sine - across * cosine
@@ -88,25 +88,25 @@ class River:
         return np.stack([east, north, np.zeros_like(east)], axis=-1)
 
     def along_across(self, points_enu_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ENU points ``(..., 2 or 3)`` to river coordinates, each ``(...)``."""
+        """River coordinates, each ``(...)``, from ENU points ``(..., 2 or 3)``."""
         east, north = points_enu_m[..., 0] - self.origin_en_m[0], points_enu_m[..., 1] - self.origin_en_m[1]
         sine, cosine = math.sin(self.azimuth_rad), math.cos(self.azimuth_rad)
         return east * sine + north * cosine, north * sine - east * cosine
 
     def crossing(self, stations_m: npt.ArrayLike) -> FloatArray:
         """Left and right bank points on the normal to the centreline at ``stations_m (...)``, ENU ``(..., 2, 3)``."""
-        return np.stack([self._meet(stations_m, side, island=False) for side in (0, 1)], axis=-2)
+        return np.stack([self._curve_crossing(stations_m, side, island=False) for side in (0, 1)], axis=-2)
 
     def island_crossing(self, stations_m: npt.ArrayLike) -> FloatArray:
-        """Where normals of the centreline cross the islands' shores; NaN where the normal meets no island."""
-        return np.stack([self._meet(stations_m, side, island=True) for side in (0, 1)], axis=-2)
+        """Island shore points on the normals to the centreline, as ``crossing``; NaN without an island."""
+        return np.stack([self._curve_crossing(stations_m, side, island=True) for side in (0, 1)], axis=-2)
 
     def width_at(self, stations_m: npt.ArrayLike) -> FloatArray:
-        """Bank to bank along the normal to the centreline, islands included, ``(...)``."""
+        """Width ``(...)`` from bank to bank along the normal to the centreline, islands included."""
         points = self.crossing(stations_m)
         return np.asarray(np.linalg.norm(points[..., 0, :] - points[..., 1, :], axis=-1))
 
-    def _meet(self, stations_m: npt.ArrayLike, side: int, *, island: bool) -> FloatArray:
+    def _curve_crossing(self, stations_m: npt.ArrayLike, side: int, *, island: bool) -> FloatArray:
         station = np.asarray(stations_m, dtype=np.float64)
         curve = self.shores_m if island else self.banks_m
         rate = 2 * np.pi / self.meander_wavelength_m
@@ -116,9 +116,9 @@ class River:
         t = curve(station)[side] - centre
         for _ in range(_NEWTON_STEPS):
             along, step = station - slope * t, 1e-4
-            miss = centre + t - curve(along)[side]
+            error = centre + t - curve(along)[side]
             derivative = 1 + slope * (curve(along + step)[side] - curve(along - step)[side]) / (2 * step)
-            t = t - miss / derivative
+            t = t - error / derivative
         return self.enu(station - slope * t, centre + t)
 
 
@@ -141,7 +141,7 @@ class Marker:
     heading_rad: float = 0.0
 
     def corners_enu_m(self, scale: float = 1.0) -> FloatArray:
-        """Corners top-left, top-right, bottom-right, bottom-left as the marker is read, ``(4, 3)``."""
+        """Corners ``(4, 3)``: top-left, top-right, bottom-right, bottom-left as the marker is read."""
         half = 0.5 * self.side_m * scale
         right = np.array([math.cos(self.heading_rad), -math.sin(self.heading_rad), 0.0])
         top = np.array([math.sin(self.heading_rad), math.cos(self.heading_rad), 0.0])
@@ -150,13 +150,13 @@ class Marker:
 
     @property
     def centre_enu_m(self) -> FloatArray:
-        """``(3,)``."""
+        """The centre ``(3,)``."""
         return np.array([self.east_m, self.north_m, 0.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Post:
-    """A vertical post of known height, seen equally wide from everywhere."""
+    """A vertical post of known height, equally wide from all sides."""
 
     name: str
     east_m: float
@@ -181,19 +181,19 @@ class Walker:
     shadow: bool = True
 
     def foot_enu_m(self, time_s: float) -> FloatArray:
-        """Where the feet are at ``time_s`` of the flight, ``(3,)``."""
+        """Position ``(3,)`` of the feet at ``time_s`` of the flight."""
         start, end = np.array(self.start_en_m), np.array(self.end_en_m)
         length = float(np.linalg.norm(end - start))
         if length == 0:
             return np.array([*start, 0.0])
-        turn = (time_s * self.speed_mps / length) % 2
-        east, north = start + (end - start) * min(turn, 2 - turn)
+        phase = (time_s * self.speed_mps / length) % 2
+        east, north = start + (end - start) * min(phase, 2 - phase)
         return np.array([east, north, 0.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wall:
-    """An upright wall between two points, which hides what is behind it and casts no shadow."""
+    """An upright wall between two points; it occludes, but casts no shadow."""
 
     start_en_m: tuple[float, float]
     end_en_m: tuple[float, float]
@@ -201,8 +201,8 @@ class Wall:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
-    """What does not change where things are.
+class Appearance:
+    """Appearance of the world, without effect on geometry.
 
     Attributes:
         ground_contrast: Of the ground's texture; 0 for one flat colour.
@@ -219,7 +219,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class World:
-    """Everything that stands, lies, flows or walks; the plane is at up = 0.
+    """All objects of the world; the plane is at up = 0.
 
     Attributes:
         origin: The ENU origin, a point of the plane.
@@ -227,7 +227,7 @@ class World:
         markers: Surveyed markers.
         posts: Posts of known height.
         walkers: Moving persons.
-        walls: What they may walk behind.
+        walls: Walls that occlude walkers.
         seed: Of the textures.
         look: Contrast and sun.
     """
@@ -239,22 +239,22 @@ class World:
     walkers: tuple[Walker, ...] = ()
     walls: tuple[Wall, ...] = ()
     seed: int = 1
-    look: Look = field(default_factory=Look)
+    look: Appearance = field(default_factory=Appearance)
 
     def landmarks_enu_m(self) -> dict[str, FloatArray]:
-        """The surveyed points by name, each ``(3,)``: ``marker-7`` (its centre), ``post-1`` (its base)."""
+        """Surveyed points ``(3,)`` by name: ``marker-7`` (its centre), ``post-1`` (its base)."""
         named = {f"marker-{marker.id}": marker.centre_enu_m for marker in self.markers}
         return named | {post.name: post.ends_enu_m()[0] for post in self.posts}
 
 
 DEFAULT_ORIGIN = GeoOrigin(lat_rad=math.radians(-35.363262), lon_rad=math.radians(149.165237), alt_msl_m=584.0)
-"""Where generated flights start."""
+"""ENU origin of generated flights."""
 
 
 def furnished_world(
-    river: River, *, origin: GeoOrigin = DEFAULT_ORIGIN, seed: int = 1, look: Look | None = None
+    river: River, *, origin: GeoOrigin = DEFAULT_ORIGIN, seed: int = 1, look: Appearance | None = None
 ) -> World:
-    """A world with markers and posts along both banks of ``river``, and somebody walking beside it.
+    """A world with markers and posts along both banks of ``river``, and a walker beside it.
 
     Markers and posts stand 3 to 6 m from the water, between stations -60 m and 100 m.
     """
@@ -276,5 +276,5 @@ def furnished_world(
         posts=tuple(posts),
         walkers=(walker,),
         seed=seed,
-        look=look or Look(),
+        look=look or Appearance(),
     )

@@ -22,14 +22,14 @@ from aerodft.errors import AerodftError
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, ImageArray
 from aerodft.service.clocks import WallClock
-from aerodft.sim.live import Outlets, encode_packets, perform, udp_sender
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.live import Outlets, encode_packets, send_live, udp_sender
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera, write_files
 from aerodft.sim.trajectory import Trajectory, Waypoint, fly
 from aerodft.sim.video import TransportStream, write_video
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, River, Walker, Wall, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, River, Walker, Wall, World
 
-_EMPTY_S: Final = 1.5  # before anybody is there
+_EMPTY_YARD_S: Final = 1.5  # without persons
 _FPS: Final = 10
 _HEIGHT_M, _TILT_DEG, _ROLL_DEG = 5.0, 68.0, 4.0
 _HOVER_M, _HOVER_PITCH_DEG = 12.0, -42.0
@@ -44,19 +44,19 @@ YARD: Final = World(
         Walker(start_en_m=(-2.0, 8.5), end_en_m=(2.0, 9.0), speed_mps=0.9),
     ),
     walls=(Wall(start_en_m=(-2.0, 13.0), end_en_m=(1.0, 13.0)),),
-    look=Look(sun_azimuth_rad=math.radians(30.0), sun_elevation_rad=math.radians(30.0)),
+    look=Appearance(sun_azimuth_rad=math.radians(30.0), sun_elevation_rad=math.radians(30.0)),
 )
 """Two of them pass behind the wall in opposite directions, the third before it; shadows fall towards the camera."""
 
 
 def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280, live: str | None = None) -> None:
-    """Write the yard's files.
+    """Write the files of a yard seen by a fixed camera.
 
     Args:
-        folder: Where to; made if it is not there.
-        seconds: How long the video is.
-        width_px: Of its images, a multiple of 32.
-        live: ``udp://HOST:PORT``: send the images there, now and in real time, and write no video.
+        folder: Output folder, created if missing.
+        seconds: Duration of the video.
+        width_px: Width of the images, a multiple of 32.
+        live: ``udp://HOST:PORT`` to send the images to, in real time, without a video file.
 
     Raises:
         UsageError: No such address.
@@ -69,7 +69,7 @@ def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280, liv
         write_video(folder / "yard.mp4", _images(camera, seconds, EPOCH_NS), fps=_FPS)
         start_ns, source = EPOCH_NS, {"video": "yard.mp4", "start": unix_ns_to_iso(EPOCH_NS)}
     else:
-        start_ns, source = _perform(camera, seconds, live), {"stream": live}
+        start_ns, source = _send_images(camera, seconds, live), {"stream": live}
     (folder / "station.toml").write_text(tomli_w.dumps(_station(camera, source)))
     write_truth(
         folder / "truth.csv", [start_ns + k * SECOND_NS // _FPS for k in range(round(seconds * _FPS))], start_ns
@@ -84,14 +84,14 @@ def write_flown_yard(
     live: str | None = None,
     mavlink: str = "udpout:127.0.0.1:14550",
 ) -> None:
-    """Write the files of a drone that hovers over the yard: flight.tlog, video.mp4, station.toml, truth.csv and others.
+    """Write the files of a yard seen by a hovering drone: flight.tlog, video.mp4, station.toml, truth.csv and others.
 
     Args:
-        folder: Where to; made if it is not there.
-        seconds: How long it hovers.
-        width_px: Of its images, a multiple of 32.
-        live: ``udp://HOST:PORT``: fly now and in real time, send the images there, and write no video.
-        mavlink: ``udpout:HOST:PORT``: with ``live``, where the telemetry is sent.
+        folder: Output folder, created if missing.
+        seconds: Duration of the hover.
+        width_px: Width of the images, a multiple of 32.
+        live: ``udp://HOST:PORT`` to send the images to, in real time, without a video file.
+        mavlink: ``udpout:HOST:PORT`` to send the telemetry to, with ``live``.
 
     Raises:
         UsageError: No such address.
@@ -102,12 +102,12 @@ def write_flown_yard(
     if live is None:
         _write_flight(folder, scenario)
     else:
-        scenario = _perform_flight(folder, scenario, live, mavlink)
+        scenario = _fly_live(folder, scenario, live, mavlink)
     write_truth(folder / "truth.csv", scenario.image_stamps_ns.tolist(), scenario.trajectory.start_ns)
 
 
 def write_truth(path: Path, stamps_ns: list[int], start_ns: int) -> None:
-    """Write where everybody stands at stamps (host UTC) of a time that starts at another."""
+    """Write the walkers' positions at stamps (host UTC) of a scene that starts at ``start_ns``."""
     with path.open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["stamp_ns", "walker", "east_m", "north_m"])
@@ -119,15 +119,15 @@ def write_truth(path: Path, stamps_ns: list[int], start_ns: int) -> None:
 
 def _images(camera: Camera, seconds: float, start_ns: int) -> Iterator[tuple[int, ImageArray]]:
     pose = camera_pose(height_agl_m=_HEIGHT_M, tilt_rad=math.radians(_TILT_DEG), roll_rad=math.radians(_ROLL_DEG))
-    noise = Imaging(noise_std=2.0)
+    noise = SensorModel(noise_std=2.0)
     empty, full = Renderer(camera, replace(YARD, walkers=()), noise), Renderer(camera, YARD, noise)
     for k in range(round(seconds * _FPS)):
         time_s = k / _FPS
-        yield start_ns + k * SECOND_NS // _FPS, (empty if time_s < _EMPTY_S else full).render(pose, time_s)
+        yield start_ns + k * SECOND_NS // _FPS, (empty if time_s < _EMPTY_YARD_S else full).render(pose, time_s)
 
 
-def _perform(camera: Camera, seconds: float, address: str) -> int:
-    """Send the images in real time, once all are rendered; when that began, host UTC."""
+def _send_images(camera: Camera, seconds: float, address: str) -> int:
+    """Send the images in real time after rendering all; returns the start (host UTC)."""
     clock = WallClock()
     with TransportStream(_FPS) as stream, udp_sender(address) as send:
         packets = [stream.encode(image, after_ns) for after_ns, image in _images(camera, seconds, 0)]
@@ -151,13 +151,13 @@ def _station(camera: Camera, source: dict[str, object]) -> dict[str, object]:
 
 
 def yard_flight(*, seconds: float = 20.0, width_px: int = 1280) -> Scenario:
-    """A hover: half a metre to and fro, 6 degrees of yaw, some rise and fall.
+    """A hover: half a metre to and fro, 6 degrees of yaw, some change of height.
 
     Args:
-        seconds: How long.
-        width_px: Of the images, a multiple of 32.
+        seconds: Duration.
+        width_px: Width of the images, a multiple of 32.
     """
-    trajectory = _hovering(seconds)
+    trajectory = _hover_trajectory(seconds)
     stamps = trajectory.start_ns + np.arange(round(seconds * _FPS), dtype=np.int64) * (SECOND_NS // _FPS)
     return Scenario(
         camera=default_camera(width_px, width_px * 9 // 16),
@@ -169,29 +169,29 @@ def yard_flight(*, seconds: float = 20.0, width_px: int = 1280) -> Scenario:
 
 
 def _write_flight(folder: Path, scenario: Scenario) -> None:
-    """Write the flight's files, and the station to import them with: ``import yard/flight.tlog --config ...``."""
+    """Write the flight's files, and a station file to import them with."""
     write_files(scenario, folder)
     source: dict[str, object] = {"video": "video.mp4", "start": unix_ns_to_iso(EPOCH_NS)}
     (folder / "station.toml").write_text(tomli_w.dumps(_flown_station(source, None)))
 
 
-def _perform_flight(folder: Path, scenario: Scenario, video: str, mavlink: str) -> Scenario:
-    """Fly it now, in real time, once all images are rendered; and when that was. Writes the files, without a video."""
+def _fly_live(folder: Path, scenario: Scenario, video: str, mavlink: str) -> Scenario:
+    """Fly in real time after rendering all images; writes the files, and returns the flight shifted to its time."""
     clock = WallClock()
     with udp_sender(video) as images, udp_sender(mavlink) as telemetry:
         packets = encode_packets(scenario)
         start_ns = (clock.now_ns() + SECOND_NS) // 1000 * 1000
         scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
         write_files(scenario, folder, video=False)
-        listening = mavlink.replace("udpout:", "udpin:")
-        (folder / "station.toml").write_text(tomli_w.dumps(_flown_station({"stream": video}, listening)))
-        perform(scenario, packets, Outlets(telemetry=telemetry, video=images), clock)
+        connection = mavlink.replace("udpout:", "udpin:")
+        (folder / "station.toml").write_text(tomli_w.dumps(_flown_station({"stream": video}, connection)))
+        send_live(scenario, packets, Outlets(telemetry=telemetry, video=images), clock)
     return scenario
 
 
-def _hovering(seconds: float) -> Trajectory:
+def _hover_trajectory(seconds: float) -> Trajectory:
     times_s = np.arange(0.0, seconds + 1.01, 1.0).tolist()
-    there = Waypoint(
+    start = Waypoint(
         time_s=0.0,
         east_m=0.0,
         north_m=0.0,
@@ -201,7 +201,7 @@ def _hovering(seconds: float) -> Trajectory:
     )
     points = tuple(
         replace(
-            there,
+            start,
             time_s=time_s,
             east_m=0.5 * math.sin(time_s / 1.7),
             north_m=0.4 * math.sin(time_s / 2.3 + 1),
@@ -243,7 +243,7 @@ def _flown_station(source: dict[str, object], connection: str | None) -> dict[st
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write the files."""
+    """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m aerodft.sim.yard", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="Folder for the files.")
     parser.add_argument("--live", metavar="udp://HOST:PORT", help="Send the images there, now, in real time.")

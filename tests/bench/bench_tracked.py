@@ -18,7 +18,7 @@ from aerodft.geometry import camera_pose
 from aerodft.model import Image, PixelSource, PoseSample, Probe, ProbeKind, Status
 from aerodft.service import ObjectSettings
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.trajectory import survey
 from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished_world
 from aerodft.sim.yard import YARD, yard_flight
@@ -53,7 +53,7 @@ def report(what: str, images: int, total_s: float) -> None:
 def bench_tracked(count: int) -> None:
     river = River(origin_en_m=(0.0, -25.0))
     flight = survey(river, origin=DEFAULT_ORIGIN, duration_s=60.0)
-    renderer = Renderer(CAMERA, furnished_world(river), Imaging())
+    renderer = Renderer(CAMERA, furnished_world(river), SensorModel())
     stamps = [flight.start_ns + 21 * SECOND_NS + k * SECOND_NS // 30 for k in range(count + 1)]
     poses = [flight.pose(stamp) for stamp in stamps]
     frames = [renderer.render(pose, 21 + k / 30) for k, pose in enumerate(poses)]
@@ -73,7 +73,7 @@ def bench_tracked(count: int) -> None:
 
 def bench_moving(count: int) -> None:
     pose = camera_pose(height_agl_m=5.0, tilt_rad=math.radians(68), roll_rad=math.radians(4))
-    empty, full = Renderer(CAMERA, replace(YARD, walkers=()), Imaging()), Renderer(CAMERA, YARD, Imaging())
+    empty, full = Renderer(CAMERA, replace(YARD, walkers=()), SensorModel()), Renderer(CAMERA, YARD, SensorModel())
     observer = moving.MovingObjects(CAMERA, ObjectSettings())
     for k in range(10):
         observer.outlines(empty.render(pose, k / 10))

@@ -9,9 +9,9 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.model import PoseStd
 from aerodft.sim import Autopilot, Waypoint, datagrams, default_camera, fly
-from aerodft.sim.render import Imaging
+from aerodft.sim.render import SensorModel
 from aerodft.sim.scenario import EPOCH_NS, Scenario
-from aerodft.sim.telemetry import Radio, drawn_biases, through_radio, write_tlog
+from aerodft.sim.telemetry import Radio, draw_biases, through_radio, write_tlog
 from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.video import write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, River, furnished_world
@@ -110,10 +110,10 @@ def scenario(
         image_stamps_ns=stamps,
         fps=fps,
         autopilot=Autopilot(
-            gimbal_lag_ns=round(clocks.lag_s * SECOND_NS), biases=drawn_biases(std, seed), noise=noise, seed=seed
+            gimbal_lag_ns=round(clocks.lag_s * SECOND_NS), biases=draw_biases(std, seed), noise=noise, seed=seed
         ),
         radio=Radio(latency_ns=20_000_000, jitter_ns=5_000_000, drop=0.01, seed=seed),
-        imaging=Imaging(seed=seed),
+        imaging=SensorModel(seed=seed),
     )
 
 

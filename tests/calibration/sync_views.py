@@ -35,7 +35,7 @@ def seen_pair(
 def seen_flight(trajectory: Trajectory, utc_ns: np.ndarray, stamps_ns: np.ndarray, seed: int) -> list[ImagePair]:
     """Pairs of successive images that were taken at ``utc_ns`` and stamped ``stamps_ns``."""
     rng = np.random.default_rng([seed, 7])
-    at = [trajectory.sampled([moment]) for moment in utc_ns.tolist()]
+    at = [trajectory.at([moment]) for moment in utc_ns.tolist()]
     return [
         ImagePair(start_ns=int(stamps_ns[k]), end_ns=int(stamps_ns[k + 1]), matches=seen_pair(at[k], at[k + 1], rng))
         for k in range(len(at) - 1)
@@ -63,7 +63,7 @@ def reported(
     stamps = np.arange(trajectory.start_ns, trajectory.end_ns, round(1e9 / REPORT_HZ), dtype=np.int64)
     after_ns = round((lag_s - time_constant_s) * 1e9)
     before, gimbal, after = (
-        _against(trajectory.sampled(stamps + after_ns + sign * AROUND_NS), in_earth=in_earth) for sign in (-1, 0, 1)
+        _against(trajectory.at(stamps + after_ns + sign * AROUND_NS), in_earth=in_earth) for sign in (-1, 0, 1)
     )
     rate_radps = to_rotation_vector(multiply(inverse(before), after)) / (2e-9 * AROUND_NS)
     gimbal = multiply(gimbal, from_rotation_vector(time_constant_s * rate_radps))
@@ -71,7 +71,7 @@ def reported(
     earth = np.full(len(stamps), float(in_earth))
     return AttitudeHistory(
         vehicle=AttitudeSeries(
-            stamp_ns=stamps, wxyz=trajectory.sampled(stamps).ned_wxyz_body, yaw_in_earth=np.ones(len(stamps))
+            stamp_ns=stamps, wxyz=trajectory.at(stamps).ned_wxyz_body, yaw_in_earth=np.ones(len(stamps))
         ),
         gimbals={GimbalSource.GIMBAL_DEVICE: AttitudeSeries(stamp_ns=stamps, wxyz=gimbal, yaw_in_earth=earth)},
         frames={GimbalSource.GIMBAL_DEVICE: ReportFrame.EARTH},

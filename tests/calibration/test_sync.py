@@ -124,7 +124,7 @@ def test_what_is_not_there_is_named():
 def true_attitudes(trajectory):
     """Stamps at 20 Hz, ``ned_SO3_body`` and ``ned_SO3_gimbal`` there."""
     stamps = np.arange(trajectory.start_ns, trajectory.end_ns, 50_000_000, dtype=np.int64)
-    at = trajectory.sampled(stamps)
+    at = trajectory.at(stamps)
     return stamps, at.ned_wxyz_body, multiply(heading_wxyz(at.ned_wxyz_body), at.level_wxyz_gimbal)
 
 
@@ -166,7 +166,7 @@ def test_a_turn_that_no_plane_explains_is_not_believed():
     camera = CameraMotion(reported(trajectory, lag_s=0.0), SETTINGS, trajectory.start_ns)
     utc = trajectory.start_ns + np.arange(2_000_000_000, 18_000_000_000, 200_000_000)
     pairs = seen_flight(trajectory, utc, utc, 1)
-    at = trajectory.sampled(utc).enu_wxyz_cam
+    at = trajectory.at(utc).enu_wxyz_cam
     turns_rad = to_rotation_vector(multiply(inverse(at[:-1]), at[1:]))
     chi2 = np.ones(len(pairs))
     turns_rad[30:40] += 0.02  # land and water as one

@@ -10,7 +10,7 @@ import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
 from aerodft.geometry import camera_pose, from_rotation_vector, inverse, matrix, multiply, pixels_from_rays
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.scenario import EPOCH_NS, default_camera
 from aerodft.sim.video import write_video
 from aerodft.sim.yard import YARD
@@ -42,7 +42,7 @@ PROBES = {"crossing": ("distance", (NEAR, FAR)), "far": ("range", (FAR,)), "edge
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory, aerodft):
     folder = tmp_path_factory.mktemp("yard")
-    renderer = Renderer(CAMERA, replace(YARD, walkers=()), Imaging(noise_std=2.0))
+    renderer = Renderer(CAMERA, replace(YARD, walkers=()), SensorModel(noise_std=2.0))
     step_ns = 1_000_000_000 // FPS
     images = (
         (EPOCH_NS + k * step_ns, renderer.render(BEFORE if k < BUMPED else AFTER, k / FPS)) for k in range(LENGTH)

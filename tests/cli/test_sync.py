@@ -127,7 +127,7 @@ def test_import_with_auto_looks_where_the_camera_looked(desk, imported, aerodft,
         said = orjson.loads(line)
         if said["pose"] is not None:
             poses[int(said["stamp_ns"])] = math.radians(said["pose"]["tilt_deg"])
-    tilt_rad, _, _ = camera_angles(trajectory.sampled(list(poses)).enu_wxyz_cam)
+    tilt_rad, _, _ = camera_angles(trajectory.at(list(poses)).enu_wxyz_cam)
     off_rad = np.array(list(poses.values())) - tilt_rad
     assert len(poses) > 200
     # The simulated gimbal has a bias of its own; what varies would be a wrong time. It turns at up to 35 deg/s: 10 ms,

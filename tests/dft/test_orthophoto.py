@@ -11,8 +11,8 @@ from aerodft.dft.maps import Sampling, depth_map, top_view
 from aerodft.dft.maps.orthophoto import COARSEST
 from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, matrix
 from aerodft.model import Camera
-from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Marker, River, World
+from aerodft.sim.render import Renderer, SensorModel
+from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, Marker, River, World
 
 STEPS = 2.0
 CAMERA = Camera(
@@ -41,9 +41,9 @@ def scene(tilt_deg, roll_deg=0.0):
         east_m=2.0,
         north_m=-6.0,
     )
-    flat = Look(ground_contrast=0.0, water_contrast=0.0)
+    flat = Appearance(ground_contrast=0.0, water_contrast=0.0)
     world = World(origin=DEFAULT_ORIGIN, river=RIVER, look=flat, markers=MARKERS)
-    return Renderer(CAMERA, world, Imaging(noise_std=0.0)).render(pose, 0.0), pose
+    return Renderer(CAMERA, world, SensorModel(noise_std=0.0)).render(pose, 0.0), pose
 
 
 def at_en_m(view, columns_rows):

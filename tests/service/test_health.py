@@ -222,8 +222,8 @@ def test_verdicts_on_many_poses_are_those_on_each():
     asked = np.sort(rng.integers(0, stamps_ns[-1], 900))
     flown = PoseSample(stamp_ns=0, status=Status.OK, pose=camera_pose(height_agl_m=10.0, tilt_rad=0.5))
     poses, ticks = PoseBatch.repeated(flown, asked), np.zeros(len(asked), dtype=np.int64)
-    together = sources.judged(poses, ticks)
-    alone = [sources.judged(poses[row : row + 1], ticks[:1])[0] for row in range(len(asked))]
+    together = sources.with_verdicts(poses, ticks)
+    alone = [sources.with_verdicts(poses[row : row + 1], ticks[:1])[0] for row in range(len(asked))]
     assert [encode_pose(each) for each in together] == [encode_pose(each) for each in alone]
     assert len({each.reasons for each in alone}) > 20
     assert len(together.variants) < 400

@@ -15,7 +15,7 @@ import zenoh
 from aerodft.errors import LinkError, UsageError
 from aerodft.service.clocks import WallClock
 from aerodft.sim import datagrams, default_camera
-from aerodft.sim.live import Outlets, encode_packets, observation_publisher, parse_udp, perform, udp_sender
+from aerodft.sim.live import Outlets, encode_packets, observation_publisher, parse_udp, send_live, udp_sender
 from aerodft.sim.scenario import Scenario, survey_scenario
 from tests.clock import VirtualClock
 
@@ -52,7 +52,7 @@ def test_everything_is_sent_once_and_when_it_is_due(scenario: Scenario) -> None:
         observe_delay_ns=30_000_000,
     )
     video = encode_packets(scenario)
-    perform(scenario, video, outlets, clock)
+    send_live(scenario, video, outlets, clock)
     expected = datagrams(scenario.trajectory, scenario.autopilot)
     assert [(at, data) for at, kind, data in sent if kind == "mavlink"] == [(d.due_ns, d.data) for d in expected]
     times = [at for at, kind, _ in sent if kind == "video"]
@@ -67,7 +67,7 @@ def test_everything_is_sent_once_and_when_it_is_due(scenario: Scenario) -> None:
 def test_a_socket_gets_every_datagram(scenario: Scenario, receiver: socket.socket) -> None:
     quick = replace(scenario, autopilot=replace(scenario.autopilot, rates_hz={"ATTITUDE": 50.0}))
     with udp_sender(address_of(receiver)) as send:
-        perform(quick, [], Outlets(telemetry=send), VirtualClock())
+        send_live(quick, [], Outlets(telemetry=send), VirtualClock())
     expected = [datagram.data for datagram in datagrams(quick.trajectory, quick.autopilot)]
     assert [receiver.recv(2048) for _ in expected] == expected
 
@@ -80,7 +80,7 @@ def test_the_wall_clock_paces_the_flight(scenario: Scenario) -> None:
     )
     short = short.shifted(clock.now_ns() - short.trajectory.start_ns + 50_000_000)
     at: list[int] = []
-    perform(short, [], Outlets(telemetry=lambda _: at.append(clock.now_ns())), clock)
+    send_live(short, [], Outlets(telemetry=lambda _: at.append(clock.now_ns())), clock)
     due = np.array([datagram.due_ns for datagram in datagrams(short.trajectory, short.autopilot)])
     assert np.all(np.array(at) >= due)
     assert np.median(np.array(at) - due) < 20_000_000
@@ -127,7 +127,7 @@ def test_observations_reach_a_zenoh_subscriber(scenario: Scenario) -> None:
     config.insert_json5("scouting/multicast/enabled", "false")
     received: queue.Queue[tuple[str, bytes]] = queue.Queue()
     seen: list[Sighting] = []
-    perform(scenario, [], Outlets(observe=seen.append), VirtualClock())
+    send_live(scenario, [], Outlets(observe=seen.append), VirtualClock())
     with zenoh.open(config) as session, contextlib.ExitStack() as stack:
         subscriber = session.declare_subscriber(
             "aerodft/yard/observation/**", lambda s: received.put((str(s.key_expr), bytes(s.payload)))

@@ -9,7 +9,7 @@ import pytest
 from aerodft.geometry import inverse, matrix
 from aerodft.model import ProbeKind
 from aerodft.sim import default_camera
-from aerodft.sim.observations import MARGIN_PX, Observing, Sighting, sightings, write_lines
+from aerodft.sim.observations import MARGIN_PX, ObserverModel, Sighting, sightings, write_lines
 from aerodft.sim.scenario import Scenario, survey_scenario
 
 
@@ -23,7 +23,7 @@ def seen(scenario: Scenario) -> list[Sighting]:
     return look(scenario, scenario.observing)
 
 
-def look(scenario: Scenario, observing: Observing) -> list[Sighting]:
+def look(scenario: Scenario, observing: ObserverModel) -> list[Sighting]:
     stamps = scenario.image_stamps_ns.tolist()
     return list(sightings(scenario.world, scenario.camera, scenario.trajectory, stamps, observing))
 

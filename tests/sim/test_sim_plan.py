@@ -87,9 +87,9 @@ def test_times_must_increase(times: list[float]) -> None:
 def test_motion_between_samples_is_even() -> None:
     flight = survey(RIVER, origin=DEFAULT_ORIGIN)
     stamps = flight.stamp_ns[500:502]
-    middle = flight.sampled([int(stamps.mean())])
+    middle = flight.at([int(stamps.mean())])
     np.testing.assert_allclose(middle.position_enu_m[0], flight.position_enu_m[500:502].mean(axis=0), atol=1e-9)
-    np.testing.assert_allclose(flight.sampled(stamps).enu_wxyz_cam, flight.enu_wxyz_cam[500:502], atol=1e-12)
+    np.testing.assert_allclose(flight.at(stamps).enu_wxyz_cam, flight.enu_wxyz_cam[500:502], atol=1e-12)
 
 
 def test_a_cut_keeps_the_samples_of_a_half_open_interval() -> None:

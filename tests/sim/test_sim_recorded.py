@@ -44,7 +44,7 @@ def counts(path: Path) -> dict[str, int]:
 
 def test_a_flight_comes_back_from_its_own_log(tmp_path: Path, flight: Trajectory) -> None:
     again = trajectory_from_log(log_of(flight, tmp_path / "flight.tlog"))
-    truth = flight.sampled(again.stamp_ns)
+    truth = flight.at(again.stamp_ns)
     assert len(again.stamp_ns) == pytest.approx(100, abs=3)
     np.testing.assert_allclose(again.position_enu_m, truth.position_enu_m, atol=0.02)
     off_rad = 2 * np.arccos(np.clip(np.abs(np.sum(again.enu_wxyz_cam * truth.enu_wxyz_cam, axis=-1)), 0, 1))

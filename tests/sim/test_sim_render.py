@@ -7,13 +7,13 @@ import pytest
 
 from aerodft.geometry import camera_pose, inverse, matrix
 from aerodft.model import Camera, FloatArray, ImageArray, LensModel, Pose
-from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import DEFAULT_ORIGIN, Island, Look, Marker, Post, River, Walker, World
+from aerodft.sim.render import Renderer, SensorModel
+from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, Island, Marker, Post, River, Walker, World
 
 EDGE_PX = 0.3
 CORNER_PX = 0.5
-SHARP = Imaging(noise_std=0.0)
-FLAT = Look(ground_contrast=0.0, water_contrast=0.0)
+SHARP = SensorModel(noise_std=0.0)
+FLAT = Appearance(ground_contrast=0.0, water_contrast=0.0)
 RIVER = River(azimuth_rad=0.3)
 BROWN = Camera(
     name="brown",
@@ -158,7 +158,7 @@ def test_there_is_sky_above_the_horizon_and_black_beyond_the_lens() -> None:
 
 def test_water_flows_and_land_does_not() -> None:
     pose = camera_pose(height_agl_m=25.0, tilt_rad=0.0, heading_rad=0.3)
-    renderer = Renderer(BROWN, world(look=Look()), SHARP)
+    renderer = Renderer(BROWN, world(look=Appearance()), SHARP)
     changed = np.any(renderer.render(pose, 0.0) != renderer.render(pose, 1.0), axis=-1)
     middle = opencv_pixels(BROWN, pose, RIVER.enu([0.0], RIVER.centre_m([0.0])))[0].astype(int)
     land = opencv_pixels(BROWN, pose, RIVER.enu([0.0], [14.0]))[0].astype(int)
@@ -169,7 +169,7 @@ def test_water_flows_and_land_does_not() -> None:
 @pytest.mark.parametrize("height_m", [5.0, 40.0, 120.0])
 def test_the_ground_can_be_tracked_at_every_height(height_m: float) -> None:
     pose = camera_pose(height_agl_m=height_m, tilt_rad=0.0, east_m=300.0)
-    image = Renderer(BROWN, world(look=Look()), SHARP).render(pose, 0.0)
+    image = Renderer(BROWN, world(look=Appearance()), SHARP).render(pose, 0.0)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     corners = cv2.goodFeaturesToTrack(grey, 500, 0.01, 10)
     assert len(corners) > 200
@@ -178,7 +178,7 @@ def test_the_ground_can_be_tracked_at_every_height(height_m: float) -> None:
 
 def test_the_same_arguments_give_the_same_bytes_and_noise_has_its_std() -> None:
     pose = camera_pose(height_agl_m=25.0, tilt_rad=0.3, east_m=300.0)
-    noisy = Imaging(noise_std=3.0, seed=4)
+    noisy = SensorModel(noise_std=3.0, seed=4)
     one, again = (Renderer(BROWN, world(), noisy).render(pose, 0.5) for _ in range(2))
     np.testing.assert_array_equal(one, again)
     clean = Renderer(BROWN, world(), SHARP).render(pose, 0.5)
@@ -188,7 +188,8 @@ def test_the_same_arguments_give_the_same_bytes_and_noise_has_its_std() -> None:
 @pytest.mark.parametrize("tilt_deg", [0.0, 80.0])
 @pytest.mark.parametrize("north_m", [0.0, 400.0])  # over the water, and where there is none in view
 def test_a_camera_that_stands_still_sees_what_it_would_see_anew(north_m: float, tilt_deg: float) -> None:
-    scene = world(look=Look(), walkers=(Walker(start_en_m=(-9.0, north_m + 12.0), end_en_m=(9.0, north_m + 12.0)),))
+    walker = Walker(start_en_m=(-9.0, north_m + 12.0), end_en_m=(9.0, north_m + 12.0))
+    scene = world(look=Appearance(), walkers=(walker,))
     here, there = (
         camera_pose(height_agl_m=20.0, tilt_rad=math.radians(tilt_deg), north_m=north_m, east_m=east_m)
         for east_m in (0.0, 0.5)
@@ -201,7 +202,7 @@ def test_a_camera_that_stands_still_sees_what_it_would_see_anew(north_m: float, 
 
 def test_motion_blur_is_the_mean_of_the_exposure() -> None:
     poses = [camera_pose(height_agl_m=25.0, tilt_rad=0.3, north_m=north) for north in (0.0, 0.5, 1.0)]
-    renderer = Renderer(BROWN, world(look=Look()), SHARP)
+    renderer = Renderer(BROWN, world(look=Appearance()), SHARP)
     blurred = renderer.render_exposure(poses, [0.0, 0.0, 0.0])
     mean = np.mean([renderer.render(pose, 0.0) for pose in poses], axis=0)
     np.testing.assert_allclose(blurred, mean, atol=0.51)

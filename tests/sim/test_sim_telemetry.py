@@ -12,8 +12,8 @@ from aerodft.geometry import camera_angles, camera_from_gimbal, east_north, mult
 from aerodft.model import BiasValues, PoseStd
 from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import Datagram, Radio, drawn_biases, through_radio, write_tlog
-from aerodft.sim.trajectory import Trajectory, camera_of, heading_wxyz, survey
+from aerodft.sim.telemetry import Datagram, Radio, draw_biases, through_radio, write_tlog
+from aerodft.sim.trajectory import Trajectory, camera_attitude_from_gimbal, heading_wxyz, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, River
 
 FLIGHT = survey(
@@ -45,7 +45,7 @@ def of_type(name: str, sent: list[Datagram]) -> list[Any]:
 
 
 def truth(message: Any) -> Trajectory:
-    return FLIGHT.sampled([EPOCH_NS + (message.time_boot_ms - BOOTED_MS) * 1_000_000])
+    return FLIGHT.at([EPOCH_NS + (message.time_boot_ms - BOOTED_MS) * 1_000_000])
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_a_bias_is_what_is_said_minus_what_is_true(field: str, angle: int) -> No
         yaw, _, _ = yaw_pitch_roll(truth(attitude).ned_wxyz_body[0])
         assert (attitude.yaw - float(yaw) + math.pi) % (2 * math.pi) - math.pi == pytest.approx(bias_rad, abs=1e-6)
         return
-    said = camera_angles(camera_of(reported_body, np.array([message.q])))[angle][0]
+    said = camera_angles(camera_attitude_from_gimbal(reported_body, np.array([message.q])))[angle][0]
     true = camera_angles(at.enu_wxyz_cam)[angle][0]
     assert said - true == pytest.approx(bias_rad, abs=1e-4)
     position = of_type("GLOBAL_POSITION_INT", sent)[50]
@@ -145,10 +145,10 @@ def test_a_bias_is_what_is_said_minus_what_is_true(field: str, angle: int) -> No
 
 def test_biases_are_drawn_from_their_stds() -> None:
     std = PoseStd(height_agl_m=0.5, tilt_rad=0.01, roll_rad=0.02, heading_rad=0.03, pan_rad=0.04)
-    drawn = [drawn_biases(std, seed) for seed in range(2000)]
+    drawn = [draw_biases(std, seed) for seed in range(2000)]
     for field, expected in (("height_m", 0.5), ("tilt_rad", 0.01), ("roll_rad", 0.02), ("pan_rad", 0.04)):
         assert np.std([getattr(biases, field) for biases in drawn]) == pytest.approx(expected, rel=0.06)
-    assert drawn_biases(std, 3) == drawn[3]
+    assert draw_biases(std, 3) == drawn[3]
 
 
 def test_noise_has_its_std_and_the_gimbal_runs_ahead_of_the_camera() -> None:
@@ -161,7 +161,7 @@ def test_noise_has_its_std_and_the_gimbal_runs_ahead_of_the_camera() -> None:
     assert np.std(errors) == pytest.approx(0.2, rel=0.1)
     for message in of_type("GIMBAL_DEVICE_ATTITUDE_STATUS", noisy):
         stamp = EPOCH_NS + (message.time_boot_ms - BOOTED_MS + 200) * 1_000_000
-        ahead = FLIGHT.sampled([stamp]).level_wxyz_gimbal[0]
+        ahead = FLIGHT.at([stamp]).level_wxyz_gimbal[0]
         assert abs(np.dot(ahead, message.q)) == pytest.approx(1.0, abs=1e-6)
 
 

@@ -10,7 +10,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_rotation_vector, matrix, multiply, pixels_from_rays
 from aerodft.model import Camera, FloatArray, ImageArray, Pose, PoseSample, Status, Zoom, ZoomSource
 from aerodft.sim import Waypoint, default_camera, fly
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.trajectory import Trajectory, survey
 from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished_world
 
@@ -68,7 +68,7 @@ def _seen(
         zoom = round(_zoom(time_s), 2) if zooming else 1.0
         if last is None or last[0] != zoom:
             camera = replace(lens, fx_px=lens.fx_px * zoom, fy_px=lens.fy_px * zoom)
-            last = zoom, camera, Renderer(camera, world, Imaging(noise_std=2.0))
+            last = zoom, camera, Renderer(camera, world, SensorModel(noise_std=2.0))
         pose = trajectory.pose(trajectory.start_ns + round(time_s * SECOND_NS))
         said = _said(pose, time_s, zoom, draws)
         yield Seen(time_s, last[2].render(pose, time_s), last[1], pose, said)

@@ -34,7 +34,7 @@ from aerodft.service import (
 from aerodft.sim import Autopilot, datagrams, default_camera
 from aerodft.sim.observations import pixels_of
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.trajectory import Trajectory, camera_of
+from aerodft.sim.trajectory import Trajectory, camera_attitude_from_gimbal
 from aerodft.sim.world import DEFAULT_ORIGIN
 from calibration.live import LiveCalibrator
 from tests.answers import ImageAnswer, ObservationAnswer, answers_of
@@ -164,7 +164,7 @@ def trajectory(draw, tilt_deg, *, height_m=None, length_s=6.0, speed_mps=1.0, tu
         position_enu_m=start + elapsed_s[:, None] * velocity,
         ned_wxyz_body=body,
         level_wxyz_gimbal=gimbal,
-        enu_wxyz_cam=camera_of(body, gimbal),
+        enu_wxyz_cam=camera_attitude_from_gimbal(body, gimbal),
     )
 
 

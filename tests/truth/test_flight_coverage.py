@@ -40,8 +40,8 @@ from aerodft.service import (
 from aerodft.sim import Autopilot, datagrams, default_camera
 from aerodft.sim.observations import pixels_of
 from aerodft.sim.scenario import EPOCH_NS
-from aerodft.sim.telemetry import drawn_biases
-from aerodft.sim.trajectory import Trajectory, camera_of
+from aerodft.sim.telemetry import draw_biases
+from aerodft.sim.trajectory import Trajectory, camera_attitude_from_gimbal
 from aerodft.sim.world import DEFAULT_ORIGIN
 from tests.answers import answers_of, measurements_of
 
@@ -106,14 +106,14 @@ def _trajectory(draw: np.random.Generator, tilt_deg: float, motion: Motion) -> T
         position_enu_m=start + elapsed_s[:, None] * velocity,
         ned_wxyz_body=body,
         level_wxyz_gimbal=gimbal,
-        enu_wxyz_cam=camera_of(body, gimbal),
+        enu_wxyz_cam=camera_attitude_from_gimbal(body, gimbal),
     )
 
 
 def _telemetry(draw: np.random.Generator, truth: Trajectory, std: PoseStd) -> RawBlock:
     """What the autopilot says of the flight, wrong by what one flight draws."""
     shift = np.append(draw.standard_normal(2) * std.horizontal_m, 0.0)
-    biases = drawn_biases(std, int(draw.integers(2**31)))
+    biases = draw_biases(std, int(draw.integers(2**31)))
     told = replace(truth, position_enu_m=truth.position_enu_m + shift)
     sent = datagrams(told, Autopilot(rates_hz=RATES_HZ, biases=biases))
     return block_of(WireProtocol.MAVLINK, "sim", [each.due_ns for each in sent], [each.data for each in sent])

@@ -13,7 +13,7 @@ from aerodft.dft import Setup
 from aerodft.geometry import from_rotation_vector, multiply, pose_covariance
 from aerodft.model import PoseStd
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging
+from aerodft.sim.render import SensorModel
 from aerodft.vision.river import River, RiverQuestion, RiverStatus, WaterPlane, find_river
 from aerodft.vision.river.centreline import centreline
 from aerodft.vision.river.find import oriented, river_across
@@ -76,7 +76,7 @@ def test_widths_and_their_intervals(shape, camera):
     for index, (tilt_deg, seed) in enumerate((a, b) for a in TILTS_DEG for b in SEEDS):
         scene = river_scene(shape, tilt_deg, seed)
         look = list(LOOKS)[(index + len(shape)) % len(LOOKS)]
-        image = WatersideRenderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
+        image = WatersideRenderer(camera, scene.world, SensorModel(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
         where = f"{look} {shape} {tilt_deg} deg, seed {seed}"
         found = find_river(image, Setup(camera=camera), scene.pose, RiverQuestion(spacing_m=2.0))
         assert isinstance(found, River), f"{where}: {found}"
@@ -110,7 +110,7 @@ def test_widths_and_their_intervals(shape, camera):
 def test_foam_along_a_bank_is_no_bank(shape, tilt_deg, seed, look, camera):
     """Spots of foam are rough where water is smooth; it was taken off as bare ground, 13 % of the width."""
     scene = river_scene(shape, tilt_deg, seed)
-    image = WatersideRenderer(camera, scene.world, Imaging(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
+    image = WatersideRenderer(camera, scene.world, SensorModel(seed=seed), LOOKS[look]).render(scene.pose, 3.0)
     found = find_river(image, Setup(camera=camera), scene.pose, RiverQuestion(spacing_m=2.0))
     assert isinstance(found, River), found
     width, std, true, _ = crossed(camera, scene, found)

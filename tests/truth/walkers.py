@@ -9,8 +9,8 @@ import numpy as np
 from aerodft.geometry import camera_pose, inverse, matrix, pixels_from_rays
 from aerodft.model import FloatArray, ImageArray, PoseStd
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, River, Walker, Wall, World
+from aerodft.sim.render import Renderer, SensorModel
+from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, River, Walker, Wall, World
 
 FPS = 10
 EMPTY = 15
@@ -46,10 +46,10 @@ def images(
     empty_images: int = EMPTY,
 ) -> Iterator[tuple[float, ImageArray]]:
     """Times (s) and images, the first of them of the empty yard."""
-    look = Look(sun_azimuth_rad=math.radians(sun_azimuth_deg), sun_elevation_rad=math.radians(30))
+    look = Appearance(sun_azimuth_rad=math.radians(sun_azimuth_deg), sun_elevation_rad=math.radians(30))
     river = River(origin_en_m=(0.0, -300.0))
     empty = World(origin=DEFAULT_ORIGIN, river=river, walls=walls, look=look, seed=seed)
-    noise = Imaging(noise_std=2.0, seed=seed)
+    noise = SensorModel(noise_std=2.0, seed=seed)
     bare, full = Renderer(CAMERA, empty, noise), Renderer(CAMERA, replace(empty, walkers=walkers), noise)
     for k in range(count):
         yield k / FPS, (bare if k < empty_images else full).render(POSE, k / FPS)

@@ -10,9 +10,9 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_rotation_vector, matrix, multiply, pixels_from_rays
 from aerodft.model import FloatArray, ImageArray, Pose, PoseSample, PoseStd, Status
 from aerodft.sim import Waypoint, default_camera, fly
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.trajectory import Trajectory
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, Post, River, Walker, Wall, World
+from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, Post, River, Walker, Wall, World
 
 FPS = 10
 CAMERA = default_camera(960, 540)
@@ -78,7 +78,7 @@ def images(
     seed: int = 1,
 ) -> Iterator[Seen]:
     """All images; somebody is there from the first on."""
-    look = Look(sun_azimuth_rad=math.radians(60.0 * seed), sun_elevation_rad=math.radians(35))
+    look = Appearance(sun_azimuth_rad=math.radians(60.0 * seed), sun_elevation_rad=math.radians(35))
     world = World(
         origin=DEFAULT_ORIGIN,
         river=River(origin_en_m=(0.0, -300.0)),
@@ -88,7 +88,7 @@ def images(
         look=look,
         seed=seed,
     )
-    renderer, draws = Renderer(CAMERA, world, Imaging(noise_std=2.0, seed=seed)), np.random.default_rng(seed)
+    renderer, draws = Renderer(CAMERA, world, SensorModel(noise_std=2.0, seed=seed)), np.random.default_rng(seed)
     bias = draws.normal(0, 1, 6) * [0.1, 0.1, 0.1, 4e-3, 4e-3, 4e-3]
     for k in range(round(seconds * FPS)):
         time_s = k / FPS

@@ -8,8 +8,8 @@ import numpy as np
 from aerodft.geometry import camera_pose
 from aerodft.model import Pose
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import Island, Look, River, World, furnished_world
+from aerodft.sim.render import Renderer, SensorModel
+from aerodft.sim.world import Appearance, Island, River, World, furnished_world
 
 SHAPES = {
     "straight": {"meander_m": 0.0, "width_swing_m": 0.0},
@@ -40,7 +40,7 @@ def river_scene(shape, tilt_deg, seed, *, height_m=40.0, look=None):
     """A camera about 40 m above the river, that looks along it within 20 degrees and at its middle."""
     random = np.random.default_rng([seed, tilt_deg])
     river = River(azimuth_rad=random.uniform(0, 2 * math.pi), **SHAPES[shape])
-    world = furnished_world(river, seed=seed, look=look or Look())
+    world = furnished_world(river, seed=seed, look=look or Appearance())
     height = height_m * random.uniform(0.8, 1.2)
     tilt, roll = tilt_deg + random.uniform(-1, 1) * min(1.0, tilt_deg), random.uniform(-3, 3)
     aside = math.radians(random.uniform(-20, 20))
@@ -60,7 +60,7 @@ def river_scene(shape, tilt_deg, seed, *, height_m=40.0, look=None):
 def picture(scene, *, width_px=1920, height_px=1080, noise_std=2.0, seed=1):
     """The camera, and the image that it takes."""
     camera = default_camera(width_px, height_px)
-    return camera, Renderer(camera, scene.world, Imaging(noise_std=noise_std, seed=seed)).render(scene.pose, 3.0)
+    return camera, Renderer(camera, scene.world, SensorModel(noise_std=noise_std, seed=seed)).render(scene.pose, 3.0)
 
 
 def true_crossing(river, centres_en_m, to_left):

@@ -41,7 +41,7 @@ def turning(tilt_deg=30.0, *, seconds=4.0):
 
 def truth(trajectory, starts_ns, ends_ns):
     """Turns and normals ``(n, 3)``."""
-    first, second = trajectory.sampled(starts_ns).enu_wxyz_cam, trajectory.sampled(ends_ns).enu_wxyz_cam
+    first, second = trajectory.at(starts_ns).enu_wxyz_cam, trajectory.at(ends_ns).enu_wxyz_cam
     return to_rotation_vector(multiply(inverse(first), second)), matrix(first)[:, 2, :]
 
 
@@ -66,7 +66,7 @@ def test_an_exact_homography_gives_its_rotation_back(tilt_deg):
 def test_stated_covariances_are_those_of_many_draws():
     trajectory, rng = turning(), np.random.default_rng(1)
     moments = np.array([2_000_000_000, 2_200_000_000]) + trajectory.start_ns
-    earlier, later = (trajectory.sampled([moment]) for moment in moments)
+    earlier, later = (trajectory.at([moment]) for moment in moments)
     pairs = [ImagePair(start_ns=0, end_ns=1, matches=seen_pair(earlier, later, rng, noise_px=0.15)) for _ in range(300)]
     turn, normal = truth(trajectory, moments[:1], moments[1:])
     found = turns_over_plane(plane_motion(pairs), np.repeat(normal, 300, axis=0), np.repeat(turn, 300, axis=0))
@@ -84,9 +84,7 @@ def test_land_and_flowing_water_are_told_apart():
         ImagePair(
             start_ns=start,
             end_ns=end,
-            matches=seen_pair(
-                trajectory.sampled([start]), trajectory.sampled([end]), rng, count=300, flow_m=(0.12, 0.1, 0.0)
-            ),
+            matches=seen_pair(trajectory.at([start]), trajectory.at([end]), rng, count=300, flow_m=(0.12, 0.1, 0.0)),
         )
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
     ]

@@ -9,7 +9,7 @@ from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
 from aerodft.reports.river.document import doubts
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.world import Island, furnished_world
 from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import (
@@ -65,7 +65,7 @@ def test_an_arm_behind_a_long_island_is_said():
     )
     camera = default_camera(960, 540)
     pose = camera_pose(height_agl_m=100.0, tilt_rad=0.0)
-    image = Renderer(camera, furnished_world(river), Imaging()).render(pose, 1.0)
+    image = Renderer(camera, furnished_world(river), SensorModel()).render(pose, 1.0)
     found = find_river(image, Setup(camera=camera), pose, RiverQuestion(hints=RiverHints.of([(480.0, 375.0)], [])))
     assert isinstance(found, River)
     assert found.water.apart > 0.5

@@ -8,8 +8,8 @@ import pytest
 from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import DEFAULT_ORIGIN, Look, World
+from aerodft.sim.render import Renderer, SensorModel
+from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, World
 from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import (
     NoRiver,
@@ -27,9 +27,9 @@ MIDDLE = (480.0, 270.0)
 def seen(north_m, tilt_deg, height_m, *, width_m=22.0, look=None, seed_px=None, dim=1.0):
     """What is found from ``north_m`` of the river's axis, the camera looking north across it."""
     river = SimulatedRiver(width_m=width_m, width_swing_m=0.0, meander_m=0.0)
-    world = World(origin=DEFAULT_ORIGIN, river=river, look=look or Look())
+    world = World(origin=DEFAULT_ORIGIN, river=river, look=look or Appearance())
     pose = camera_pose(height_agl_m=height_m, tilt_rad=math.radians(tilt_deg), north_m=north_m)
-    image = Renderer(CAMERA, world, Imaging()).render(pose, 1.0)
+    image = Renderer(CAMERA, world, SensorModel()).render(pose, 1.0)
     image = (image * dim).astype(np.uint8)
     return find_river(
         image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints.of([] if seed_px is None else [seed_px], []))
@@ -79,9 +79,9 @@ def test_a_white_image_shows_nothing():
 
 def _meadow():
     pose = camera_pose(height_agl_m=30.0, tilt_rad=0.0, north_m=500.0)
-    return Renderer(CAMERA, World(origin=DEFAULT_ORIGIN, river=SimulatedRiver(), look=Look()), Imaging()).render(
-        pose, 1.0
-    )
+    return Renderer(
+        CAMERA, World(origin=DEFAULT_ORIGIN, river=SimulatedRiver(), look=Appearance()), SensorModel()
+    ).render(pose, 1.0)
 
 
 def _even(bgr, spread, seed):

@@ -11,7 +11,7 @@ import pytest
 from aerodft.dft import Setup
 from aerodft.geometry import camera_pose, from_rotation_vector, multiply
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
+from aerodft.sim.render import Renderer, SensorModel
 from aerodft.vision.river import (
     LaterLook,
     NoRiver,
@@ -44,7 +44,7 @@ def looks(look, shape="straight", tilt_deg=0, after_s=1.0):
     there = replace(scene.pose, position_enu_m=scene.pose.position_enu_m + [1.2, 0.8, 0.1])
     there = turned(there, 0.01, 0.008, -0.006)
     image, later = (
-        WatersideRenderer(CAMERA, scene.world, Imaging(seed=seed), look).render(pose, 3.0 + after)
+        WatersideRenderer(CAMERA, scene.world, SensorModel(seed=seed), look).render(pose, 3.0 + after)
         for seed, pose, after in ((1, scene.pose, 0.0), (2, there, after_s))
     )
     told = turned(there, 0.004, -0.004, 0.005)
@@ -100,7 +100,7 @@ def test_what_does_not_move_is_a_road_unless_somebody_says_so():
     random = np.random.default_rng(1)
     v, u = np.mgrid[:1080, :1920]
     band = np.clip(200 - np.abs(u - 960 - 150 * np.sin(v / 300)) + 0.5, 0, 1)[..., None]
-    meadow = Renderer(CAMERA, river_scene("straight", 0, 1).world, Imaging())
+    meadow = Renderer(CAMERA, river_scene("straight", 0, 1).world, SensorModel())
     grass = meadow.render(camera_pose(height_agl_m=30.0, tilt_rad=0.0, north_m=500.0), 0.0)
     stones = np.repeat(np.repeat(random.normal(0, 16, (90, 160, 1)), 12, axis=0), 12, axis=1)
     scene = grass * (1 - band) + (np.array([95, 97, 96]) + stones) * band

@@ -14,8 +14,8 @@ from pictures import Bytes, Labelled
 from aerodft.dft.maps import GroundMap
 from aerodft.geometry import camera_pose
 from aerodft.sim import default_camera
-from aerodft.sim.render import Imaging, Renderer
-from aerodft.sim.world import Island, Look, River, furnished_world
+from aerodft.sim.render import Renderer, SensorModel
+from aerodft.sim.world import Appearance, Island, River, furnished_world
 
 Floats = npt.NDArray[np.float32]
 DRAWN = 0.4
@@ -212,7 +212,7 @@ def simulated(count: int, random: np.random.Generator) -> list[Labelled]:
             width_m=random.uniform(10, 40), width_swing_m=random.uniform(0, 3), meander_m=random.uniform(0, 8),
             islands=islands, azimuth_rad=random.uniform(0, 6),
         )  # fmt: skip
-        look = Look(ground_contrast=random.uniform(0.5, 1.5), water_contrast=random.uniform(0.5, 2.0))
+        look = Appearance(ground_contrast=random.uniform(0.5, 1.5), water_contrast=random.uniform(0.5, 2.0))
         world = furnished_world(river, seed=1000 + number, look=look)
         east, north, _ = river.enu(random.uniform(-60, 60), random.uniform(-15, 15))
         pose = camera_pose(
@@ -220,7 +220,7 @@ def simulated(count: int, random: np.random.Generator) -> list[Labelled]:
             roll_rad=random.uniform(-0.1, 0.1),
             heading_rad=random.uniform(-3, 3), east_m=float(east), north_m=float(north),
         )  # fmt: skip
-        pixels = Renderer(camera, world, Imaging(seed=number)).render(pose, random.uniform(0, 30))
+        pixels = Renderer(camera, world, SensorModel(seed=number)).render(pose, random.uniform(0, 30))
         points = GroundMap.at(camera, pose, 0.0).points_enu_m(np.stack([u, v], axis=-1))
         along, across = river.along_across(points)
         (left, right), (shore_left, shore_right) = river.banks_m(along), river.shores_m(along)

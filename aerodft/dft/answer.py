@@ -67,7 +67,7 @@ _NO_RAY_CODES: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS
 
 _OK: Final = CODE_OF[Status.OK]
 _STD_FIELDS: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
-_MAX_WIDTH_CHANGE, _DRAW_STEP = 0.25, 4  # relative; 256 draws give a width within a tenth
+_MAX_WIDTH_CHANGE, _QUICK_DRAWS = 0.25, 256  # relative; so many draws give a width within a tenth
 _SECOND_ORDER_LIMIT: Final = 0.1
 """Standard deviations: a smaller bound of the second-order term is negligible."""
 _NONLINEARITY_LIMIT: Final = 0.15
@@ -410,7 +410,7 @@ class Answers:
         has_edge = np.zeros(self.code.shape, dtype=np.bool_)
         rows, members = np.nonzero(candidates)
         if len(rows):
-            ranges = draw_ranges(self._draw_input(rows, members), self._on_ground, _DRAW_STEP)
+            ranges = draw_ranges(self._draw_input(rows, members), self._on_ground, _QUICK_DRAWS)
             width = 2 * Z95 * self._range_std_m[rows, members]
             has_edge[rows, members] = np.any(np.abs(2 * ranges.half - width) > _MAX_WIDTH_CHANGE * width, axis=-1)
         return has_edge

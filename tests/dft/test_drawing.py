@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from aerodft.dft.monte_carlo import DRAWS, standard_draws
 
@@ -15,5 +16,19 @@ def test_draws_are_standard_and_symmetric(dimensions: int) -> None:
 
 
 def test_intervals_that_were_drawn_stay_what_they_were() -> None:
-    first = [1.3696880989401818, 0.7031938346421072, -0.7870172007899139]
-    np.testing.assert_allclose(standard_draws(13)[0, :3], first, rtol=1e-15)
+    first = [-0.018360125271466944, -0.9838377143615886, 1.286575787318466]
+    np.testing.assert_allclose(standard_draws(13)[0, :3], first, rtol=1e-14)
+
+
+def test_few_draws_are_each_of_another_sixteenth_of_every_error() -> None:
+    sixteenths = np.floor(16 * ndtr(standard_draws(13, 32)[:16]))
+    np.testing.assert_array_equal(np.sort(sixteenths, axis=0), np.tile(np.arange(16.0)[:, None], 13))
+
+
+def test_what_is_drawn_of_sums_holds_what_their_closed_form_does() -> None:
+    rng = np.random.default_rng(1)
+    weights = rng.standard_normal((400, 20)) * 10 ** rng.uniform(-1.5, 0, (400, 20))  # few of them count, mostly
+    sums = weights / np.linalg.norm(weights, axis=1, keepdims=True) @ standard_draws(20).T
+    off = np.quantile(sums, [0.025, 0.975], axis=1) / np.array([[-1.959964], [1.959964]]) - 1
+    assert np.sqrt(np.mean(np.square(off))) < 0.03
+    assert abs(np.mean(off)) < 0.01

@@ -33,7 +33,6 @@ from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, recording_hash, run_batch
-from replay.export import ParquetRows
 from replay.recordings import PROVENANCE_NAME, Recording, RecordingSource, Redetection, RedetectionStatistics
 
 _FROM_IMAGE_TO_IMAGE: Final = {"objects": "[objects]", "tracked": "tracked probes"}
@@ -316,6 +315,8 @@ def recompute_rows(
     job: Job, *, dataset: Dataset, config: Path | None = None, calibration: Path | None = None, overwrite: bool = False
 ) -> Outcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
+    from replay.export import ParquetRows  # noqa: PLC0415 - slow to load, and one recording has no table
+
     try:
         opened = open_recomputation(job.folder, config, calibration)
         key = _key(opened)

@@ -13,7 +13,6 @@ import orjson
 
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
-from replay.export import parquet_metadata
 
 _KEY = "aerodft.key"
 _STATUSES = "aerodft.statuses"
@@ -104,7 +103,7 @@ class Dataset:
         path = self._path(recording, key)
         if not path.is_file():
             return None
-        metadata = parquet_metadata(path)
+        metadata = _metadata(path)
         if metadata is None or metadata.get(_KEY) != key.all:
             return None  # damaged since, or another key of the same beginning: made again
         statuses: dict[str, int] = orjson.loads(metadata.get(_STATUSES, "{}"))
@@ -150,11 +149,17 @@ class Dataset:
 
     def left_out(self, recording: str, key: InputKey) -> str:
         """What a part that is done says of what is not in it; empty where that is nothing."""
-        return (parquet_metadata(self._path(recording, key)) or {}).get(_LEFT_OUT, "")
+        return (_metadata(self._path(recording, key)) or {}).get(_LEFT_OUT, "")
 
     def _path(self, recording: str, key: InputKey) -> Path:
         digits = key.all.removeprefix("sha256:")[:_NAME_DIGITS]
         return self.folder / f"recording={quote(recording, safe=' ')}" / f"part-{digits}.parquet"
+
+
+def _metadata(path: Path) -> dict[str, str] | None:
+    from replay.export import parquet_metadata  # noqa: PLC0415 - slow to load, and hashes are asked for without it
+
+    return parquet_metadata(path)
 
 
 def _clear(folder: Path, stem: str) -> None:

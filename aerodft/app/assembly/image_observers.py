@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +15,9 @@ from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import extrapolate_pose
 from aerodft.model import Camera, Image, PixelSource, PoseSample, Status
 from aerodft.service import CameraMotionSettings, ObserverCounts, ObserverSchedule, Pipeline
-from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
-from aerodft.vision.objects import MovingObjects, MovingOverGround
-from aerodft.vision.plane_lock import TrackedProbes
-from aerodft.vision.river import RiverObserver
-from calibration.markers import CameraPlace, MarkerObserver
+
+if TYPE_CHECKING:
+    from calibration.markers import CameraPlace, MarkerObserver
 
 _log = logging.getLogger(__name__)
 
@@ -80,20 +79,28 @@ def build_observers(
     if station.camera_motion is not None:
         schedules["watch"] = _camera_motion_schedule(station.camera_motion, camera)
     if (markers := station.markers) is not None:
+        from calibration.markers import MarkerObserver  # noqa: PLC0415 - as each observer here: slow to load, and rare
+
         observer = MarkerObserver(markers.survey, camera, markers.ignore, partial(_place_near, pipeline))
         schedules["markers"] = ObserverSchedule(observer, markers.every_s)
         notes["markers"] = partial(_marker_notes, observer)
     if (objects := station.objects) is not None and objects.detect:
+        from aerodft.vision.objects import MovingObjects, MovingOverGround  # noqa: PLC0415
+
         is_fixed = station.pipeline.fixed_pose is not None
         # Before a fixed camera what changes moves; before one that flies, what changes on the held ground.
         moving = MovingObjects(camera, objects) if is_fixed else MovingOverGround(camera, objects, pose_of, ground)
         schedules["objects"] = ObserverSchedule(moving, objects.every_s)
         notes["objects"] = lambda: {"restless": moving.flickering}
     if station.river is not None:
+        from aerodft.vision.river import RiverObserver  # noqa: PLC0415
+
         river = RiverObserver(camera, station.river, river_probes(probes), pose_of)
         schedules["river"] = ObserverSchedule(river, station.river.every_s)
         notes["river"] = lambda: {"without_river": dict(river.misses)}
     if tracked := tuple(probe for probe in probes if probe.source is PixelSource.TRACKED):
+        from aerodft.vision.plane_lock import TrackedProbes  # noqa: PLC0415
+
         schedules["tracked"] = ObserverSchedule(TrackedProbes(camera, tracked, pose_of, ground))
     if schedules and not _has_images(station.images.source, may_record=may_record):
         first = next(iter(schedules))
@@ -112,6 +119,8 @@ def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> O
     Raises:
         InputError: The reference image cannot be read, is of another size, or shows too little.
     """
+    from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints  # noqa: PLC0415
+
     pixels = None
     if settings.reference is not None:
         hint = "camera_motion.reference is an image that the camera took in the mode that it is in now"
@@ -132,7 +141,7 @@ def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> O
     return ObserverSchedule(points, settings.every_s)
 
 
-def _marker_notes(observer: MarkerObserver) -> dict[str, object]:
+def _marker_notes(observer: "MarkerObserver") -> dict[str, object]:
     return {"not_surveyed": _by_text(observer.strangers), "wrong_size": _by_text(observer.false)}
 
 
@@ -161,8 +170,10 @@ def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
     return replace(sample, pose=extrapolate_pose(sample.pose, elapsed_s))
 
 
-def _place_near(pipeline: Pipeline, image: Image) -> CameraPlace | None:
+def _place_near(pipeline: Pipeline, image: Image) -> "CameraPlace | None":
     """Where the camera is by the newest pose; None where that is too old, or has no place on the map."""
+    from calibration.markers import CameraPlace  # noqa: PLC0415
+
     sample = _pose_near(pipeline, image)
     if sample is None or sample.pose is None or sample.origin is None:
         return None

@@ -22,10 +22,6 @@ from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import Measurement
 from aerodft.service import Batches, Feed, Inbox, Pipeline, Sink
-from aerodft.vision.objects import ObjectTracks
-from calibration.camera_motion import CameraMotionCalibrator
-from calibration.flight import BiasCalibrator
-from calibration.live import LiveCalibrator
 
 _log = logging.getLogger(__name__)
 
@@ -40,15 +36,26 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         hint = "`import_flight` finds it, `align` says it"
         raise ConfigError("images.time_offset_s", got='"auto"', expected="a number", hint=hint)
     decoder = decoder_of(station.pipeline.telemetry)
-    tracker = None if station.objects is None else ObjectTracks(station.objects)
+    tracker = None
+    if station.objects is not None:
+        from aerodft.vision.objects import ObjectTracks  # noqa: PLC0415 - slow to load, as each calibrator is
+
+        tracker = ObjectTracks(station.objects)
     if station.live is not None:
+        from calibration.live import LiveCalibrator  # noqa: PLC0415
+
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live, tracker)
     if station.camera_motion is not None:
+        from calibration.camera_motion import CameraMotionCalibrator  # noqa: PLC0415
+
         steady = CameraMotionCalibrator(station.camera_motion, station.pipeline)
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
-    calibrator = None if station.calibration is None else BiasCalibrator(station.calibration)
-    return Pipeline(station.pipeline, decoder, calibrator, tracker=tracker)
+    if station.calibration is not None:
+        from calibration.flight import BiasCalibrator  # noqa: PLC0415
+
+        return Pipeline(station.pipeline, decoder, BiasCalibrator(station.calibration), tracker=tracker)
+    return Pipeline(station.pipeline, decoder, tracker=tracker)
 
 
 def outputs_run(station: StationConfig, pipeline: Pipeline, inbox: Inbox | None = None) -> Run:

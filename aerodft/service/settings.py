@@ -250,7 +250,7 @@ class TelemetrySettings:
 class ErrorStd:
     """Standard deviations of errors of the telemetry, None for a default; axes as in ``PoseStd``."""
 
-    height_m: float | None = None
+    height_agl_m: float | None = None
     horizontal_m: float | None = None
     tilt_rad: float | None = None
     pan_rad: float | None = None
@@ -259,7 +259,7 @@ class ErrorStd:
 
 
 DRIFT = ErrorStd(
-    height_m=0.02,
+    height_agl_m=0.02,
     horizontal_m=0.1,
     tilt_rad=math.radians(0.01),
     pan_rad=math.radians(0.01),

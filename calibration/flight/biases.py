@@ -73,7 +73,7 @@ class BiasModel:
         others = (*(getattr(stated, each) for each in _ANGLES), stated.horizontal_m, stated.horizontal_m)
         stds = [shared * each for each in (*stated_heights, *others)]
         configured = (
-            *([initial.height_m] * len(heights)),
+            *([initial.height_agl_m] * len(heights)),
             *(getattr(initial, each) for each in _ANGLES),
             initial.horizontal_m,
             initial.horizontal_m,
@@ -84,7 +84,7 @@ class BiasModel:
         if start is not None:
             mean, cov = _with_start(mean, cov, start)
         least = {each: _or(getattr(noise, each), share * getattr(stated, each)) for each in ("horizontal_m", *_ANGLES)}
-        new = [PoseStd(height_agl_m=_or(noise.height_m, share * std), **least) for std in stated_heights]
+        new = [PoseStd(height_agl_m=_or(noise.height_agl_m, share * std), **least) for std in stated_heights]
         known = [replace(stated, height_agl_m=std, time_s=math.inf) for std in stated_heights]
         return cls(
             heights=heights,
@@ -277,7 +277,7 @@ def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatA
     """At which biases that walk at random by the stated drift are pulled back, to keep their variance."""
     drift = live.drift
     others = (*(getattr(drift, each) for each in _ANGLES), drift.horizontal_m, drift.horizontal_m, 0.0)
-    walked = np.square([each or 0.0 for each in (*([drift.height_m] * heights), *others)])
+    walked = np.square([each or 0.0 for each in (*([drift.height_agl_m] * heights), *others)])
     return np.divide(walked, 2 * variances, out=np.zeros_like(walked), where=variances > 0)
 
 

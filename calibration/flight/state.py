@@ -116,7 +116,7 @@ def shared_and_new(
     best = {name: min(getattr(std, name) for std in stds) for name in set(_OWN)}
     shared = math.sqrt(1 - share**2)
     priors = {bias: Prior(value=0.0, std=shared * best[name]) for bias, name in _SHARED.items()}
-    stated = {name: getattr(noise, "height_m" if name == "height_agl_m" else name) for name in best}
+    stated = {name: getattr(noise, name) for name in best}
     least = {name: share * best[name] if std is None else std for name, std in stated.items()}
     return priors, tuple(
         np.array([math.hypot(least[name], excess(getattr(std, name), best[name])) for name in _OWN]) for std in stds

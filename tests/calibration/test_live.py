@@ -47,7 +47,7 @@ STD = PoseStd(
     height_agl_m=1.0, horizontal_m=2.0, tilt_rad=DEG, pan_rad=DEG, roll_rad=DEG, heading_rad=2 * DEG, time_s=0.05
 )
 PLACES = {"a": (5.0, 35.0, 0.0), "b": (-10.0, 48.0, 0.5), "c": (15.0, 58.0, 0.0)}
-STEADY = ErrorStd(height_m=0.0, horizontal_m=0.0, tilt_rad=0.0, pan_rad=0.0, roll_rad=0.0, heading_rad=0.0)
+STEADY = ErrorStd(height_agl_m=0.0, horizontal_m=0.0, tilt_rad=0.0, pan_rad=0.0, roll_rad=0.0, heading_rad=0.0)
 CERTAIN = {"noise_share": 0.0, "drift": STEADY, "outlier_fraction": 0.0}
 """What makes the filter a least squares problem."""
 
@@ -180,7 +180,12 @@ def test_many_sights_give_what_least_squares_gives():
     """
     draw, wrong = np.random.default_rng(3), 0.2 * WRONG
     near = ErrorStd(
-        height_m=0.2, horizontal_m=0.4, tilt_rad=0.2 * DEG, pan_rad=0.2 * DEG, roll_rad=0.2 * DEG, heading_rad=0.4 * DEG
+        height_agl_m=0.2,
+        horizontal_m=0.4,
+        tilt_rad=0.2 * DEG,
+        pan_rad=0.2 * DEG,
+        roll_rad=0.2 * DEG,
+        heading_rad=0.4 * DEG,
     )
     poses = [sample(second, heading_deg=25 * second - 20, tilt_deg=45 + 3 * second) for second in range(4)]
     sights = []

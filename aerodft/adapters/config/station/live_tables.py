@@ -52,7 +52,7 @@ class LandmarkTable(Table):
 class ErrorStdTable(Table):
     """Standard deviations of the telemetry's errors; a default applies to what is left out."""
 
-    height_m: keys.NonNegative | None = None
+    height_m: Annotated[keys.NonNegative | None, SiAttribute("height_agl_m")] = None
     horizontal_m: keys.NonNegative | None = None
     tilt_deg: AngleStd | None = None
     pan_deg: AngleStd | None = None

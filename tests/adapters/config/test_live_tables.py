@@ -49,10 +49,10 @@ def test_a_place_on_the_map_is_as_far_from_the_origin_as_the_geodesic():
 def test_what_is_left_out_has_its_default_and_what_is_said_counts():
     plain, tuned = parsed(FLIGHT + LOCAL).live, parsed(FLIGHT + LOCAL + TUNED).live
     assert plain.drift == DRIFT
-    assert (plain.noise.tilt_rad, plain.initial.height_m) == (None, None)
+    assert (plain.noise.tilt_rad, plain.initial.height_agl_m) == (None, None)
     assert tuned.drift == replace(DRIFT, horizontal_m=0.3)
-    assert (tuned.noise.tilt_rad, tuned.noise.height_m) == (math.radians(0.07), None)
-    assert (tuned.initial.height_m, tuned.initial.heading_rad) == (3.0, math.radians(11.0))
+    assert (tuned.noise.tilt_rad, tuned.noise.height_agl_m) == (math.radians(0.07), None)
+    assert (tuned.initial.height_agl_m, tuned.initial.heading_rad) == (3.0, math.radians(11.0))
     assert (tuned.noise_share, tuned.gate_probability, tuned.outlier_fraction) == (0.2, 0.99, 0.0)
 
 

@@ -13,6 +13,7 @@ from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera.camera_file import camera_document, camera_from
 from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
+from aerodft.adapters.config.camera.stds import StdTable, stds_from
 from aerodft.adapters.config.covariance import as_rows, check_covariance, check_lens_covariance, symmetric
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
@@ -22,17 +23,6 @@ from aerodft.model import BIASES, BiasValues, Calibration, Camera, PoseStd, Proj
 
 _IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east_m", "north_m", "time_s")
 """Attributes of ``BiasValues`` in the order of ``BIASES``."""
-
-
-class NoiseTable(Table):
-    """Standard deviations of what is new in every image."""
-
-    height_m: Annotated[keys.NonNegative, SiAttribute("height_agl_m")] = 0.0
-    horizontal_m: keys.NonNegative = 0.0
-    tilt_deg: keys.NonNegative = 0.0
-    pan_deg: keys.NonNegative = 0.0
-    roll_deg: keys.NonNegative = 0.0
-    heading_deg: keys.NonNegative = 0.0
 
 
 class BiasTable(Table):
@@ -50,7 +40,7 @@ class BiasTable(Table):
     east_m: Uncertain[keys.Real] = Uncertain(value=0.0)
     north_m: Uncertain[keys.Real] = Uncertain(value=0.0)
     time_offset_s: Annotated[Uncertain[keys.TimeOffset], SiAttribute("time_s")] = Uncertain(value=0.0)
-    noise: NoiseTable = NoiseTable()
+    noise: StdTable = StdTable()
     covariance: keys.Matrix | None = None
     lens_covariance: keys.Matrix | None = None
 
@@ -78,7 +68,7 @@ def biases_from(bias: BiasTable, identity: str) -> Calibration:
         bias=si_value(BiasValues, bias),
         bias_cov=variances if bias.covariance is None else symmetric(bias.covariance),
         lens_cov=None if bias.lens_covariance is None else np.array(bias.lens_covariance),
-        noise=si_value(PoseStd, bias.noise),
+        noise=stds_from(bias.noise, PoseStd()),
     )
 
 
@@ -97,7 +87,7 @@ def bias_table(calibration: Calibration, kind: type[BiasTableT], **keys: str) ->
     return kind.from_si(
         calibration.bias,
         stds=BiasValues(**stds),
-        noise=NoiseTable.from_si(calibration.noise),
+        noise=StdTable.from_si(calibration.noise),
         covariance=None if is_diagonal and lens_cov is None else as_rows(full),
         lens_covariance=None if lens_cov is None else as_rows(lens_cov),
         **keys,

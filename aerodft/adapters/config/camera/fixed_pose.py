@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import model_validator
 
 from aerodft.adapters.config import keys
+from aerodft.adapters.config.camera.stds import StdTable, stds_from
 from aerodft.adapters.config.covariance import COVARIANCE, POSE_ROWS, check_covariance, check_lens_covariance, symmetric
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import ROWS, UNLESS_ZERO, SiAttribute, Table, Uncertain, si_value, to_deg
@@ -145,23 +146,19 @@ def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin 
 
 _ANGLES = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg")
 _PLACE = ("lat_deg", "lon_deg", "alt_msl_m", "east_m", "north_m")
-_POSITION_STD_M = 2.0
-_HEADING_STD_DEG = 2.0
+_STATED_STD = PoseStd(
+    height_agl_m=0.1,
+    horizontal_m=2.0,
+    tilt_rad=math.radians(1.0),
+    pan_rad=math.radians(1.0),
+    roll_rad=math.radians(1.0),
+    heading_rad=math.radians(2.0),
+)
+"""Of what somebody states of a fixed camera; a heading or position that is not stated is exact by definition."""
 
 
 def _radians(angle_deg: float | None) -> float:
     return math.radians(angle_deg or 0.0)
-
-
-class PoseStdTable(Table):
-    """How well a fixed camera's stated pose is known; unknown heading and position are exact by definition."""
-
-    height_m: Annotated[keys.NonNegative, SiAttribute("height_agl_m")] = 0.1
-    tilt_deg: keys.NonNegative = 1.0
-    pan_deg: keys.NonNegative = 1.0
-    roll_deg: keys.NonNegative = 1.0
-    heading_deg: keys.NonNegative | None = None
-    horizontal_m: keys.NonNegative | None = None
 
 
 class PoseTable(Table):
@@ -184,7 +181,7 @@ class PoseTable(Table):
     alt_msl_m: keys.Real | None = None
     east_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
     north_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
-    std: PoseStdTable = PoseStdTable()
+    std: StdTable = StdTable()
     covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
     lens_covariance: Annotated[keys.Matrix | None, ROWS] = None
 
@@ -234,13 +231,12 @@ def fixed_pose_from(table: PoseTable) -> FixedPose:
     """A fixed camera's stated pose."""
     if table.covariance is not None:
         return si_value(FixedPose, table, std=std_of(symmetric(table.covariance)))
-    horizontal_m, heading_deg = table.std.horizontal_m, table.std.heading_deg
-    if horizontal_m is None:
-        horizontal_m = 0.0 if table.lat_deg is None else _POSITION_STD_M
-    if heading_deg is None:
-        heading_deg = 0.0 if table.heading_deg is None else _HEADING_STD_DEG
-    std = si_value(PoseStd, table.std, horizontal_m=horizontal_m, heading_rad=math.radians(heading_deg))
-    return si_value(FixedPose, table, std=std)
+    std = replace(
+        _STATED_STD,
+        horizontal_m=0.0 if table.lat_deg is None else _STATED_STD.horizontal_m,
+        heading_rad=0.0 if table.heading_deg is None else _STATED_STD.heading_rad,
+    )
+    return si_value(FixedPose, table, std=stds_from(table.std, std))
 
 
 def calibrated_pose_from(table: CalibratedPoseTable, identity: str) -> FixedPose:

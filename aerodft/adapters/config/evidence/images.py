@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
+from aerodft.adapters.config.camera import StdTable, stds_from
 from aerodft.adapters.config.evidence.cross_checks import Stated
 from aerodft.adapters.config.evidence.evidence_tables import (
     CameraPriorTable,
@@ -20,7 +21,7 @@ from aerodft.adapters.config.evidence.evidence_tables import (
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import validated
-from aerodft.adapters.config.station import ErrorStdTable, OriginTable, TelemetryTable, errors_from, telemetry_from
+from aerodft.adapters.config.station import OriginTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import si_value
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError
@@ -82,7 +83,7 @@ class FlightTable(TelemetryTable):
     origin: OriginTable | None = None
     time_offset_s: Known[keys.TimeOffset] | None = None
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
-    noise: ErrorStdTable = ErrorStdTable()
+    noise: StdTable = StdTable()
 
     @model_validator(mode="before")
     @classmethod
@@ -238,7 +239,7 @@ def flight_from(
         settings=telemetry_from(telemetry),
         says_settings=bool(telemetry.model_fields_set - set(_OWN)),
         noise_share=telemetry.noise_share,
-        noise=errors_from(telemetry.noise, ErrorStd()),
+        noise=stds_from(telemetry.noise, ErrorStd()),
         time=None if offset is None else Prior(value=offset.value, std=offset.std or 0.0),
         origin=None if telemetry.origin is None else si_value(GeoOrigin, telemetry.origin),
     )

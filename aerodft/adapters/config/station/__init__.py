@@ -1,7 +1,6 @@
 """Station files: the telemetry, images, probes and outputs of one station."""
 
 from aerodft.adapters.config.station.ground import COPY_NAME, copy_terrain, travels
-from aerodft.adapters.config.station.live_tables import ErrorStdTable, errors_from
 from aerodft.adapters.config.station.loading import (
     load_station,
     parse_station,

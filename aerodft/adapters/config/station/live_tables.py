@@ -1,7 +1,6 @@
 """The tables of a live calibration: surveyed landmarks and markers, and how the telemetry's errors behave."""
 
 import math
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -9,19 +8,19 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
+from aerodft.adapters.config.camera import StdTable, stds_from
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.station.station_config import MarkerSettings
 from aerodft.adapters.config.tables import LOCAL, NOT_IN_CONFIG_ID, FromFile, SiAttribute, Table, si_value
 from aerodft.errors import ConfigError
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, MarkerSurvey, SurveyedLandmark, SurveyedMarker
-from aerodft.service import DRIFT, ErrorStd, LiveCalibration
+from aerodft.service import DRIFT, LiveCalibration
 
 if TYPE_CHECKING:
     from aerodft.adapters.config.evidence import MarkersFile
 
 _FARTHEST_M = 1e5  # of a marker from the station's origin
-AngleStd = Annotated[float, Field(ge=0, le=180)]
 Place = Annotated[tuple[keys.Real, keys.Real, keys.Real], Field(strict=False)]
 PlaceStd = Annotated[tuple[keys.NonNegative, keys.NonNegative, keys.NonNegative], keys.repeated(3), Field(strict=False)]
 
@@ -49,24 +48,13 @@ class LandmarkTable(Table):
         return self
 
 
-class ErrorStdTable(Table):
-    """Standard deviations of the telemetry's errors; a default applies to what is left out."""
-
-    height_m: Annotated[keys.NonNegative | None, SiAttribute("height_agl_m")] = None
-    horizontal_m: keys.NonNegative | None = None
-    tilt_deg: AngleStd | None = None
-    pan_deg: AngleStd | None = None
-    roll_deg: AngleStd | None = None
-    heading_deg: AngleStd | None = None
-
-
 class LiveCalibrationTable(Table):
     """How biases are estimated from landmarks."""
 
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
-    noise: ErrorStdTable = ErrorStdTable()
-    initial: ErrorStdTable = ErrorStdTable()
-    drift: ErrorStdTable = ErrorStdTable()
+    noise: StdTable = StdTable()
+    initial: StdTable = StdTable()
+    drift: StdTable = StdTable()
     gate_probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.999
     outlier_fraction: Annotated[float, Field(ge=0, le=0.5)] = 0.1
 
@@ -99,7 +87,7 @@ def live_from(
         LiveCalibration,
         table,
         landmarks=(*(_landmark(each, origin) for each in landmarks), *markers),
-        drift=errors_from(table.drift, DRIFT),
+        drift=stds_from(table.drift, DRIFT),
     )
 
 
@@ -127,12 +115,6 @@ def _on_map(table: LandmarkTable, origin: GeoOrigin) -> tuple[float, float, floa
     lat_rad, lon_rad = math.radians(table.lat_deg or 0.0), math.radians(table.lon_deg or 0.0)
     east_m, north_m = east_north(origin, lat_rad, lon_rad).tolist()
     return east_m, north_m, (table.alt_msl_m or 0.0) - origin.alt_msl_m
-
-
-def errors_from(table: ErrorStdTable, default: ErrorStd) -> ErrorStd:
-    """The errors that a validated table describes; ``default`` applies to what it leaves out."""
-    errors = asdict(si_value(ErrorStd, table))
-    return replace(default, **{name: value for name, value in errors.items() if value is not None})
 
 
 class StationMarkersTable(FromFile):

@@ -487,7 +487,8 @@ class Answers:
         worst = rows, members, index
         pixel_var = self._vars[1][members] * np.sum(np.square(self._range_by_px[worst]), axis=-1)
         poses = self._view.poses.rows(rows)
-        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, self._cov_of(rows, members))
+        covs = self._cov_of(rows, members)
+        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, covs, largest=1)
         numbers = (half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
         columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):

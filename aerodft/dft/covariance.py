@@ -198,7 +198,7 @@ class Share:
 
 
 def variance_budgets(
-    by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray
+    by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray, largest: int | None = None
 ) -> list[tuple[Share, ...]]:
     """Variance budgets of scalars in ``r`` images, largest part first; empty where nothing is uncertain.
 
@@ -208,6 +208,7 @@ def variance_budgets(
         poses: The ``(r,)`` poses. Where the standard deviations do not reproduce the covariance (a calibration's full
             one), tilt, pan, roll and heading become one ``attitude``.
         shared_cov: ``(r, s, s)``.
+        largest: How many parts of each; None for all.
     """
     pose_cov = poses.pose.cov
     motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
@@ -230,26 +231,22 @@ def variance_budgets(
     variances_by_source["correlations"] = total - np.sum(list(variances_by_source.values()), axis=0)
     is_settled = np.sqrt(pose_cov[:, _ROTATION_AXES, _ROTATION_AXES]).max(axis=-1) <= _MAX_SETTLED_STD_RAD
     variances = np.stack(list(variances_by_source.values()), axis=-1)
+    sources, order = list(variances_by_source), np.argsort(-variances, axis=-1, kind="stable")[:, :largest]
+    columns = order, np.take_along_axis(variances, order, axis=-1), total, is_settled
     return [
-        _sorted_shares(dict(zip(variances_by_source, row, strict=True)), total_var, is_settled=settled)
-        for row, total_var, settled in zip(variances.tolist(), total.tolist(), is_settled.tolist(), strict=True)
-    ]
-
-
-def _sorted_shares(variances: dict[str, float], total: float, *, is_settled: bool) -> tuple[Share, ...]:
-    if not total > 0:
-        return ()
-    parts = [
-        Share(
-            source,
-            math.copysign(math.sqrt(abs(variance)), variance),
-            variance / total,
-            _REMEDIES[source] if is_settled or source not in _ATTITUDE_SOURCES else _UNSETTLED_REMEDY,
+        tuple(
+            _share(sources[source], variance, total_var, is_settled=settled)
+            for source, variance in zip(*row, strict=True)
+            if abs(variance) > _NEGLIGIBLE_FRACTION * total_var > 0
         )
-        for source, variance in variances.items()
-        if abs(variance) > _NEGLIGIBLE_FRACTION * total
+        for *row, total_var, settled in zip(*(column.tolist() for column in columns), strict=True)
     ]
-    return tuple(sorted(parts, key=lambda part: -part.share))
+
+
+def _share(source: str, variance: float, total: float, *, is_settled: bool) -> Share:
+    std = math.copysign(math.sqrt(abs(variance)), variance)
+    remedy = _REMEDIES[source] if is_settled or source not in _ATTITUDE_SOURCES else _UNSETTLED_REMEDY
+    return Share(source, std, variance / total, remedy)
 
 
 def advice(budget: tuple[Share, ...]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.adapters.config import GEO, LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
 from aerodft.model import Camera, Evidence, EvidenceSet, FloatArray, Landmark
-from calibration.pose import expanded
+from calibration.pose import expand_groups
 
 _EDGE_PX: Final = 0.5
 _MAX_LANDMARKS: Final = 60  # that a reading is tried with
@@ -91,7 +91,7 @@ def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, 
         return
     priors = found.known.priors
     others = {name: prior for name, prior in priors.items() if name not in _OWN_PLACE}
-    unknowns = tuple(dict.fromkeys((*expanded(names), *(name for name in _PLACE if name in priors))))
+    unknowns = tuple(dict.fromkeys((*expand_groups(names), *(name for name in _PLACE if name in priors))))
     for what, hint, places_m in _other_places(found.frame, points.places):
         if np.all(np.isfinite(places_m)):
             evidence = (*points.at(points.pixels, places_m), *points.others)

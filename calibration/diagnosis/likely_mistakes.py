@@ -13,7 +13,7 @@ from aerodft.errors import AerodftError, InputError, NotDetermined
 from aerodft.model import Camera, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
 from calibration.diagnosis.alternative_readings import CompleteLandmarks, Reading, alternative_readings, columns_swapped
 from calibration.diagnosis.landmark_groups import common_error, unseen_error
-from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, display_unit, expanded
+from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, display_unit, expand_groups
 
 _DOUBT: Final = 3.0  # how many times as large as stated residuals may be without a look for the cause
 _BETTER: Final = 4.0  # by how much another reading must fit better
@@ -128,7 +128,7 @@ def _swapped_columns(attempt: Attempt) -> InputError | None:
 def _missing_unknowns(attempt: Attempt) -> NotDetermined | None:
     """Unknowns that were neither asked for nor stated, and therefore taken as 0."""
     known = attempt.evidence.known
-    stated = {*expanded(attempt.names), *known.priors}
+    stated = {*expand_groups(attempt.names), *known.priors}
     level = ("roll",) if attempt.model is ProjectionModel.DFT else ()
     missing = [name for name in _POSE if name not in stated and name not in level]
     if not missing or not any(isinstance(each, Landmark) for each in known.evidence):
@@ -161,7 +161,7 @@ def _wrong_prior(attempt: Attempt) -> InputError | None:
 
 
 def _prior_groups(known: EvidenceSet, unknowns: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    stated = [name for name, prior in known.priors.items() if prior.std > 0 or name not in expanded(unknowns)]
+    stated = [name for name, prior in known.priors.items() if prior.std > 0 or name not in expand_groups(unknowns)]
     if "elevation" in stated:
         stated.remove("elevation")  # alone, landmarks do not tell it
     if place := tuple(name for name in ("east", "north") if name in stated):

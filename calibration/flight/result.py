@@ -27,18 +27,18 @@ from calibration.pose import (
     State,
     Unknowns,
     above_ground,
-    combined,
+    checked_unknowns,
+    concatenate_residuals,
     covariance_of,
     descend,
+    describe_weakness,
     display_unit,
-    each_possible,
-    eliminated,
-    expanded,
+    eliminate_image_unknowns,
+    expand_groups,
     goodness,
     ground_error_m,
-    joined,
+    image_steps,
     natural_size,
-    own_steps,
     possible_coefficients,
     residuals_of,
     rms_px,
@@ -150,7 +150,7 @@ class ImagesProblem:
         """All residuals of a guess."""
         parts = [self._of_image(state, index) for index in range(len(self.views))]
         ends = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
-        whole = joined([*parts, self._of_priors(state)])
+        whole = concatenate_residuals([*parts, self._of_priors(state)])
         rows = tuple(map(slice, ends[:-1], ends[1:]))
         return ImagesResiduals(whole.values, whole.by_unknowns, whole.owner, whole.px, rows)
 
@@ -162,7 +162,7 @@ class ImagesProblem:
         found = self._problems[index].observed(camera, by)
         if found is None:
             return new
-        return joined([replace(found, owner=found.owner + self._firsts[index]), new])
+        return concatenate_residuals([replace(found, owner=found.owner + self._firsts[index]), new])
 
     def _of_priors(self, state: ImagesState) -> Residuals:
         names, count = self.unknowns.names, len(self.priors)
@@ -232,15 +232,15 @@ def _without(
     count = len(normal.shared_slope)
     block, slope = normal.blocks[image : image + 1], normal.slopes[image : image + 1]
     less, pull = block - by.T @ by, slope - by.T @ values
-    before, _ = eliminated(block, slope, count)
-    after, pulled = eliminated(less, pull, count)
+    before, _ = eliminate_image_unknowns(block, slope, count)
+    after, pulled = eliminate_image_unknowns(less, pull, count)
     others = normal.slope[:count] - slope[0, :count]
     inverted = covariance_of(reduced - before[0] + after[0])
     if not np.all(np.isfinite(inverted)):
         return None
     shared = -inverted @ (others + pulled[0])
     own = np.zeros_like(solution.state.own)
-    own[image] = own_steps(less, pull, shared)[0]
+    own[image] = image_steps(less, pull, shared)[0]
     try:
         moved = problem.unknowns.moved(solution.state, np.append(shared, own.ravel()))
         return problem.unknowns.camera(moved, image, problem.views[image])
@@ -270,7 +270,7 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, reque
     is_undetermined = shares[0] > LIMIT * solution.sigma_scale  # by the scene; else it is the stds' fault
     limit = LIMIT * (solution.sigma_scale if is_undetermined else 1.0)
     weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
-    return combined(names, weak, float(shares[0]), _advice)
+    return describe_weakness(names, weak, float(shares[0]), _advice)
 
 
 def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
@@ -353,7 +353,7 @@ def shared_unknowns(
     is_paper = model is ProjectionModel.DFT
     lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *possible_coefficients(camera))
     possible = (*(name for name in BIASES if not (is_paper and name == "roll")), *lens)
-    requested = each_possible(names, (*possible, "position"))
+    requested = checked_unknowns(names, (*possible, "position"))
     more = tuple(name for name, prior in priors.items() if prior.std > 0)
     return SharedUnknowns(tuple(dict.fromkeys((*requested, *more))))
 
@@ -386,5 +386,5 @@ def calibrate_images(
     start = ImagesState(start_state(lens, camera, model), biases, np.zeros((len(views), OWN)))
     solution = solve_images(problem, start)
     left = image_observation_residuals(problem, solution)
-    weakest = images_observability(problem, solution, frozenset(expanded(names)))
+    weakest = images_observability(problem, solution, frozenset(expand_groups(names)))
     return ImagesResult(problem, solution, left, rms_px(problem.evidence, left), weakest)

@@ -1,7 +1,7 @@
-"""A camera's pose and lens from what is known of a scene, by least squares."""
+"""A camera's pose and lens by least squares from evidence of a scene."""
 
-from calibration.pose.descent import Loss, NormalEquations, Rows, descend, eliminated, own_steps
-from calibration.pose.residuals import OUT_OF_SIGHT, Problem, Residuals, joined
+from calibration.pose.descent import Loss, NormalEquations, Rows, descend, eliminate_image_unknowns, image_steps
+from calibration.pose.residuals import OUT_OF_SIGHT, Problem, Residuals, concatenate_residuals
 from calibration.pose.result import (
     LIMIT,
     Observability,
@@ -11,10 +11,10 @@ from calibration.pose.result import (
     above_ground,
     angles_deg,
     calibrate,
-    combined,
+    checked_unknowns,
     correlations,
+    describe_weakness,
     display_unit,
-    each_possible,
     ground_error_m,
     natural_size,
     possible_unknowns,
@@ -29,7 +29,7 @@ from calibration.pose.state import (
     State,
     Unknowns,
     coefficient_names,
-    expanded,
+    expand_groups,
     possible_coefficients,
     with_coefficients,
 )

@@ -1,4 +1,4 @@
-"""Levenberg and Marquardt's descent to the nearest minimum; observations that stand far off may count less."""
+"""Levenberg-Marquardt descent to the nearest minimum, optionally with Cauchy's robust loss."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,18 +10,17 @@ from aerodft.model import FloatArray
 
 _MAX_STEPS: Final = 60
 _DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
-_SETTLED, _NEARLY, _ROUNDING = 1e-10, 1e-6, 1e-14
-"""Shares of the cost: below which a step makes no difference, or none where observations that stand far off count less
-(what follows goes on from there), and below which numbers cannot tell."""
+_CONVERGED, _CONVERGED_ROBUST, _ROUNDING = 1e-10, 1e-6, 1e-14
+"""Relative decreases of the cost: converged; converged with a robust loss, before a further descent; rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """Normal equations of a guess, arrow-shaped: of unknowns that all images share, and of those of each image.
+    """Arrow-shaped normal equations at a state: unknowns shared by all images, and unknowns of each image.
 
     Attributes:
-        matrix: ``(s, s)`` of what says something of the shared unknowns alone.
-        shared_slope: ``(s,)`` gradient of their cost.
+        matrix: ``(s, s)`` of residuals that depend on the shared unknowns alone.
+        shared_slope: ``(s,)`` gradient of the cost of these residuals.
         blocks: ``(n, s + k, s + k)`` of each image, by shared unknowns and then its own.
         slopes: ``(n, s + k)`` gradients of the cost of each image.
     """
@@ -33,59 +32,59 @@ class NormalEquations:
 
     @property
     def slope(self) -> FloatArray:
-        """``(s + n k,)`` of the cost."""
+        """Gradient ``(s + n k,)`` of the cost."""
         count = len(self.shared_slope)
         shared = self.shared_slope + self.slopes[:, :count].sum(axis=0)
         return np.append(shared, self.slopes[:, count:].ravel())
 
     def step(self, damping: float) -> FloatArray:
-        """``(s + n k,)`` to their solution, with so much more on their diagonal, as a share of it.
+        """Step ``(s + n k,)`` that solves the equations with the diagonal increased by ``damping`` times itself.
 
-        What nothing depends on stays.
+        Unknowns without an effect keep their values.
         """
         count = len(self.shared_slope)
         shared = self.matrix + self.blocks[:, :count, :count].sum(axis=0)
         diagonal = np.diag(shared) + 1e-12 * (np.max(np.diag(shared), initial=0.0) + 1e-300)
         blocks = self.blocks.copy()
-        own = np.arange(count, blocks.shape[-1])
-        blocks[:, own, own] *= 1 + damping
-        known, pulled = eliminated(blocks, self.slopes, count)
-        matrix = self.matrix + known.sum(axis=0) + damping * np.diag(diagonal)
-        moved = np.asarray(np.linalg.solve(matrix, -self.shared_slope - pulled.sum(axis=0)))
-        return np.append(moved, own_steps(blocks, self.slopes, moved).ravel())
+        image_columns = np.arange(count, blocks.shape[-1])
+        blocks[:, image_columns, image_columns] *= 1 + damping
+        reduced_blocks, reduced_slopes = eliminate_image_unknowns(blocks, self.slopes, count)
+        matrix = self.matrix + reduced_blocks.sum(axis=0) + damping * np.diag(diagonal)
+        shared_step = np.asarray(np.linalg.solve(matrix, -self.shared_slope - reduced_slopes.sum(axis=0)))
+        return np.append(shared_step, image_steps(blocks, self.slopes, shared_step).ravel())
 
     def reduced(self) -> FloatArray:
-        """``(s, s)``: what is known of the shared unknowns, whatever the others are."""
+        """Schur complement ``(s, s)``: information on the shared unknowns with all others eliminated."""
         count = len(self.shared_slope)
-        return np.asarray(self.matrix + eliminated(self.blocks, self.slopes, count)[0].sum(axis=0))
+        return np.asarray(self.matrix + eliminate_image_unknowns(self.blocks, self.slopes, count)[0].sum(axis=0))
 
 
-def eliminated(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """What images say of the first ``count`` unknowns: matrices ``(n, count, count)`` and slopes ``(n, count)``.
+def eliminate_image_unknowns(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Schur complements ``(n, count, count)`` and slopes ``(n, count)`` with each image's own unknowns eliminated.
 
     Args:
         blocks: ``(n, s + k, s + k)``.
         slopes: ``(n, s + k)``.
         count: ``s``.
     """
-    across = blocks[:, :count, count:]
+    coupling = blocks[:, :count, count:]
     solved = np.linalg.solve(
         blocks[:, count:, count:], np.concatenate([blocks[:, count:, :count], slopes[:, count:, None]], axis=-1)
     )
-    by_own = across @ solved
+    by_own = coupling @ solved
     return blocks[:, :count, :count] - by_own[..., :count], slopes[:, :count] - by_own[..., count]
 
 
-def own_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> FloatArray:
-    """Steps ``(n, k)`` of the images' own unknowns that go with one ``(s,)`` of the shared ones."""
+def image_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> FloatArray:
+    """Steps ``(n, k)`` of the images' own unknowns for a step ``(s,)`` of the shared ones."""
     count = len(shared)
-    pull = slopes[:, count:] + blocks[:, count:, :count] @ shared
-    return np.asarray(-np.linalg.solve(blocks[:, count:, count:], pull[..., None])[..., 0])
+    slope = slopes[:, count:] + blocks[:, count:, :count] @ shared
+    return np.asarray(-np.linalg.solve(blocks[:, count:, count:], slope[..., None])[..., 0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows(ABC):
-    """Residuals of a guess.
+    """Residuals and their Jacobian at a state.
 
     Attributes:
         values: ``(m,)`` in standard deviations.
@@ -101,7 +100,7 @@ class Rows(ABC):
 
     @abstractmethod
     def normal(self, weights: FloatArray) -> NormalEquations:
-        """The normal equations with weights ``(m,)`` of the rows."""
+        """Normal equations with weights ``(m,)`` of the rows."""
 
 
 StateT = TypeVar("StateT")
@@ -109,20 +108,20 @@ RowsT_co = TypeVar("RowsT_co", bound=Rows, covariant=True)
 
 
 class Task(Protocol[StateT, RowsT_co]):
-    """What can be fitted."""
+    """A least-squares problem."""
 
     def evaluate(self, state: StateT) -> RowsT_co:
-        """All residuals of a guess."""
+        """All residuals at a state."""
         ...
 
     def moved(self, state: StateT, step: FloatArray) -> StateT | None:
-        """The guess after a step ``(n,)``; None where no camera can be."""
+        """The state after a step ``(n,)``; None where no camera can be."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent(Generic[StateT, RowsT_co]):
-    """Where a descent ended."""
+    """End of a descent."""
 
     state: StateT
     residuals: RowsT_co
@@ -130,44 +129,43 @@ class Descent(Generic[StateT, RowsT_co]):
 
 
 def used_rows(owner: np.ndarray, kept: np.ndarray | None) -> np.ndarray:
-    """``(m,)`` whether a row counts: priors, and observations that are kept ``(k,)``; None for all of them."""
+    """Whether each row ``(m,)`` is used: priors, and observations that are kept ``(k,)``; None keeps all."""
     return np.ones(len(owner), dtype=bool) if kept is None else np.asarray((owner < 0) | kept[owner])
 
 
 class Loss:
-    """What an observation costs whose squared residual is ``s``.
+    """Loss of the residuals: plain or robust (Cauchy) least squares.
 
     Args:
         owner: ``(m,)`` of the rows.
-        scale: Standard deviations beyond which an observation counts less and less (Cauchy's loss); None for plain
-            least squares.
-        kept: Whether each observation is used at all; None for all of them.
+        scale: Scale of Cauchy's loss in standard deviations; None for plain least squares.
+        kept: Whether each observation is used; None for all.
     """
 
     def __init__(self, owner: np.ndarray, scale: float | None = None, kept: np.ndarray | None = None) -> None:
         self._scale = scale
         self._used: FloatArray = used_rows(owner, kept).astype(np.float64)
-        self._priors, self._seen = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
-        self._owner = owner[self._seen]
+        self._priors, self._evidence_rows = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
+        self._owner = owner[self._evidence_rows]
 
     def cost(self, residuals: Rows) -> float:
-        """Half of what all rows cost."""
+        """Half of the summed loss of all rows."""
         squares = self._used * (residuals.values * residuals.values)
         if self._scale is None:
             return 0.5 * float(np.sum(squares))
         limit = self._scale**2
-        by_owner = np.bincount(self._owner, squares[self._seen])
+        by_owner = np.bincount(self._owner, squares[self._evidence_rows])
         priors = float(np.sum(squares[self._priors]))
         return 0.5 * (priors + limit * float(np.sum(np.log1p(by_owner / limit))))
 
     def weights(self, residuals: Rows) -> FloatArray:
-        """``(m,)`` weights of the rows, with which plain least squares has this loss's derivative."""
+        """Weights ``(m,)`` of the rows, with which plain least squares has this loss's gradient."""
         if self._scale is None:
             return self._used
-        values = residuals.values[self._seen]
+        values = residuals.values[self._evidence_rows]
         by_owner = np.bincount(self._owner, values * values)
         weights = self._used.copy()
-        weights[self._seen] /= 1 + by_owner[self._owner] / self._scale**2
+        weights[self._evidence_rows] /= 1 + by_owner[self._owner] / self._scale**2
         return weights
 
 
@@ -178,34 +176,34 @@ def descend(
     kept: np.ndarray | None = None,
     known: RowsT_co | None = None,
 ) -> Descent[StateT, RowsT_co]:
-    """The minimum next to ``start``.
+    """Descend from ``start`` to the nearest minimum.
 
     Args:
-        problem: What to fit.
-        start: Where from.
-        scale: Standard deviations beyond which an observation counts less, see ``Loss``; None for plain squares.
-        kept: ``(k,)`` which observations count; None for all.
-        known: Residuals of ``start``, where somebody has them.
+        problem: The problem.
+        start: First state.
+        scale: Scale of the robust loss, see ``Loss``; None for plain squares.
+        kept: ``(k,)`` whether each observation is used; None for all.
+        known: Residuals at ``start`` if already evaluated.
     """
     state, residuals = start, problem.evaluate(start) if known is None else known
     loss = Loss(residuals.owner, scale, kept)
     cost, damping = loss.cost(residuals), _DAMPING
-    settled = _SETTLED if scale is None else _NEARLY
+    tolerance = _CONVERGED if scale is None else _CONVERGED_ROBUST
     for _ in range(_MAX_STEPS):
-        found = _better(problem, loss, state, residuals.normal(loss.weights(residuals)), cost, damping)
-        if found is None:
+        better = _next_state(problem, loss, state, residuals.normal(loss.weights(residuals)), cost, damping)
+        if better is None:
             break
-        gained, (state, residuals, new_cost, damping) = cost - found[2], found
+        decrease, (state, residuals, new_cost, damping) = cost - better[2], better
         cost = new_cost
-        if gained <= settled * (cost + _SETTLED):
+        if decrease <= tolerance * (cost + _CONVERGED):
             break
     return Descent(state, residuals, cost)
 
 
-def _better(
+def _next_state(
     problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
 ) -> tuple[StateT, RowsT_co, float, float] | None:
-    """The next state that costs less, its residuals and cost, and the damping from there; None where there is none."""
+    """The next state of smaller cost, its residuals, cost and damping; None if there is none."""
     while damping < _MAX_DAMPING:
         step = normal.step(damping)
         moved = problem.moved(state, step) if np.all(np.isfinite(step)) else None
@@ -214,7 +212,7 @@ def _better(
             new_cost = loss.cost(residuals)
             if new_cost < cost:
                 return moved, residuals, new_cost, max(damping / 10, _MIN_DAMPING)
-            if float(np.abs(step @ normal.slope)) <= _ROUNDING * (cost + _SETTLED):
+            if float(np.abs(step @ normal.slope)) <= _ROUNDING * (cost + _CONVERGED):
                 return None
         damping *= 10
     return None

@@ -1,9 +1,9 @@
-"""How far a guess is from the evidence: whitened residuals with analytic derivatives.
+"""Whitened residuals of the evidence at a state, with analytic derivatives.
 
-An observation that is no reprojection (a range, a length, a horizon) is a condition ``g(state, pixels) = known``. Its
-residual is ``g`` less what is known, over what pixels and the known number's own std make of it to first order
-(Sampson's error; Hartley and Zisserman, "Multiple View Geometry", 2nd ed., section 4.2.6). Ranges and lengths come in
-tens: all of a scene are computed at once, other conditions one by one.
+An observation other than a reprojection (a range, a length, a horizon) is a condition ``g(state, pixels) = known``. Its
+residual is ``g`` minus the known value over the first-order std from pixels and from the known value (Sampson error;
+Hartley and Zisserman, "Multiple View Geometry", 2nd ed., section 4.2.6). Ranges and lengths, of which there are many,
+are computed at once, other conditions one by one.
 """
 
 import math
@@ -61,22 +61,22 @@ from calibration.pose.descent import NormalEquations, Rows
 from calibration.pose.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
-"""Residual, in standard deviations, of what a guess does not see at all: behind the camera, above the horizon.
+"""Residual, in standard deviations, of an observation out of sight: behind the camera, above the horizon.
 
-More than of anything that is seen: else the best guess would be the one that sees nothing."""
+Larger than of any visible one, otherwise the best state would be one that sees nothing."""
 
-_ANGLES = ("roll", "heading")  # on a turn
+_ANGLES = ("roll", "heading")  # modulo a turn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """A condition at one guess.
+class ConditionResidual:
+    """Residual of a condition at a state.
 
     Attributes:
-        off: ``(m,)``: what is, less what is known.
+        off: ``(m,)`` computed minus known value.
         by_shared: ``(m, s)`` by the errors of ``dft.projection``.
-        cov: ``(m, m)`` of ``off``, from pixels and from what is known.
-        std_px: Of the pixels, to say residuals in pixels.
+        cov: ``(m, m)`` of ``off``, from pixels and known values.
+        std_px: Of the pixels, to convert residuals to pixels.
     """
 
     off: FloatArray
@@ -85,22 +85,22 @@ class Found:
     std_px: float
 
 
-Condition: TypeAlias = Callable[[State], Found]
+Condition: TypeAlias = Callable[[State], ConditionResidual]
 
 
 def condition_of(evidence: Evidence) -> Condition:
-    """The condition of one piece of evidence that is no range and no length."""
+    """Condition of one observation that is no range or length."""
     return partial(_CONDITIONS[type(evidence)], evidence)
 
 
 class Distances:
-    """Slant ranges to level ground, or horizontal lengths between two points of a level, all at once.
+    """All slant ranges to level ground, or all horizontal lengths between points of a level, of a problem.
 
     Args:
-        evidence: Of one kind, by the index of the observation.
+        evidence: Observations of one kind by their indices.
 
     Attributes:
-        owner: ``(k,)`` those indices.
+        owner: ``(k,)`` indices of the observations.
         std_px: ``(k,)`` of their pixels.
     """
 
@@ -121,61 +121,61 @@ class Distances:
         self._known_m = np.array(known_m, dtype=np.float64)
         self._elevation_m = np.array(elevation_m, dtype=np.float64)[:, None]
 
-    def found(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What is, less what is known, ``(k,)``, by the shared errors ``(k, s)``, and its variance ``(k,)``.
+    def residuals(self, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Computed minus known distances ``(k,)``, derivatives by the shared errors ``(k, s)``, and variances ``(k,)``.
 
-        NaN where a point is missed.
+        NaN where a ray misses.
         """
         ground = state.ground_points(self._pixels, state.elevation_m + self._elevation_m)
         points = ground.points_enu_m
         is_range = points.shape[1] == 1
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            apart = points[:, 0] - state.position_m if is_range else (points[:, 1] - points[:, 0]) * [1.0, 1.0, 0.0]
-            distance_m = np.sqrt(np.sum(apart * apart, axis=-1))
-            along = apart / distance_m[:, None]
-            by_points = along[:, None] if is_range else np.stack([-along, along], axis=1)
+            vectors = points[:, 0] - state.position_m if is_range else (points[:, 1] - points[:, 0]) * [1.0, 1.0, 0.0]
+            distance_m = np.sqrt(np.sum(vectors * vectors, axis=-1))
+            directions = vectors / distance_m[:, None]
+            by_points = directions[:, None] if is_range else np.stack([-directions, directions], axis=1)
             shared = np.einsum("kpi,kpij->kj", by_points, ground.jac_shared)
             if is_range:
-                shared[:, POSITION] -= along
-            own = np.einsum("kpi,kpij->kpj", by_points, ground.jac_px)
-            variance = self.std_px**2 * np.sum(own * own, axis=(-1, -2)) + self._std_m**2
+                shared[:, POSITION] -= directions
+            by_px = np.einsum("kpi,kpij->kpj", by_points, ground.jac_px)
+            variance = self.std_px**2 * np.sum(by_px * by_px, axis=(-1, -2)) + self._std_m**2
             return distance_m - self._known_m, shared, variance
 
 
 def _ground(state: State, pixels: tuple[Px, ...], elevation_m: float) -> GroundPoints:
-    """What pixels show of the level plane that lies so high above the ground."""
+    """Ground points of pixels on the level plane ``elevation_m`` above the ground."""
     return state.ground_points(np.array(pixels, dtype=np.float64), state.elevation_m + elevation_m)
 
 
-def _height(evidence: KnownHeight, state: State) -> Found:
+def _height(evidence: KnownHeight, state: State) -> ConditionResidual:
     pixels = (evidence.base, evidence.top)
     pose, ground, rays = state.pose, _ground(state, pixels, 0.0), None
-    sight = RayGeometry(state.position_m, np.empty((0, 3)), ground.points_enu_m)
+    geometry = RayGeometry(state.position_m, np.empty((0, 3)), ground.points_enu_m)
     if state.model is ProjectionModel.PINHOLE:
         rays = pixel_directions(pixel_rays(state.camera, np.array(pixels, dtype=np.float64)), pose)
-        sight = RayGeometry(state.position_m, rays.directions_enu, ground.points_enu_m)
+        geometry = RayGeometry(state.position_m, rays.directions_enu, ground.points_enu_m)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        value, by = scalars(PROBE_KINDS[ProbeKind.HEIGHT], state.model, sight, pose, np.array(state.elevation_m))
-        shared, own = scalar_jacobians(by, ground, rays)
-    variance = evidence.std_px**2 * float(np.sum(own * own)) + evidence.std_m**2
+        value, by = scalars(PROBE_KINDS[ProbeKind.HEIGHT], state.model, geometry, pose, np.array(state.elevation_m))
+        shared, by_px = scalar_jacobians(by, ground, rays)
+    variance = evidence.std_px**2 * float(np.sum(by_px * by_px)) + evidence.std_m**2
     residual_m = float(value) - evidence.height_m
-    return Found(np.array([residual_m]), shared[None], np.array([[variance]]), evidence.std_px)
+    return ConditionResidual(np.array([residual_m]), shared[None], np.array([[variance]]), evidence.std_px)
 
 
-def _ground_point(evidence: GroundPoint, state: State) -> Found:
-    """In the ground frame: right and ahead of the camera's foot."""
+def _ground_point(evidence: GroundPoint, state: State) -> ConditionResidual:
+    """Residual in the ground frame: right and ahead of the camera's foot."""
     _, _, heading = camera_angles(state.wxyz)
     axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
     ground = _ground(state, (evidence.pixel,), 0.0)
-    away = ground.points_enu_m[0, :2] - state.position_m[:2]
+    offset = ground.points_enu_m[0, :2] - state.position_m[:2]
     by_shared = ground.jac_shared[0, :2].copy()
     by_shared[:, :2] -= np.eye(2)
-    # The ground frame turns with the camera: clockwise, as the camera's rotation about straight down.
-    across = np.array([-away[1], away[0]])
+    # The ground frame rotates with the camera's heading, clockwise.
+    across = np.array([-offset[1], offset[0]])
     by_shared[:, ROTATION] -= np.outer(-across, _heading_by_rotation(state))
-    own = ground.jac_px[0, :2]
-    cov = evidence.std_px**2 * own @ own.T + evidence.std_m**2 * np.eye(2)
-    return Found(axes @ away - evidence.xy_m, axes @ by_shared, axes @ cov @ axes.T, evidence.std_px)
+    by_px = ground.jac_px[0, :2]
+    cov = evidence.std_px**2 * by_px @ by_px.T + evidence.std_m**2 * np.eye(2)
+    return ConditionResidual(axes @ offset - evidence.xy_m, axes @ by_shared, axes @ cov @ axes.T, evidence.std_px)
 
 
 def _heading_by_rotation(state: State) -> FloatArray:
@@ -188,8 +188,8 @@ def _heading_by_rotation(state: State) -> FloatArray:
     return np.asarray(by_axis @ (-state.rotation @ skew(np.array([0.0, 0.0, 1.0]))))
 
 
-def _landmark(evidence: Landmark, state: State) -> Found:
-    """With an unknown component a landmark is a line, which its ray meets; in the paper's model it is a level plane."""
+def _landmark(evidence: Landmark, state: State) -> ConditionResidual:
+    """Residual of a landmark with an unknown component: distance of ray and line; in the dft model a level plane."""
     if None not in evidence.position_m or (state.model is ProjectionModel.DFT and evidence.position_m[2] is not None):
         return _on_level(evidence, state)
     axis = evidence.position_m.index(None)
@@ -206,17 +206,17 @@ def _landmark(evidence: Landmark, state: State) -> Found:
     return replace(found, cov=found.cov + variance)
 
 
-def _on_level(evidence: Landmark, state: State) -> Found:
+def _on_level(evidence: Landmark, state: State) -> ConditionResidual:
     east, north, up = evidence.position_m
     ground = _ground(state, (evidence.pixel,), (up or 0.0) - state.elevation_m)
     rows = [axis for axis, known in enumerate((east, north)) if known is not None]
     known = np.array([value for value in (east, north) if value is not None])
     by_shared = ground.jac_shared[0, rows].copy()
-    own, raised = ground.jac_px[0, rows], ground.jac_shared[0, rows, ELEVATION]
-    cov = evidence.std_px**2 * own @ own.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
-    cov += evidence.std_m[2] ** 2 * np.outer(raised, raised)
+    by_px, by_elevation = ground.jac_px[0, rows], ground.jac_shared[0, rows, ELEVATION]
+    cov = evidence.std_px**2 * by_px @ by_px.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
+    cov += evidence.std_m[2] ** 2 * np.outer(by_elevation, by_elevation)
     by_shared[:, ELEVATION] = 0.0  # its own elevation, not the ground's
-    return Found(ground.points_enu_m[0, rows] - known, by_shared, cov, evidence.std_px)
+    return ConditionResidual(ground.points_enu_m[0, rows] - known, by_shared, cov, evidence.std_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,33 +229,33 @@ class _Rays:
 
 
 def _rays(state: State, pixels: tuple[Px, ...]) -> _Rays:
-    at = np.array(pixels, dtype=np.float64)
-    rays, turned = rays_with_jacobian(state.camera, at), state.rotation
-    by_intrinsics = rays_by_intrinsics(state.camera, at)
-    shared = np.zeros((len(at), 3, INTRINSICS.start + by_intrinsics.shape[-1]))
-    shared[..., ROTATION] = -turned @ skew(rays.rays_cam)
-    shared[..., INTRINSICS] = turned @ by_intrinsics
-    return _Rays(rays.rays_cam @ turned.T, shared, turned @ rays.jac_px)
+    px = np.array(pixels, dtype=np.float64)
+    rays, rotation = rays_with_jacobian(state.camera, px), state.rotation
+    by_intrinsics = rays_by_intrinsics(state.camera, px)
+    shared = np.zeros((len(px), 3, INTRINSICS.start + by_intrinsics.shape[-1]))
+    shared[..., ROTATION] = -rotation @ skew(rays.rays_cam)
+    shared[..., INTRINSICS] = rotation @ by_intrinsics
+    return _Rays(rays.rays_cam @ rotation.T, shared, rotation @ rays.jac_px)
 
 
 def _foot_rays(state: State, pixel: Px) -> _Rays:
-    """The paper's model has no rays: from the camera to the ground point, of which the azimuth counts."""
+    """Directions from the camera to ground points, for the dft model, which has no rays; only their azimuths count."""
     ground = _ground(state, (pixel,), 0.0)
     shared = ground.jac_shared.copy()
     shared[:, :, POSITION] -= np.eye(3)
     return _Rays(ground.points_enu_m - state.position_m, shared, ground.jac_px)
 
 
-def _from_rays(off: float, by_rays: FloatArray, rays: _Rays, std_px: float) -> Found:
-    """A condition on rays, with its derivatives ``(k, 3)`` by each of them."""
+def _from_rays(off: float, by_rays: FloatArray, rays: _Rays, std_px: float) -> ConditionResidual:
+    """Residual of a condition on rays, from its derivatives ``(k, 3)`` by each of them."""
     shared = np.einsum("ki,kij->j", by_rays, rays.by_shared)
-    own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
-    variance = std_px**2 * float(np.sum(own * own))
-    return Found(np.array([off]), shared[None], np.array([[variance]]), std_px)
+    by_px = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+    variance = std_px**2 * float(np.sum(by_px * by_px))
+    return ConditionResidual(np.array([off]), shared[None], np.array([[variance]]), std_px)
 
 
-def _vertical(evidence: Vertical, state: State) -> Found:
-    """The plane through the camera and the line stands upright: its normal is level."""
+def _vertical(evidence: Vertical, state: State) -> ConditionResidual:
+    """Residual of a vertical line: the plane through it and the camera has a level normal."""
     rays = _rays(state, evidence.pixels)
     a, b = rays.enu
     up = np.array([0.0, 0.0, 1.0])
@@ -264,8 +264,8 @@ def _vertical(evidence: Vertical, state: State) -> Found:
     return _from_rays(float(cross(a, b) @ up) / length, by_rays, rays, evidence.std_px)
 
 
-def _lines(evidence: GroundLines, state: State) -> Found:
-    """Level lines lie where the planes through the camera and them meet a level plane."""
+def _ground_lines(evidence: GroundLines, state: State) -> ConditionResidual:
+    """Residual of level lines: where planes through them and the camera intersect a level plane."""
     rays = _rays(state, (*evidence.first, *evidence.second))
     a, b, c, d = rays.enu
     first, second = cross(a, b)[:2], cross(c, d)[:2]
@@ -280,11 +280,11 @@ def _lines(evidence: GroundLines, state: State) -> Found:
     return _from_rays(float(off) / size, by_rays / size, rays, evidence.std_px)
 
 
-def _horizon(evidence: Horizon, state: State) -> Found:
-    """Each of its rays is level, or as far below as the sea's horizon."""
+def _horizon(evidence: Horizon, state: State) -> ConditionResidual:
+    """Residual of a horizon: each ray is level, or below by the sea's dip."""
     dip, by_height = _dip(evidence, state)
     if state.model is ProjectionModel.DFT:
-        psi_rad, shared, own = _row_angles(state, evidence.pixels)
+        psi_rad, shared, by_px = _row_angles(state, evidence.pixels)
         off = psi_rad - math.pi / 2 + dip
     else:
         rays = _rays(state, evidence.pixels)
@@ -292,30 +292,30 @@ def _horizon(evidence: Horizon, state: State) -> Found:
         off = rays.enu[:, 2] / length + math.sin(dip)
         by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
         shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
-        own = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+        by_px = np.einsum("ki,kij->kj", by_rays, rays.by_px)
         by_height *= math.cos(dip)
     shared[:, 2] += by_height
     shared[:, ELEVATION] -= by_height
-    return Found(off, shared, np.diag(evidence.std_px**2 * np.sum(own * own, axis=-1)), evidence.std_px)
+    return ConditionResidual(off, shared, np.diag(evidence.std_px**2 * np.sum(by_px * by_px, axis=-1)), evidence.std_px)
 
 
 def _row_angles(state: State, pixels: tuple[Px, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The paper's Eq. 3 ``(k,)``, by the shared errors ``(k, s)`` and by the pixels ``(k, 2)``."""
+    """Angles ``(k,)`` by the paper's Eq. 3, derivatives by shared errors ``(k, s)`` and by pixels ``(k, 2)``."""
     camera, (tilt, _, _) = state.camera, state.angles_rad
     down_px = np.array(pixels, dtype=np.float64)[:, 1]
     psi_rad = vertical_angle(down_px, tilt, camera.height_px, camera.vfov_rad)
-    own = np.zeros((len(pixels), 2))
-    own[:, 1] = -camera.vfov_rad / camera.height_px
+    by_px = np.zeros((len(pixels), 2))
+    by_px[:, 1] = -camera.vfov_rad / camera.height_px
     shared = np.zeros((len(pixels), shared_count(camera)))
     shared[:, ROTATION.start] = 1.0
     half_px = camera.height_px / 2
     shared[:, FOCAL.stop - 1] = -(half_px - down_px) / (camera.fy_px**2 + half_px**2)  # field of view: 2 atan(H / 2 f)
-    shared[:, PRINCIPAL_POINT] = -own
-    return psi_rad, shared, own
+    shared[:, PRINCIPAL_POINT] = -by_px
+    return psi_rad, shared, by_px
 
 
 def _dip(evidence: Horizon, state: State) -> tuple[float, float]:
-    """How far the sea's horizon lies below level (rad), and that by the camera's height; 0 for a level horizon."""
+    """Dip of the sea's horizon (rad), and its derivative by the camera's height; 0 for a level horizon."""
     if not evidence.is_sea:
         return 0.0, 0.0
     above = max(float(state.position_m[2]) - state.elevation_m, 1e-3)
@@ -323,22 +323,22 @@ def _dip(evidence: Horizon, state: State) -> tuple[float, float]:
     return dip, dip / (2 * above)
 
 
-_CONDITIONS: dict[type, Callable[..., Found]] = {
+_CONDITIONS: dict[type, Callable[..., ConditionResidual]] = {
     KnownHeight: _height,
     GroundPoint: _ground_point,
     Landmark: _landmark,
     Vertical: _vertical,
-    GroundLines: _lines,
+    GroundLines: _ground_lines,
     Horizon: _horizon,
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals(Rows):
-    """All residuals of one guess, whose unknowns are few."""
+    """All residuals at a state, with a dense Jacobian."""
 
     def normal(self, weights: FloatArray) -> NormalEquations:
-        """The normal equations with weights ``(m,)`` of the rows."""
+        """Normal equations with weights ``(m,)`` of the rows."""
         weighted = self.by_unknowns * weights[:, None]
         count = self.by_unknowns.shape[1]
         matrix, slope = weighted.T @ self.by_unknowns, weighted.T @ self.values
@@ -346,11 +346,11 @@ class Residuals(Rows):
 
 
 class Problem:
-    """Evidence and unknowns, ready to be evaluated again and again.
+    """Evidence and unknowns of one camera, for repeated evaluation.
 
     Args:
-        known: What is known.
-        unknowns: What is not.
+        known: Evidence and priors.
+        unknowns: The unknowns.
         model: Projection model.
 
     Attributes:
@@ -374,7 +374,7 @@ class Problem:
         self._point_cov = np.square(std_m)[:, None] * np.eye(3) if np.any(std_m) else None
         ranges = {index: each for index, each in enumerate(known.evidence) if isinstance(each, SlantRange)}
         lengths = {index: each for index, each in enumerate(known.evidence) if isinstance(each, KnownLength)}
-        self._together = [Distances(each) for each in (ranges, lengths) if each]
+        self._distances = [Distances(each) for each in (ranges, lengths) if each]
         self._conditions: list[tuple[int, Condition]] = [
             (index, condition_of(each))
             for index, each in enumerate(known.evidence)
@@ -384,18 +384,18 @@ class Problem:
 
     @property
     def landmarks(self) -> tuple[FloatArray, FloatArray]:
-        """World points ``(k, 3)`` and pixels ``(k, 2)`` of what is ``reprojected``."""
+        """World points ``(k, 3)`` and pixels ``(k, 2)`` of the ``reprojected`` landmarks."""
         return self._points_m, self._pixels
 
     def evaluate(self, state: State) -> Residuals:
-        """All residuals of a guess."""
+        """All residuals at a state."""
         found = self.observed(state, self.unknowns.by_unknowns(state))
         parts = [] if found is None else [found]
         parts += [self._of_priors(state)] if self._priors else []
-        return joined(parts)
+        return concatenate_residuals(parts)
 
     def moved(self, state: State, step: FloatArray) -> State | None:
-        """The guess after a step ``(n,)``; None where no camera can be."""
+        """The state after a step ``(n,)``; None where no camera can be."""
         try:
             moved = self.unknowns.moved(state, step)
         except ValueError:
@@ -403,19 +403,19 @@ class Problem:
         return moved if all(holds(moved) for holds in BOUNDS.values()) else None
 
     def observed(self, state: State, by: FloatArray) -> Residuals | None:
-        """The evidence's residuals alone, None without evidence; derivatives by what moves a camera ``(s, n)``."""
+        """Residuals of the evidence alone, None without evidence; ``by (s, n)``: camera errors by the unknowns."""
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
-        parts += [_of_many(each, state, by) for each in self._together]
-        parts += [_of_condition(index, condition, state, by) for index, condition in self._conditions]
-        return joined(parts) if parts else None
+        parts += [_residuals_of_distances(each, state, by) for each in self._distances]
+        parts += [_residuals_of_condition(index, condition, state, by) for index, condition in self._conditions]
+        return concatenate_residuals(parts) if parts else None
 
     def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
             off = found.pixels_px - self._pixels
-            jac = _times(found.by_rotation, by[ROTATION]) - _times(found.by_point, by[POSITION])
+            jac = _chain(found.by_rotation, by[ROTATION]) - _chain(found.by_point, by[POSITION])
             if np.any(by[INTRINSICS]):
-                jac += _times(found.by_intrinsics, by[INTRINSICS])
+                jac += _chain(found.by_intrinsics, by[INTRINSICS])
         std = self._std_px[:, None]
         values, rows = off / std, jac / std[..., None]
         if self._point_cov is not None:
@@ -442,13 +442,13 @@ class Problem:
         return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
 
 
-def _times(many: FloatArray, by: FloatArray) -> FloatArray:
-    """``(k, 2, i)`` times ``(i, n)``, as one large product."""
+def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
+    """Product ``(k, 2, n)`` of Jacobians ``(k, 2, i)`` and ``(i, n)``, as one large product."""
     return np.asarray((many.reshape(-1, len(by)) @ by).reshape(*many.shape[:-1], -1))
 
 
-def joined(parts: list[Residuals]) -> Residuals:
-    """Residuals one after the other."""
+def concatenate_residuals(parts: list[Residuals]) -> Residuals:
+    """Concatenate residuals."""
     if len(parts) == 1:
         return parts[0]
     return Residuals(
@@ -459,23 +459,23 @@ def joined(parts: list[Residuals]) -> Residuals:
     )
 
 
-def _of_many(many: Distances, state: State, by: FloatArray) -> Residuals:
-    off_m, by_shared, variance = many.found(state)
+def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) -> Residuals:
+    off_m, by_shared, variance = distances.residuals(state)
     std_m = np.sqrt(variance * (1 + 1e-12))
     values, by_shared = off_m / std_m, by_shared / std_m[:, None]
-    px = many.std_px * values
-    blind = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
-    if np.any(blind):
-        by_shared[blind], values[blind], px[blind] = 0.0, OUT_OF_SIGHT, np.inf
-    return Residuals(values, by_shared @ by, many.owner, px)
+    px = distances.std_px * values
+    is_out_of_sight = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
+    if np.any(is_out_of_sight):
+        by_shared[is_out_of_sight], values[is_out_of_sight], px[is_out_of_sight] = 0.0, OUT_OF_SIGHT, np.inf
+    return Residuals(values, by_shared @ by, distances.owner, px)
 
 
-def _of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
+def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
     found = condition(state)
     count = len(found.off)
-    blind = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.by_shared))
+    is_out_of_sight = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.by_shared))
     owner = np.full(count, index)
-    if blind:
+    if is_out_of_sight:
         nothing = np.zeros((count, by.shape[1]))
         return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
     root = _whitening(found.cov)
@@ -484,10 +484,10 @@ def _of_condition(index: int, condition: Condition, state: State, by: FloatArray
 
 
 def _whitening(cov: FloatArray) -> FloatArray:
-    """``(..., k, k)`` that makes residuals of that covariance independent and of variance 1.
+    """Inverse square roots ``(..., k, k)`` of covariances.
 
-    One direction may be billions of times as uncertain as another (a ray along the ground, a landmark right before the
-    lens): rounding alone would make such a matrix singular.
+    Regularised, because one direction may be billions of times as uncertain as another (a ray along the ground, a
+    landmark right before the lens).
     """
     if cov.shape == (1, 1) and cov[0, 0] > 0:
         return np.asarray(1.0 / np.sqrt(cov + 1e-12 * cov))

@@ -1,8 +1,7 @@
-"""A whole calibration: from what is known and what is asked, to numbers that people and files can take.
+"""A calibration of one camera: from evidence and unknowns to results for people and files.
 
-Beside the fit it says what is left of every observation: in the image, on the ground, and without it (the fits without
-each of the observations come all at once, from the observations' leverages); and which unknown, or which combination of
-them, the evidence does not determine, and what to add.
+Beside the fit: residuals of every observation in the image and on the ground, also with the observation left out (all
+at once, from leverages); and the unknowns, or combinations of them, that are not determined, with what to add.
 """
 
 import math
@@ -35,21 +34,21 @@ from calibration.pose.state import (
     State,
     Unknowns,
     coefficient_names,
-    expanded,
+    expand_groups,
     possible_coefficients,
     with_coefficients,
 )
 
-_NOTHING_LEFT: Final = 1e-9
-"""One less a leverage below which the other observations determine no fit."""
-_NO_IMAGE_PX: Final = 1e6  # in the plane of the camera itself, where distances in the image have no meaning
+_MIN_REMAINDER: Final = 1e-9
+"""Smallest 1 - leverage with which the other observations determine a fit."""
+_MAX_RESIDUAL_PX: Final = 1e6  # larger ones are of points near the camera's own plane, without meaning
 LIMIT: Final = 0.5
-"""An unknown whose standard deviation is more than this share of its natural size is not determined."""
+"""An unknown whose standard deviation is a larger fraction of its natural size is not determined."""
 
-_PART, _ALONE = 0.25, 0.97  # of a combination: below which an unknown has no part in it, and beyond which it is all
+_MIN_PART, _MIN_WHOLE = 0.25, 0.97  # of an unknown in a combination: to be named in it; to be the combination
 _LENS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _POSE = {"east", "north", "height", "tilt", "roll", "heading"}
-_ADD: Final = (
+_SUGGESTIONS: Final = (
     ({"height", "focal"}, "add a landmark at another distance or a known length"),
     ({"tilt", "focal"}, "add a landmark nearer or farther, or the horizon"),
     ({"height", "tilt"}, "add landmarks or ranges at other distances"),
@@ -90,11 +89,11 @@ ProblemT = TypeVar("ProblemT")
 FitT = TypeVar("FitT")
 
 
-def steps_without_each(solution: Solution) -> FloatArray:
-    """Newton's steps ``(k, n)`` from the solution to the fit without each of its ``k`` observations.
+def leave_one_out_steps(solution: Solution) -> FloatArray:
+    """Newton steps ``(k, n)`` from the solution to the fits with each of its ``k`` observations left out.
 
-    Cook and Weisberg, "Residuals and Influence in Regression" (1982), section 3.4. Zero for outliers, which the
-    solution has not seen; NaN where the others determine no fit.
+    Cook and Weisberg, "Residuals and Influence in Regression" (1982), section 3.4. Zero for outliers, which are not in
+    the fit; NaN where the others determine none.
     """
     residuals, kept = solution.residuals, solution.kept
     steps = np.where(kept[:, None], np.nan, np.zeros((len(kept), residuals.by_unknowns.shape[1])))
@@ -103,65 +102,64 @@ def steps_without_each(solution: Solution) -> FloatArray:
     cov = covariance_of(jac.T @ jac)
     if not np.all(np.isfinite(cov)):
         return steps
-    settled = -cov @ (jac.T @ values)
+    newton_step = -cov @ (jac.T @ values)
     order = np.argsort(residuals.owner, kind="stable")
     first = np.searchsorted(residuals.owner[order], np.arange(len(kept)))
     counts = np.bincount(residuals.owner[residuals.owner >= 0], minlength=len(kept))
     for count in np.unique(counts[kept]):
-        members = np.flatnonzero(kept & (counts == count))
-        rows = order[first[members, None] + np.arange(count)]
-        own = residuals.by_unknowns[rows]
-        gain = own @ cov
-        left = np.eye(count) - gain @ own.swapaxes(-1, -2)
-        is_determined = np.linalg.eigvalsh(left)[:, 0] > _NOTHING_LEFT
-        off = residuals.values[rows[is_determined]] + own[is_determined] @ settled
-        steps[members[is_determined]] = settled + np.einsum(
-            "gij,gi->gj", gain[is_determined], np.linalg.solve(left[is_determined], off[..., None])[..., 0]
+        observations = np.flatnonzero(kept & (counts == count))
+        rows = order[first[observations, None] + np.arange(count)]
+        jac_of_observation = residuals.by_unknowns[rows]
+        gain = jac_of_observation @ cov
+        remainder = np.eye(count) - gain @ jac_of_observation.swapaxes(-1, -2)
+        is_determined = np.linalg.eigvalsh(remainder)[:, 0] > _MIN_REMAINDER
+        residual = residuals.values[rows[is_determined]] + jac_of_observation[is_determined] @ newton_step
+        steps[observations[is_determined]] = newton_step + np.einsum(
+            "gij,gi->gj", gain[is_determined], np.linalg.solve(remainder[is_determined], residual[..., None])[..., 0]
         )
     return steps
 
 
-def moves_the_lens(problem: Problem, solution: Solution) -> bool:
+def has_lens_unknowns(problem: Problem, solution: Solution) -> bool:
     """Whether intrinsics are among the unknowns."""
     return bool(np.any(problem.unknowns.by_unknowns(solution.state)[INTRINSICS]))
 
 
-def landmarks_off_m(problem: Problem, solution: Solution, steps: FloatArray) -> FloatArray:
-    """How far on the map ``(r,)`` the pixels of the ``r`` reprojected landmarks end from their places.
+def landmark_errors_m(problem: Problem, solution: Solution, steps: FloatArray) -> FloatArray:
+    """Horizontal errors ``(r,)`` of ground points of the ``r`` reprojected landmarks' pixels.
 
     Args:
-        problem: Its unknowns do not move the lens.
+        problem: A problem without lens unknowns.
         solution: The fit.
-        steps: ``(r, n)``: each landmark's own step away from it.
+        steps: ``(r, n)`` step from the fit for each landmark.
 
     Returns:
-        NaN where a pixel's ray does not come down to its landmark's level, and where the step is NaN.
+        NaN where a ray does not reach its landmark's level, and where the step is NaN.
     """
     state, unknowns = solution.state, problem.unknowns
     points, pixels = problem.landmarks
-    wxyz = unknowns.turned(state, steps)
+    wxyz = unknowns.attitudes_after(state, steps)
     is_determined = np.isfinite(wxyz[:, 0]) & np.isfinite(steps[:, 0])
-    turned = matrix(wxyz[is_determined]) @ rays_from_pixels(state.camera, pixels[is_determined])[..., None]
+    directions = matrix(wxyz[is_determined]) @ rays_from_pixels(state.camera, pixels[is_determined])[..., None]
     position = state.position_m + steps[is_determined] @ unknowns.by_unknowns(state)[POSITION].T
-    found = meet_level(position, turned[..., 0], points[is_determined, 2]).points_enu_m - points[is_determined]
-    off = np.full(len(points), np.nan)
-    off[is_determined] = np.hypot(found[:, 0], found[:, 1])
-    return off
+    offsets = meet_level(position, directions[..., 0], points[is_determined, 2]).points_enu_m - points[is_determined]
+    distances = np.full(len(points), np.nan)
+    distances[is_determined] = np.hypot(offsets[:, 0], offsets[:, 1])
+    return distances
 
 
 @dataclass(frozen=True, slots=True)
 class ObservationResidual:
-    """One observation after the fit.
+    """Residuals of one observation.
 
     Attributes:
         name: Its name.
-        px: Distance in the image, px (2-D for landmarks); infinite where it is out of sight.
-        sigma: Distance in the image in standard deviations; infinite where it is out of sight.
-        ground_m: Distance on the ground, m: of a landmark's pixel from its place, of a range from what was measured;
-            None for what has no place.
-        loo_ground_m: Distance on the ground by a fit that has not seen it (leave one out): so well would the next one
-            be measured.
-        is_outlier: It was left out of the fit.
+        px: Distance in the image, px (2-D for landmarks); infinite out of sight.
+        sigma: Distance in the image in standard deviations; infinite out of sight.
+        ground_m: Error on the ground, m: of a landmark's ground point, or of a range; None for other kinds.
+        loo_ground_m: Error on the ground by the fit without the observation (leave one out), as of the next
+            measurement.
+        is_outlier: Whether it was excluded from the fit.
     """
 
     name: str
@@ -173,9 +171,9 @@ class ObservationResidual:
 
 
 def observation_residuals(problem: Problem, solution: Solution) -> tuple[ObservationResidual, ...]:
-    """All observations, in their order."""
-    steps = steps_without_each(solution)
-    ground_m, loo_ground_m = (_on_the_ground(problem, solution, step) for step in (np.zeros_like(steps), steps))
+    """Residuals of all observations, in their order."""
+    steps = leave_one_out_steps(solution)
+    ground_m, loo_ground_m = (_ground_errors(problem, solution, step) for step in (np.zeros_like(steps), steps))
     return residuals_of(problem.known.evidence, solution.residuals, solution.kept, ground_m, loo_ground_m)
 
 
@@ -186,13 +184,13 @@ def residuals_of(
     ground_m: Sequence[float | None],
     loo_ground_m: Sequence[float | None],
 ) -> tuple[ObservationResidual, ...]:
-    """What is left in the image, beside what is left on the ground; as the fields of ``ObservationResidual``."""
+    """Residuals in the image and on the ground of observations; arguments as the fields of ``ObservationResidual``."""
     seen = residuals.owner >= 0
     px, sigma = (
         np.sqrt(np.bincount(residuals.owner[seen], np.square(values[seen])))
         for values in (residuals.px, residuals.values)
     )
-    px[px > _NO_IMAGE_PX] = np.inf
+    px[px > _MAX_RESIDUAL_PX] = np.inf
     sigma[~np.isfinite(px)] = np.inf
     return tuple(
         map(
@@ -207,26 +205,26 @@ def residuals_of(
     )
 
 
-def _on_the_ground(problem: Problem, solution: Solution, steps: FloatArray) -> list[float | None]:
-    """Ground errors of all observations, each one step ``(n,)`` away from the solution."""
-    off: list[float | None] = [None] * len(steps)
-    at_once = set()
-    if not moves_the_lens(problem, solution):
-        found = landmarks_off_m(problem, solution, steps[problem.reprojected])
-        at_once = set(problem.reprojected.tolist())
-        for index, value in zip(problem.reprojected.tolist(), found.tolist(), strict=True):
-            off[index] = value if math.isfinite(value) else None
+def _ground_errors(problem: Problem, solution: Solution, steps: FloatArray) -> list[float | None]:
+    """Ground errors of all observations, each at its step ``(n,)`` from the solution."""
+    errors: list[float | None] = [None] * len(steps)
+    done = set()
+    if not has_lens_unknowns(problem, solution):
+        distances = landmark_errors_m(problem, solution, steps[problem.reprojected])
+        done = set(problem.reprojected.tolist())
+        for index, value in zip(problem.reprojected.tolist(), distances.tolist(), strict=True):
+            errors[index] = value if math.isfinite(value) else None
     for index, evidence in enumerate(problem.known.evidence):
-        if index in at_once or not np.isfinite(steps[index, 0]):
+        if index in done or not np.isfinite(steps[index, 0]):
             continue
         state = problem.moved(solution.state, steps[index])
         if state is not None:
-            off[index] = ground_error_m(state, evidence)
-    return off
+            errors[index] = ground_error_m(state, evidence)
+    return errors
 
 
 def rms_px(evidence: tuple[Evidence, ...], left: tuple[ObservationResidual, ...]) -> float | None:
-    """Root mean square of the landmarks' 2-D distances, px, those apart that are outliers or out of sight.
+    """Root mean square of the landmarks' 2-D distances, px, without outliers and those out of sight.
 
     None without landmarks.
     """
@@ -239,7 +237,7 @@ def rms_px(evidence: tuple[Evidence, ...], left: tuple[ObservationResidual, ...]
 
 
 def ground_error_m(state: State, evidence: Evidence) -> float | None:
-    """Distance between where a pixel meets the ground and where it is known to; None where it meets none."""
+    """Error of an observation's ground point or range; None where the pixel shows no ground."""
     if not isinstance(evidence, Landmark | GroundPoint | SlantRange):
         return None
     elevation_m = state.elevation_m
@@ -254,14 +252,14 @@ def ground_error_m(state: State, evidence: Evidence) -> float | None:
 
 
 def _distance(state: State, evidence: Landmark | GroundPoint | SlantRange, point: FloatArray) -> float:
-    away = point - state.position_m
+    offset = point - state.position_m
     if isinstance(evidence, SlantRange):
-        return abs(float(np.linalg.norm(away)) - evidence.range_m)
+        return abs(float(np.linalg.norm(offset)) - evidence.range_m)
     if isinstance(evidence, GroundPoint):
         heading = state.value("heading")
         right, ahead = math.cos(heading), math.sin(heading)
-        seen = (right * away[0] - ahead * away[1], ahead * away[0] + right * away[1])
-        return math.dist(seen, evidence.xy_m)
+        position = (right * offset[0] - ahead * offset[1], ahead * offset[0] + right * offset[1])
+        return math.dist(position, evidence.xy_m)
     east, north, _ = evidence.position_m
     return math.hypot(
         0.0 if east is None else float(point[0]) - east, 0.0 if north is None else float(point[1]) - north
@@ -270,14 +268,14 @@ def _distance(state: State, evidence: Landmark | GroundPoint | SlantRange, point
 
 @dataclass(frozen=True, slots=True)
 class Observability:
-    """How well the weakest combinations of unknowns are determined.
+    """The weakest combinations of unknowns, and how well they are determined.
 
     Attributes:
-        combination: Their unknowns with the parts that they have in them, the largest first.
-        std_share: Standard deviation of the weakest as a share of the unknowns' natural sizes; infinite where nothing
-            tells.
-        advice: What to add; empty where all is determined.
-        is_each: Each unknown is undetermined by itself, not only together with others.
+        combination: Their unknowns with their parts, largest first.
+        std_share: Standard deviation of the weakest as a fraction of the unknowns' natural sizes; infinite without
+            information.
+        advice: What to add; empty if all is determined.
+        is_each: Whether each unknown is undetermined by itself, not only together with others.
     """
 
     combination: dict[str, float]
@@ -287,12 +285,12 @@ class Observability:
 
     @property
     def is_determined(self) -> bool:
-        """Whether every unknown is."""
+        """Whether every unknown is determined."""
         return self.std_share <= LIMIT
 
     @property
     def sentence(self) -> str:
-        """What cannot be told; empty where everything can."""
+        """Sentence on what cannot be told; empty if all is determined."""
         if self.is_determined:
             return ""
         names = list(self.combination)
@@ -303,16 +301,16 @@ class Observability:
 
 
 def observability(problem: Problem, solution: Solution) -> Observability:
-    """The weakest combinations of a solution's unknowns: all that are undetermined, or else the worst.
+    """The weakest combinations of a solution's unknowns: all undetermined ones, or else the worst.
 
     Columns of the Jacobian are scaled by natural sizes (a height by itself, an angle by a radian, a focal length by
-    itself, a place by the camera's height), so that its singular values say how many standard deviations of the
-    evidence a whole size makes. A camera that turns freely is judged by rotations about its own axes: straight down,
-    where roll and heading are anything, its attitude is known nevertheless.
+    itself, a position by the camera's height): its singular values are then standard deviations of the evidence per
+    natural size. A free attitude is judged by rotations about the camera's axes: at nadir, where roll and heading
+    coincide, it is determined nevertheless.
     """
     names = problem.unknowns.names
     jac = solution.residuals.by_unknowns[used_rows(solution.residuals.owner, solution.kept)]
-    above_m = _above(problem, solution.state)
+    above_m = _height_above_evidence(problem, solution.state)
     sizes = np.array([natural_size(name, solution.state, above_m) for name in names])
     _, singular, directions = np.linalg.svd(np.linalg.qr(jac * sizes, mode="r"))
     strengths = np.append(singular, np.zeros(len(names) - len(singular)))
@@ -320,36 +318,36 @@ def observability(problem: Problem, solution: Solution) -> Observability:
         shares = solution.sigma_scale / strengths
     weak = directions[shares > LIMIT] if shares[-1] > LIMIT else directions[-1:]
     weak = (weak * sizes) @ problem.unknowns.to_angles(solution.state).T / sizes
-    return combined(names, weak, float(shares[-1]), lambda parts: _advice(parts, jac.shape))
+    return describe_weakness(names, weak, float(shares[-1]), lambda parts: _advice(parts, jac.shape))
 
 
-def combined(
+def describe_weakness(
     names: tuple[str, ...], weak: FloatArray, share: float, advice: Callable[[set[str]], str]
 ) -> Observability:
-    """Weak directions ``(k, n)`` in the space of the unknowns, in their natural sizes, in words.
+    """Observability from weak directions ``(k, n)`` in the space of the unknowns, in natural sizes.
 
     Args:
         names: The unknowns.
-        weak: All that are undetermined, or else the worst.
+        weak: All undetermined directions, or else the worst.
         share: Standard deviation along the weakest.
-        advice: What to add where these cannot be told.
+        advice: What to add, by the undetermined unknowns.
     """
     weak = weak / np.linalg.norm(weak, axis=-1, keepdims=True)
     each = np.minimum(np.linalg.norm(weak, axis=0), 1.0)
-    parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _PART}
-    is_each = len(parts) == len(weak) and min(parts.values()) > _ALONE
+    parts = {names[index]: float(each[index]) for index in np.argsort(-each, kind="stable") if each[index] > _MIN_PART}
+    is_each = len(parts) == len(weak) and min(parts.values()) > _MIN_WHOLE
     return Observability(parts, share, "" if share <= LIMIT else advice(set(parts)), is_each)
 
 
-def _above(problem: Problem, state: State) -> float:
-    """Height above the landmarks, or above the ground where there are none."""
+def _height_above_evidence(problem: Problem, state: State) -> float:
+    """Height above the landmarks, or above the ground without landmarks."""
     points, _ = problem.landmarks
     below = float(np.median(points[:, 2])) if len(points) else state.elevation_m
     return max(abs(state.value("height") - below), 1e-3)
 
 
 def natural_size(name: str, state: State, above_m: float) -> float:
-    """What an uncertainty of an unknown is a share of; ``above_m`` is the camera's height above what it sees."""
+    """Natural size of an unknown; ``above_m`` is the camera's height above the evidence."""
     if name in ("height", "east", "north", "elevation"):
         return above_m
     if name in ("focal", "fx", "fy"):
@@ -364,19 +362,19 @@ def _advice(names: set[str], shape: tuple[int, ...]) -> str:
     if numbers < unknowns:
         few = "1 number" if numbers == 1 else f"{numbers} numbers"
         return f"the observations are {few} for {unknowns} unknowns, add some"
-    for wanted, advice in _ADD:
+    for wanted, advice in _SUGGESTIONS:
         if wanted == names:
             return advice
     if len(names & _POSE) > 2:  # noqa: PLR2004 - the camera may swing about a line of landmarks
         return "add landmarks elsewhere, not in one line with the others"
-    for wanted, advice in _ADD:
+    for wanted, advice in _SUGGESTIONS:
         if wanted <= names:
             return advice
     return "add landmarks near the corners of the image" if names & set(_LENS) else "add landmarks"
 
 
 def correlations(covariance: FloatArray) -> FloatArray:
-    """``(n, n)`` correlation coefficients of a covariance; 0 beside what is exact, NaN where it is infinite."""
+    """Correlation coefficients ``(n, n)`` of a covariance; 0 for exact values, NaN where it is infinite."""
     std = np.sqrt(np.diag(covariance))
     size = np.where(std > 0, std, 1.0)
     known = np.isfinite(covariance)
@@ -385,14 +383,14 @@ def correlations(covariance: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome(Generic[ProblemT, FitT]):
-    """What a calibration found.
+    """Problem, solution and residuals of a calibration.
 
     Attributes:
         problem: Evidence and unknowns.
         solution: The fit.
-        left: What is left of each observation.
-        rms_px: Of the landmarks; None without any.
-        weakest: The combination of unknowns that is known worst.
+        left: Residuals of each observation.
+        rms_px: Of the landmarks; None without landmarks.
+        weakest: The weakest combination of unknowns.
     """
 
     problem: ProblemT
@@ -404,7 +402,7 @@ class Outcome(Generic[ProblemT, FitT]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result(Outcome[Problem, Solution]):
-    """What a calibration of one camera found."""
+    """Result of a calibration of one camera."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -418,32 +416,32 @@ class Result(Outcome[Problem, Solution]):
 
     @property
     def display_units(self) -> dict[str, float]:
-        """Names of the unknowns with their units, and what their SI values are multiplied with."""
+        """Names of the unknowns with units, and factors from SI."""
         return dict(map(display_unit, self.names))
 
     @property
     def camera(self) -> Camera:
-        """The camera with its lens as found or known, and how well."""
+        """The camera with its lens as estimated or known, and its covariance."""
         return self.solution.state.camera.with_covariance(self.solution.joint[INTRINSICS, INTRINSICS])
 
     @property
     def named_covariance(self) -> FloatArray:
-        """``(n, n)`` of the unknowns as people see them, see :func:`above_ground`."""
+        """Covariance ``(n, n)`` of the unknowns for people, see :func:`above_ground`."""
         return above_ground(self.names, self.solution.covariance)
 
     @property
     def pose_covariance(self) -> FloatArray:
-        """``(6, 6)`` as ``Pose.cov``."""
+        """Covariance ``(6, 6)`` as ``Pose.cov``."""
         return np.asarray(self.solution.joint[:6, :6])
 
     @property
     def lens_covariance(self) -> FloatArray:
-        """``(6, m)`` as ``Pose.lens_cov``."""
+        """Covariance ``(6, m)`` as ``Pose.lens_cov``."""
         return np.asarray(self.solution.joint[:6, INTRINSICS])
 
 
 def above_ground(names: tuple[str, ...], covariance: FloatArray) -> FloatArray:
-    """The covariance ``(n, n)`` where a height is above the ground, which may be unknown too."""
+    """Covariance ``(n, n)`` with the height above the ground, which may be unknown too."""
     above = np.eye(len(names))
     if {"height", "elevation"} <= set(names):
         above[names.index("height"), names.index("elevation")] = -1.0
@@ -453,41 +451,41 @@ def above_ground(names: tuple[str, ...], covariance: FloatArray) -> FloatArray:
 
 
 def display_unit(name: str) -> tuple[str, float]:
-    """An unknown's name for people, with its unit, and what its SI value is multiplied with."""
+    """Name of an unknown for people, with its unit, and the factor from SI."""
     return _DISPLAY_UNITS.get(name, (name, 1.0))
 
 
 def possible_unknowns(camera: Camera) -> tuple[str, ...]:
-    """What may be asked for of a camera: single unknowns and groups of them."""
+    """Unknowns of a camera that may be asked for, singly and as groups."""
     return (*_DISPLAY_UNITS, *possible_coefficients(camera), *GROUPS)
 
 
 def unknowns_of(names: tuple[str, ...], known: EvidenceSet, camera: Camera, model: ProjectionModel) -> Unknowns:
-    """What is solved for: what was asked, and everything that is known beforehand with a std.
+    """The unknowns of a problem: those asked for, and those with a prior that has a std.
 
     Raises:
-        ValueError: An unknown that there is not, or that excludes another.
+        ValueError: An impossible unknown, or one that excludes another.
     """
-    requested = each_possible(names, possible_unknowns(camera))
+    requested = checked_unknowns(names, possible_unknowns(camera))
     of_rays = [each.name for each in known.evidence if isinstance(each, Vertical | GroundLines)]
     if model is ProjectionModel.DFT and of_rays:
         expected = "expected ranges, lengths, landmarks, a horizon, ..."
         raise ValueError(f"got {of_rays[0]} for the dft model, which has no rays: {expected}")
-    not_there = ("cx", "cy", "roll", *possible_coefficients(camera)) if model is ProjectionModel.DFT else ()
-    wrong = next((name for name in requested if name in not_there), None)
+    absent = ("cx", "cy", "roll", *possible_coefficients(camera)) if model is ProjectionModel.DFT else ()
+    wrong = next((name for name in requested if name in absent), None)
     if wrong is not None:
         raise ValueError(f"got {wrong} for the dft model, expected height, tilt, heading, position or focal")
-    more = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in not_there)
-    return Unknowns(tuple(dict.fromkeys((*requested, *more))))
+    with_priors = tuple(name for name, prior in known.priors.items() if prior.std > 0 and name not in absent)
+    return Unknowns(tuple(dict.fromkeys((*requested, *with_priors))))
 
 
-def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[str, ...]:
-    """The names with groups taken apart.
+def checked_unknowns(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[str, ...]:
+    """Names with groups expanded, checked against those that are possible.
 
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
-    requested = expanded(names)
+    requested = expand_groups(names)
     for name in requested:
         if name not in possible:
             raise ValueError(f"got {name}, expected some of {', '.join(possible)}")
@@ -499,13 +497,13 @@ def each_possible(names: tuple[str, ...], possible: tuple[str, ...]) -> tuple[st
 def calibrate(
     known: EvidenceSet, camera: Camera, names: tuple[str, ...], model: ProjectionModel = ProjectionModel.PINHOLE
 ) -> Result:
-    """Find a camera's unknowns.
+    """Estimate a camera's unknowns.
 
     Args:
-        known: Observations and priors. A prior with a std of 0 is exact, or where to start from if it is asked for.
-        camera: The camera; what is not asked for stays, and is as uncertain as the camera says. Distortion that it has
-            none of is 0.
-        names: What is asked for, see ``display_unit``; also ``position`` and ``principal_point``.
+        known: Observations and priors. A prior with a std of 0 is exact, or a first value if it is asked for.
+        camera: The camera; what is not asked for is kept, with the camera's uncertainty. Missing distortion
+            coefficients are 0.
+        names: Unknowns, see ``display_unit``; also ``position`` and ``principal_point``.
         model: Projection model.
 
     Raises:
@@ -523,7 +521,7 @@ def calibrate(
 
 
 def start_state(priors: dict[str, Prior], camera: Camera, model: ProjectionModel) -> State:
-    """What is known, and where to start from for what is not."""
+    """State of known values, and of first values of the unknowns."""
 
     def stated(name: str, otherwise: float) -> float:
         return priors[name].value if name in priors else otherwise
@@ -543,27 +541,26 @@ def angles_deg(state: State) -> tuple[float, float, float]:
 
 
 def with_lens(problem: Problem, solution: Solution, camera: Camera, stated: frozenset[str]) -> Solution:
-    """The solution, with covariances in which the lens is as uncertain as the camera file says.
+    """The solution with covariances that include the uncertainty of the camera file's lens.
 
-    Its parameters are considered, not estimated: they stay as the camera file has them, and what they are off by goes
-    into every unknown as the fit lets it (Schmidt's consider analysis; Tapley, Schutz and Born, "Statistical Orbit
-    Determination", 2004, section 6.4).
+    Its parameters are considered, not estimated: their errors propagate to every unknown through the fit (Schmidt's
+    consider analysis; Tapley, Schutz and Born, "Statistical Orbit Determination", 2004, section 6.4).
 
     Args:
-        problem: What was fitted.
-        solution: The fit, with the lens taken as exact where it was not asked for.
+        problem: The problem.
+        solution: The fit, with an exact lens where it was not asked for.
         camera: The camera file's, with its stds or covariance.
-        stated: Unknowns that somebody stated: these are not as the camera file has them.
+        stated: Unknowns with stated values, which replace the camera file's.
 
     Returns:
-        The solution with these covariances; what is undetermined stays so.
+        The solution with these covariances; undetermined ones are kept.
     """
-    considered = [name for name in _names(camera) if not _is_determined(name, {*problem.unknowns.names, *stated})]
-    lens_cov = _covariance(camera, considered)
+    considered = [name for name in _intrinsic_names(camera) if not _is_known(name, {*problem.unknowns.names, *stated})]
+    lens_cov = _intrinsics_covariance(camera, considered)
     if not np.any(lens_cov) or not np.all(np.isfinite(solution.covariance)):
         return solution
     by_lens = Unknowns(tuple(considered)).by_unknowns(solution.state)
-    steps = _steps(problem, solution, by_lens)
+    steps = _sensitivities(problem, solution, by_lens)
     in_angles = problem.unknowns.to_angles(solution.state) @ steps
     moves = problem.unknowns.by_unknowns(solution.state) @ steps + by_lens
     return replace(
@@ -573,29 +570,29 @@ def with_lens(problem: Problem, solution: Solution, camera: Camera, stated: froz
     )
 
 
-def _steps(problem: Problem, solution: Solution, by_lens: FloatArray) -> FloatArray:
-    """``(n, p)``: what the fit makes of each considered parameter, to first order."""
+def _sensitivities(problem: Problem, solution: Solution, by_lens: FloatArray) -> FloatArray:
+    """Sensitivities ``(n, p)`` of the fit to the considered parameters, to first order."""
     residuals = solution.residuals
-    seen = residuals.owner >= 0
-    by_considered = np.zeros((len(seen), by_lens.shape[1]))
-    found = problem.observed(solution.state, by_lens)
-    if found is not None:
-        by_considered[seen] = found.by_unknowns
+    is_evidence = residuals.owner >= 0
+    by_considered = np.zeros((len(is_evidence), by_lens.shape[1]))
+    by_observations = problem.observed(solution.state, by_lens)
+    if by_observations is not None:
+        by_considered[is_evidence] = by_observations.by_unknowns
     used = used_rows(residuals.owner, solution.kept)
     return np.asarray(-np.linalg.pinv(residuals.by_unknowns[used]) @ by_considered[used])
 
 
-def _names(camera: Camera) -> tuple[str, ...]:
+def _intrinsic_names(camera: Camera) -> tuple[str, ...]:
     return (*_INTRINSICS, *coefficient_names(camera))
 
 
-def _is_determined(name: str, others: set[str]) -> bool:
+def _is_known(name: str, others: set[str]) -> bool:
     return name in others or (name in ("fx", "fy") and "focal" in others)
 
 
-def _covariance(camera: Camera, considered: list[str]) -> FloatArray:
-    """``(p, p)`` of these parameters, as the camera file has it."""
-    every, known = _names(camera), intrinsics_covariance(camera)
+def _intrinsics_covariance(camera: Camera, considered: list[str]) -> FloatArray:
+    """Covariance ``(p, p)`` of these parameters by the camera file."""
+    every, known = _intrinsic_names(camera), intrinsics_covariance(camera)
     cov = np.zeros((len(every), len(every)))
     cov[: len(known), : len(known)] = known
     rows = [every.index(name) for name in considered]

@@ -1,6 +1,6 @@
-"""A camera's pose and lens from what is known of a scene: starts, descents and outliers.
+"""Fit of a camera's pose and lens: starts, descents and outliers.
 
-Nobody has to guess where to start from: every way in which the evidence alone places the camera is tried.
+No initial guess is needed: descents start wherever the evidence alone places the camera.
 """
 
 import itertools
@@ -20,12 +20,10 @@ from calibration.pose.descent import Descent, Loss, Rows, RowsT_co, StateT, Task
 from calibration.pose.residuals import Problem, Residuals
 from calibration.pose.state import State
 
-_MIN_LANDMARKS = 3  # landmarks that place a camera without a guess; three do so in up to four ways
-_FLAT = 0.2  # thickness of a body of points, as a share of its width, below which it may be taken for its mirror image
-_ONE_POSE = (
-    0.005  # of rotations and of shares of a distance: two closed forms of one pose, which descents bring together
-)
-_WORSE, _NEAR = 30.0, 0.02  # than a better closed form, and in focal lengths: what is farther off is no mirror image
+_MIN_LANDMARKS = 3  # for a closed form; three landmarks give up to four poses
+_MAX_FLATNESS = 0.2  # thickness over width of points that may be taken for their mirror image
+_SAME_POSE = 0.005  # difference of rotations and relative distances of closed forms of one pose
+_ERROR_RATIO, _MAX_ERROR = 30.0, 0.02  # of a mirror image: over the best form's error, or in focal lengths
 _TILTS_RAD = np.radians([8.0, 35.0, 55.0, 70.0, 82.0, 95.0])
 _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
@@ -34,45 +32,44 @@ _ANGLES = ("tilt", "roll", "heading")
 End: TypeAlias = Descent[State, Residuals]
 
 ROBUST: Final = 3.0
-"""Standard deviations beyond which an observation counts less and less while outliers are looked for."""
+"""Scale of the robust loss, in standard deviations, while outliers are looked for."""
 
-_CHANCE: Final = 1e-5
-"""An observation is an outlier if chance alone puts one in 100,000 so far off."""
+_OUTLIER_P_VALUE: Final = 1e-5
+"""p-value of an observation below which it is an outlier."""
 
-_ANYWHERE, _LARGER = 17.0, 6.0
-"""What it takes to believe that a number of an observation is anywhere in the image, and that all stds are larger than
-stated: twice the negative logarithm of their odds."""
+_OUTLIER_PENALTY, _SCALE_PENALTY = 17.0, 6.0
+"""Twice the negative log odds that a coordinate is anywhere in the image; that all stds are larger than stated."""
 
-_BEST, _ENOUGH, _SUBSETS, _ROUNDS = 4, 3.0, 60, 10
-_FORGIVABLE = 8  # observations; more that were wrongly left out would have shown in the scatter of the rest
-_FEW, _FAR = 4, 50.0
-_SINGULAR = 1e-13  # least eigenvalue beside a largest of about 1
-_STATED_DOF: Final = 2.0
-"""Residuals to spare that a stated std is worth: 95 of 100 stds that people state are right to a factor of 2.5."""
+_MAX_STARTS, _GOOD_FIT_STDS, _MAX_SUBSETS, _MAX_ROUNDS = 4, 3.0, 60, 10
+_MAX_READMITTED = 8  # more wrong outliers would show in the scatter of the inliers
+_SUBSET_SIZE, _HOPELESS_STDS = 4, 50.0
+_MIN_EIGENVALUE = 1e-13  # beside a largest eigenvalue of about 1
+_PRIOR_DOF: Final = 2.0
+"""Degrees of freedom that a stated std is worth: 95 of 100 stated stds are right to a factor of 2.5."""
 
-_LEAST_SCALE: Final = 0.7
-"""Below which small residuals make no std smaller: they do not show errors that all observations share."""
+_MIN_SCALE: Final = 0.7
+"""Smallest scale of stds: small residuals do not show errors that all observations share."""
 
-_SAME = 1e-6  # share of the cost, and cost, that makes no difference
-_AS_LIKELY, _ELSEWHERE = 14.0, 6.0  # in chi-square: one to a thousand; and standard deviations
+_COST_TOLERANCE = 1e-6  # relative and absolute
+_MAX_CHI2_INCREASE, _MIN_DISTANCE_STDS = 14.0, 6.0  # odds of one to a thousand; standard deviations
 
 
 def zooms(problem: Problem) -> tuple[float, ...]:
-    """What to multiply the given focal length with, if it is unknown."""
+    """Factors of the given focal length to start from; 1 alone where it is known."""
     return _ZOOMS if {"focal", "fx"} & set(problem.unknowns.names) else (1.0,)
 
 
 def closed_form_states(
     problem: Problem, known: State, zoom: float = 1.0, rows: npt.NDArray[np.int64] | None = None
 ) -> Iterator[State]:
-    """What landmarks say in closed form of a camera with known focal length.
+    """Closed-form states from landmarks for a camera of known focal length.
 
     Three by P3P, more by SQPnP (Terzakis and Lourakis, 2020); a plane's two poses by IPPE (Collins and Bartoli, 2014).
 
     Args:
         problem: The evidence.
-        known: What is known or guessed.
-        zoom: Of ``zooms``.
+        known: Known and guessed values.
+        zoom: One of ``zooms``.
         rows: Indices of the landmarks to use; None for all.
     """
     points, pixels = problem.landmarks
@@ -83,51 +80,51 @@ def closed_form_states(
     middle = points.mean(axis=0)
     lens = replace(known.camera, fx_px=zoom * known.camera.fx_px, fy_px=zoom * known.camera.fy_px)
     rays = rays_from_pixels(lens, pixels)
-    ahead = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
-    if np.count_nonzero(ahead) < _MIN_LANDMARKS:
+    in_front = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
+    if np.count_nonzero(in_front) < _MIN_LANDMARKS:
         return
-    flat = np.ascontiguousarray(rays[ahead, :2] / rays[ahead, 2:])
-    found: list[FloatArray] = []
-    for turn, shift in _closed_forms(points[ahead] - middle, flat):
-        wxyz = inverse(from_rotation_vector(turn.ravel()))
+    flat = np.ascontiguousarray(rays[in_front, :2] / rays[in_front, 2:])
+    poses: list[FloatArray] = []
+    for rotation, translation in _closed_forms(points[in_front] - middle, flat):
+        wxyz = inverse(from_rotation_vector(rotation.ravel()))
         enu_r_cam = matrix(wxyz)
-        away = (enu_r_cam @ shift).ravel()
+        away = (enu_r_cam @ translation).ravel()
         pose = np.column_stack([enu_r_cam, away / np.linalg.norm(away), np.log(np.linalg.norm(away)) * np.ones(3)])
-        is_new = all(np.max(np.abs(pose - other)) > _ONE_POSE for other in found)
+        is_new = all(np.max(np.abs(pose - other)) > _SAME_POSE for other in poses)
         if is_new and np.all(np.isfinite(pose)):
-            found.append(pose)
-            yield _only_unknown(problem, known, replace(known, camera=lens), middle - away, wxyz)
+            poses.append(pose)
+            yield _with_known_values(problem, known, replace(known, camera=lens), middle - away, wxyz)
 
 
 def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Rotations and shifts from the world to the camera: all that fit, points of a plane may fit two."""
-    ways = [cv2.SOLVEPNP_P3P] if len(flat) == _MIN_LANDMARKS else [cv2.SOLVEPNP_SQPNP]
+    """Rotations and translations from the world to the camera that fit; points of a plane may have two."""
+    methods = [cv2.SOLVEPNP_P3P] if len(flat) == _MIN_LANDMARKS else [cv2.SOLVEPNP_SQPNP]
     _, thickness, axes = np.linalg.svd(points_m, full_matrices=False)
     in_plane = points_m
-    if len(flat) > _MIN_LANDMARKS and thickness[2] < _FLAT * thickness[1]:
-        ways.append(cv2.SOLVEPNP_IPPE)
+    if len(flat) > _MIN_LANDMARKS and thickness[2] < _MAX_FLATNESS * thickness[1]:
+        methods.append(cv2.SOLVEPNP_IPPE)
         in_plane = points_m - np.outer(points_m @ axes[2], axes[2])
-    for way in ways:
+    for method in methods:
         try:
-            if way == cv2.SOLVEPNP_P3P:
-                _, turns, shifts = cv2.solveP3P(points_m, flat, np.eye(3), None, way)
-                errors: npt.ArrayLike = np.zeros(len(turns))
+            if method == cv2.SOLVEPNP_P3P:
+                _, rotations, translations = cv2.solveP3P(points_m, flat, np.eye(3), None, method)
+                errors: npt.ArrayLike = np.zeros(len(rotations))
             else:
-                world = in_plane if way == cv2.SOLVEPNP_IPPE else points_m
-                _, turns, shifts, errors = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=way)
+                world = in_plane if method == cv2.SOLVEPNP_IPPE else points_m
+                _, rotations, translations, errors = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=method)
         except cv2.error:  # points in a line, or all in one
             continue
-        if not turns:  # without poses OpenCV gives no errors either
+        if not rotations:  # without poses OpenCV gives no errors either
             continue
-        off = np.asarray(errors, dtype=np.float64).ravel()
-        near = off <= max(_WORSE * float(np.min(off, initial=np.inf)), _NEAR)
-        for turn, shift, is_near in zip(turns, shifts, near, strict=True):
-            if is_near:
-                yield np.asarray(turn, dtype=np.float64), np.asarray(shift, dtype=np.float64)
+        px_errors = np.asarray(errors, dtype=np.float64).ravel()
+        is_accepted = px_errors <= max(_ERROR_RATIO * float(np.min(px_errors, initial=np.inf)), _MAX_ERROR)
+        for rotation, translation, accepted in zip(rotations, translations, is_accepted, strict=True):
+            if accepted:
+                yield np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
 
 
-def _only_unknown(problem: Problem, known: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
-    """The guess, with what is known as it is known."""
+def _with_known_values(problem: Problem, known: State, guess: State, eye_m: FloatArray, wxyz: FloatArray) -> State:
+    """The guess with known values replaced by their values."""
     names = problem.unknowns.names
     closed_form_rad = replace(guess, wxyz=wxyz).angles_rad
     tilt, roll, heading = (
@@ -141,8 +138,8 @@ def _only_unknown(problem: Problem, known: State, guess: State, eye_m: FloatArra
     return replace(guess, position_m=position, wxyz=camera_attitude(tilt, roll, heading))
 
 
-def scattered(problem: Problem, known: State) -> Iterator[State]:
-    """A net of tilts, headings and heights over everything that a camera above ground could be."""
+def grid_states(problem: Problem, known: State) -> Iterator[State]:
+    """States on a grid of tilts, headings and heights that covers all cameras above ground."""
     names, priors = set(problem.unknowns.names), problem.known.priors
     tilt, roll, heading = known.angles_rad
     free = names - set(priors)
@@ -156,7 +153,7 @@ def scattered(problem: Problem, known: State) -> Iterator[State]:
 
 
 def _above_landmarks(problem: Problem, state: State) -> State:
-    """The state, moved to where its landmarks' middle is seen at their pixels' middle."""
+    """The state moved to where the landmarks' centroid projects to their pixels' centroid."""
     points, pixels = problem.landmarks
     if not len(points):
         return state
@@ -178,15 +175,15 @@ class Fit(Generic[StateT, RowsT_co]):
     """The best fit.
 
     Attributes:
-        state: What was found.
+        state: The fitted state.
         residuals: At the state, of all evidence, outliers too.
         kept: ``(k,)`` whether each observation was used.
-        covariance: ``(n, n)`` of the unknowns as they are named (SI units), scaled by what the residuals tell of the
-            stated stds; infinite where they are not determined.
-        chi2: Weighted sum of squares of what was used.
+        covariance: ``(n, n)`` of the unknowns by name (SI units), scaled by ``sigma_scale`` squared; infinite where
+            they are not determined.
+        chi2: Weighted sum of squares of the used rows.
         dof: Degrees of freedom.
-        p_value: Chance of so large a ``chi2`` if all stated stds were true; None without degrees of freedom.
-        sigma_scale: What the stated stds are multiplied with, see :func:`goodness`.
+        p_value: Probability of a larger ``chi2`` if all stated stds are true; None without degrees of freedom.
+        sigma_scale: Factor of the stated stds, see :func:`goodness`.
     """
 
     state: StateT
@@ -200,7 +197,7 @@ class Fit(Generic[StateT, RowsT_co]):
 
     @property
     def misfit(self) -> float:
-        """How many times as large as stated the residuals are; 1 without degrees of freedom."""
+        """Root mean square of the normalised residuals per degree of freedom; 1 without degrees of freedom."""
         return math.sqrt(self.chi2 / self.dof) if self.dof > 0 else 1.0
 
 
@@ -209,8 +206,8 @@ class Solution(Fit[State, Residuals]):
     """The best fit of one camera.
 
     Attributes:
-        joint: ``(s, s)`` of the errors of ``dft.projection``, of which the unknowns are combinations.
-        alternative: Another camera that the evidence fits as well; None where there is only one.
+        joint: ``(s, s)`` covariance of the errors of ``dft.projection``, of which the unknowns are combinations.
+        alternative: Another state that fits as well; None if there is only one.
     """
 
     joint: FloatArray
@@ -222,14 +219,14 @@ def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Sol
 
     Args:
         problem: Evidence and unknowns.
-        known: What is known; where to start for what is not.
-        guess_is_good: ``known`` is near the truth in every unknown: a start among those that the evidence gives.
+        known: Known values, and first values of the unknowns.
+        guess_is_good: Whether ``known`` is near the truth in every unknown: then it is one of the starts.
 
     Returns:
-        The best of all descents. Whether it can be trusted is for ``result.observability`` to say.
+        The best of all descents. ``result.observability`` says whether it is determined.
     """
-    ends = _ends(problem, known, guess_is_good=guess_is_good)
-    best = _cheapest(ends)
+    ends = _descend_from_starts(problem, known, guess_is_good=guess_is_good)
+    best = _best_end(ends)
     best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
     solution = _solution(problem, best, kept)
     return replace(solution, alternative=_alternative(problem, solution, ends))
@@ -238,87 +235,87 @@ def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Sol
 def without_outliers(
     problem: Task[StateT, RowsT_co], robust: Descent[StateT, RowsT_co], observations: int, unknowns: int
 ) -> tuple[Descent[StateT, RowsT_co], np.ndarray]:
-    """The fit to what agrees with it, and ``(k,)`` which of the observations that is.
+    """The fit to the inliers, and whether each observation ``(k,)`` is one.
 
     Args:
-        problem: What is fitted.
-        robust: Where a descent ended in which observations that stand far off counted less.
-        observations: How many there are.
-        unknowns: How many numbers are fitted.
+        problem: The problem.
+        robust: End of a descent with a robust loss.
+        observations: Number of observations.
+        unknowns: Number of unknowns.
     """
     best, kept = robust, np.ones(observations, dtype=bool)
-    first = _kept(best.residuals, observations)
-    if _tells_more(unknowns, best.residuals, first):
+    first = _find_inliers(best.residuals, observations)
+    if _is_overdetermined(unknowns, best.residuals, first):
         kept = first
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         best = descend(problem, best.state, None, kept, best.residuals)
-        now = _kept(best.residuals, observations, kept)
-        if np.array_equal(now, kept) or not _tells_more(unknowns, best.residuals, now):
+        inliers = _find_inliers(best.residuals, observations, kept)
+        if np.array_equal(inliers, kept) or not _is_overdetermined(unknowns, best.residuals, inliers):
             break
-        kept = now
-    return _with_forgiven(problem, best, kept)
+        kept = inliers
+    return _readmit_outliers(problem, best, kept)
 
 
-def _with_forgiven(
+def _readmit_outliers(
     problem: Task[StateT, RowsT_co], best: Descent[StateT, RowsT_co], kept: np.ndarray
 ) -> tuple[Descent[StateT, RowsT_co], np.ndarray]:
-    """Take back what was left out, the nearest first, where larger stds explain it better than so many outliers.
+    """Readmit outliers, nearest first, where larger stds are more likely than so many outliers.
 
-    Of few observations some always agree by chance, and the others look wrong beside them.
+    Among few observations some agree by chance, so that the others look like outliers.
     """
     squares, _ = _by_owner(best.residuals)
     outliers = np.flatnonzero(~kept)
-    chosen, least = (best, kept), _unlikeliness(best.residuals, kept)
-    for count in range(len(outliers), 0, -1) if len(outliers) <= _FORGIVABLE else ():
-        with_more = kept.copy()
-        with_more[outliers[np.argsort(squares[outliers])][:count]] = True
-        other = descend(problem, best.state, None, with_more)
-        unlikely = _unlikeliness(other.residuals, with_more)
-        if unlikely <= least:
-            chosen, least = (other, with_more), unlikely
+    chosen, smallest = (best, kept), _neg_log_likelihood(best.residuals, kept)
+    for count in range(len(outliers), 0, -1) if len(outliers) <= _MAX_READMITTED else ():
+        candidate = kept.copy()
+        candidate[outliers[np.argsort(squares[outliers])][:count]] = True
+        other = descend(problem, best.state, None, candidate)
+        penalty = _neg_log_likelihood(other.residuals, candidate)
+        if penalty <= smallest:
+            chosen, smallest = (other, candidate), penalty
     return chosen
 
 
-def _tells_more(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
-    """Whether what is kept could contradict a fit: with as many rows as unknowns, anything fits."""
+def _is_overdetermined(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
+    """Whether the kept rows outnumber the unknowns: otherwise anything fits."""
     return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
 
-def _ends(problem: Problem, known: State, *, guess_is_good: bool) -> list[End]:
-    """Where descents from all starts end, as many starts as it takes until one of them fits."""
+def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool) -> list[End]:
+    """Ends of descents from as many starts as it takes until one fits."""
     ends = [descend(problem, known, ROBUST)] if guess_is_good else []
     for zoom in zooms(problem):
         for start in closed_form_states(problem, known, zoom):
             residuals = problem.evaluate(start)
-            if not (_some_fit(ends) and _is_hopeless(residuals)):
+            if not (_has_fit(ends) and _is_hopeless(residuals)):
                 ends.append(descend(problem, start, ROBUST, known=residuals))
-        if _some_fit(ends):
+        if _has_fit(ends):
             return ends
-    candidates = [known, *scattered(problem, known), *_from_subsets(problem, known)]
+    candidates = [known, *grid_states(problem, known), *_states_from_subsets(problem, known)]
     loss = None
     scored = []
     for candidate in candidates:
         residuals = problem.evaluate(candidate)
         loss = loss or Loss(residuals.owner, ROBUST)
         scored.append(loss.cost(residuals))
-    chosen = [candidates[index] for index in np.argsort(scored)[: 2 * _BEST]]
+    chosen = [candidates[index] for index in np.argsort(scored)[: 2 * _MAX_STARTS]]
     return ends + [descend(problem, start, ROBUST) for start in chosen]
 
 
-def _cheapest(ends: list[End]) -> End:
-    """The best end; of several that are as good, as in a valley, the middle one: its own ends are no place to judge."""
+def _best_end(ends: list[End]) -> End:
+    """The end of least cost; of equal ones along a valley the middle one."""
     least = min(end.cost for end in ends)
-    as_good = [end for end in ends if end.cost <= least * (1 + _SAME) + _SAME]
-    return sorted(as_good, key=lambda end: end.state.value("height"))[len(as_good) // 2]
+    equal = [end for end in ends if end.cost <= least * (1 + _COST_TOLERANCE) + _COST_TOLERANCE]
+    return sorted(equal, key=lambda end: end.state.value("height"))[len(equal) // 2]
 
 
-def _from_subsets(problem: Problem, known: State) -> list[State]:
-    """What four landmarks at a time say: most fours are free of outliers where few landmarks are."""
+def _states_from_subsets(problem: Problem, known: State) -> list[State]:
+    """Closed-form states of four landmarks at a time: few landmarks have mostly subsets without outliers."""
     count = len(problem.landmarks[0])
-    if count <= _FEW:
+    if count <= _SUBSET_SIZE:
         return []
     rng = np.random.default_rng(count)
-    subsets = (rng.choice(count, _FEW, replace=False) for _ in range(_SUBSETS))
+    subsets = (rng.choice(count, _SUBSET_SIZE, replace=False) for _ in range(_MAX_SUBSETS))
     return [
         state
         for rows, zoom in zip(subsets, itertools.cycle(zooms(problem)), strict=False)
@@ -326,20 +323,20 @@ def _from_subsets(problem: Problem, known: State) -> list[State]:
     ]
 
 
-def _some_fit(ends: list[End]) -> bool:
+def _has_fit(ends: list[End]) -> bool:
     return bool(ends) and _fits(min(ends, key=lambda end: end.cost).residuals)
 
 
 def _is_hopeless(residuals: Residuals) -> bool:
-    """Whether most of the evidence is so far off that beside a fit this is no other."""
+    """Whether most of the evidence is too far off for an alternative to a fit."""
     squares, rows = _by_owner(residuals)
-    return bool(len(squares)) and float(np.median(squares / rows)) > _FAR**2
+    return bool(len(squares)) and float(np.median(squares / rows)) > _HOPELESS_STDS**2
 
 
 def _fits(residuals: Residuals) -> bool:
-    """Whether a fit leaves nothing to be explained by another start."""
+    """Whether the residuals are good enough to try no other start."""
     squares, rows = _by_owner(residuals)
-    return bool(np.all(squares <= _ENOUGH**2 * rows * 2)) if len(squares) else True
+    return bool(np.all(squares <= _GOOD_FIT_STDS**2 * rows * 2)) if len(squares) else True
 
 
 def _by_owner(residuals: Rows) -> tuple[FloatArray, FloatArray]:
@@ -350,41 +347,37 @@ def _by_owner(residuals: Rows) -> tuple[FloatArray, FloatArray]:
     return squares.astype(np.float64), rows.astype(np.float64)
 
 
-def _kept(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.ndarray:
-    """Which observations are within chance of the fit, for the scatter that most of them show."""
+def _find_inliers(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.ndarray:
+    """Whether each observation is within chance of the fit, given the scatter of most of them."""
     squares, rows = _by_owner(residuals)
     used = np.ones(count, dtype=bool) if before is None else before
     sizes, size = np.unique(rows, return_inverse=True)
     medians = chdtri(sizes, 0.5)[size]
-    scatter = float(np.median(squares[used] / medians[used])) if np.count_nonzero(used) > _FEW else 1.0
-    return np.asarray(squares <= max(scatter, 1.0) * chdtri(sizes, _CHANCE)[size])
+    scatter = float(np.median(squares[used] / medians[used])) if np.count_nonzero(used) > _SUBSET_SIZE else 1.0
+    return np.asarray(squares <= max(scatter, 1.0) * chdtri(sizes, _OUTLIER_P_VALUE)[size])
 
 
-def _unlikeliness(residuals: Rows, kept: np.ndarray) -> float:
-    """How little to believe that what is kept is normal, as stated or with larger stds, and the rest is anywhere.
-
-    Twice the negative logarithm of the likelihood.
-    """
+def _neg_log_likelihood(residuals: Rows, kept: np.ndarray) -> float:
+    """Twice the negative log likelihood of normal inliers (stds as stated, or larger) and outliers anywhere."""
     used = residuals.values[used_rows(residuals.owner, kept)]
     chi2, count = float(used @ used), len(used)
     if chi2 > count:
-        chi2 = min(chi2, count * (1 + math.log(chi2 / count)) + _LARGER)
-    return chi2 + _ANYWHERE * (len(residuals.values) - count)
+        chi2 = min(chi2, count * (1 + math.log(chi2 / count)) + _SCALE_PENALTY)
+    return chi2 + _OUTLIER_PENALTY * (len(residuals.values) - count)
 
 
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
-    """Chance of so large a chi-square, None without degrees of freedom; and what to multiply stated stds with.
+    """The p-value of a chi-square, None without degrees of freedom; and the factor of the stated stds.
 
-    Stated stds may be wrong by a common factor, of which few residuals tell little: its square has an inverse
-    chi-square distribution around 1 before these are seen, and after (Gelman et al., "Bayesian Data Analysis", 3rd ed.,
-    section 3.3); around theirs where they are larger. 1.96 of the scaled stds then hold what Student's distribution
-    says.
+    Stated stds may be wrong by a common factor, whose square has an inverse chi-square prior around 1 and posterior
+    (Gelman et al., "Bayesian Data Analysis", 3rd ed., section 3.3), but is at least the residuals' variance. 1.96
+    scaled stds are then Student's 95 %.
     """
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
-    seen = chi2 / dof if dof > 0 else 1.0
-    known = max(dof, 0) + _STATED_DOF
-    variance = max(seen, (max(dof, 0) * seen + _STATED_DOF) / known, _LEAST_SCALE**2)
-    return p_value, math.sqrt(variance) * float(stdtrit(known, 0.975) / ndtri(0.975))
+    residual_variance = chi2 / dof if dof > 0 else 1.0
+    posterior_dof = max(dof, 0) + _PRIOR_DOF
+    variance = max(residual_variance, (max(dof, 0) * residual_variance + _PRIOR_DOF) / posterior_dof, _MIN_SCALE**2)
+    return p_value, math.sqrt(variance) * float(stdtrit(posterior_dof, 0.975) / ndtri(0.975))
 
 
 def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
@@ -394,12 +387,12 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
     p_value, sigma_scale = goodness(chi2, dof)
     to_angles = problem.unknowns.to_angles(end.state)
-    own = covariance_of(jac.T @ jac) * sigma_scale**2
+    covariance_of_steps = covariance_of(jac.T @ jac) * sigma_scale**2
     by = problem.unknowns.by_unknowns(end.state)
-    if not np.all(np.isfinite(own)):
-        covariance, joint = own, np.full((len(by), len(by)), np.inf)
+    if not np.all(np.isfinite(covariance_of_steps)):
+        covariance, joint = covariance_of_steps, np.full((len(by), len(by)), np.inf)
     else:
-        covariance, joint = to_angles @ own @ to_angles.T, by @ own @ by.T
+        covariance, joint = to_angles @ covariance_of_steps @ to_angles.T, by @ covariance_of_steps @ by.T
     return Solution(
         state=end.state,
         residuals=residuals,
@@ -414,32 +407,32 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
 
 
 def _alternative(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
-    """Another end that chance does not tell from the solution: its mirror image, or one of three points' four."""
+    """Another end of nearly the same likelihood: a mirror image, or one of the four poses of three landmarks."""
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     for end in ends:
-        if _is_hopeless(end.residuals) or not _is_elsewhere(names, solution.state, end.state, stds):
+        if _is_hopeless(end.residuals) or not _is_different(names, solution.state, end.state, stds):
             continue
         other = descend(problem, end.state, None, solution.kept, end.residuals)
-        as_likely = 2 * other.cost - solution.chi2 < _AS_LIKELY * max(solution.sigma_scale, 1.0) ** 2
-        if as_likely and _is_elsewhere(names, solution.state, other.state, stds):
+        as_likely = 2 * other.cost - solution.chi2 < _MAX_CHI2_INCREASE * max(solution.sigma_scale, 1.0) ** 2
+        if as_likely and _is_different(names, solution.state, other.state, stds):
             return other.state
     return None
 
 
-def _is_elsewhere(names: tuple[str, ...], one: State, other: State, stds: FloatArray) -> bool:
-    off = np.array([one.value(name) - other.value(name) for name in names])
-    turns = np.array([name in ("roll", "heading") for name in names])
-    off[turns] = (off[turns] + np.pi) % (2 * np.pi) - np.pi
-    return bool(np.any(np.abs(off) > _ELSEWHERE * stds + _SAME))
+def _is_different(names: tuple[str, ...], one: State, other: State, stds: FloatArray) -> bool:
+    differences = np.array([one.value(name) - other.value(name) for name in names])
+    is_angle = np.array([name in ("roll", "heading") for name in names])
+    differences[is_angle] = (differences[is_angle] + np.pi) % (2 * np.pi) - np.pi
+    return bool(np.any(np.abs(differences) > _MIN_DISTANCE_STDS * stds + _COST_TOLERANCE))
 
 
 def covariance_of(normal: FloatArray) -> FloatArray:
-    """The inverse of what may be singular: infinite where it is, as far as numbers can tell."""
+    """Inverse of a normal matrix; infinite if it is numerically singular."""
     size = np.sqrt(np.diag(normal))
     if not np.all(size > 0):
         return np.full_like(normal, np.inf)
     scaled = normal / np.outer(size, size)
-    if np.linalg.eigvalsh(scaled)[0] < _SINGULAR:
+    if np.linalg.eigvalsh(scaled)[0] < _MIN_EIGENVALUE:
         return np.full_like(normal, np.inf)
     return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))

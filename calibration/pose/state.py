@@ -1,4 +1,4 @@
-"""A camera as a calibration moves it: pose, intrinsics and ground, by the names of what is unknown."""
+"""State of a calibration: pose, intrinsics and ground of a camera, and its unknowns by name."""
 
 import math
 from collections.abc import Callable
@@ -25,20 +25,20 @@ _COEFFICIENTS = {
     LensModel.FISHEYE: ("k1", "k2", "k3", "k4"),
 }
 _COUNTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
-_PLACE = {"east": 0, "north": 1, "height": 2}
+_POSITION_INDEX = {"east": 0, "north": 1, "height": 2}
 _ANGLES = ("tilt", "roll", "heading")
-_LENS = {"fx": 0, "fy": 1, "cx": 2, "cy": 3}
-_NADIR_SINE = 1e-6  # of a tilt at which roll and heading are one
+_INTRINSIC_INDEX = {"fx": 0, "fy": 1, "cx": 2, "cy": 3}
+_NADIR_SINE = 1e-6  # sine of a tilt below which roll and heading coincide
 GROUPS = {"position": ("east", "north"), "principal_point": ("cx", "cy")}
-"""Names that stand for several unknowns."""
+"""Names of groups of unknowns."""
 
 
-@dataclass(frozen=True, eq=False)  # no slots: what is derived is kept
+@dataclass(frozen=True, eq=False)  # no slots: cached properties
 class State:
-    """One guess at everything.
+    """Values of all parameters of a camera.
 
     Attributes:
-        camera: Its intrinsics; all of its distortion coefficients count as uncertain, so that derivatives have them.
+        camera: The intrinsics; all distortion coefficients are marked uncertain, so that derivatives include them.
         position_m: ``(3,)`` east, north and up.
         wxyz: ``(4,)`` from camera axes to east, north, up.
         elevation_m: Of the ground.
@@ -60,14 +60,14 @@ class State:
         elevation_m: float = 0.0,
         model: ProjectionModel = ProjectionModel.PINHOLE,
     ) -> "State":
-        """A state of a camera that looks along tilt, roll and heading."""
+        """A state from tilt, roll and heading."""
         uncertain = CameraStd(distortion=(1.0,) * len(camera.distortion))
         lens = replace(camera, std=uncertain, covariance=())
         return cls(lens, np.asarray(position_m, dtype=np.float64), camera_attitude(*angles_rad), elevation_m, model)
 
     @cached_property
     def rotation(self) -> FloatArray:
-        """``(3, 3)`` from camera axes to east, north, up."""
+        """Rotation ``(3, 3)`` from camera axes to east, north, up."""
         return matrix(self.wxyz)
 
     @cached_property
@@ -82,31 +82,31 @@ class State:
         return Pose(position_enu_m=self.position_m, wxyz=self.wxyz)
 
     def ground_points(self, pixels_px: FloatArray, elevation_m: FloatLike) -> GroundPoints:
-        """What pixels ``(..., 2)`` show of level planes at so high elevations."""
+        """Ground points of pixels ``(..., 2)`` on level planes at ``elevation_m``."""
         return project(self.camera, self.pose, pixels_px, elevation_m, self.model)
 
     def value(self, name: str) -> float:
-        """An unknown's value: metres, radians, pixels; distortion coefficients as they are."""
-        if name in _PLACE:
-            return float(self.position_m[_PLACE[name]])
+        """Value of an unknown: metres, radians, pixels; distortion coefficients without unit."""
+        if name in _POSITION_INDEX:
+            return float(self.position_m[_POSITION_INDEX[name]])
         if name in _ANGLES:
             return self.angles_rad[_ANGLES.index(name)]
         if name == "elevation":
             return self.elevation_m
         if name in ("focal", "fx"):
             return self.camera.fx_px
-        if name in _LENS:
-            return (self.camera.fy_px, self.camera.cx_px, self.camera.cy_px)[_LENS[name] - 1]
+        if name in _INTRINSIC_INDEX:
+            return (self.camera.fy_px, self.camera.cx_px, self.camera.cy_px)[_INTRINSIC_INDEX[name] - 1]
         return self.camera.distortion[coefficient_names(self.camera).index(name)]
 
     @cached_property
     def angle_axes(self) -> FloatArray:
-        """``(3, 3)``: columns are the small rotations, in camera axes, that tilt, roll and heading make."""
+        """Derivatives of the small rotation in camera axes by tilt, roll and heading, as columns ``(3, 3)``."""
         _, _, heading = self.angles_rad
-        turned = self.rotation.T
+        attitudes_after = self.rotation.T
         axes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        axes[:, 0] = turned[:, 0] * math.cos(heading) - turned[:, 1] * math.sin(heading)
-        axes[:, 2] = -turned[:, 2]
+        axes[:, 0] = attitudes_after[:, 0] * math.cos(heading) - attitudes_after[:, 1] * math.sin(heading)
+        axes[:, 2] = -attitudes_after[:, 2]
         return axes
 
 
@@ -116,16 +116,16 @@ def coefficient_names(camera: Camera) -> tuple[str, ...]:
 
 
 def possible_coefficients(camera: Camera) -> tuple[str, ...]:
-    """Names of all distortion coefficients that a lens of the camera's kind may have."""
+    """Names of all distortion coefficients that the camera's lens model may have."""
     return _COEFFICIENTS[camera.lens]
 
 
 def with_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
-    """The camera with as many distortion coefficients as the named ones take; those that it lacks are 0 and exact."""
+    """The camera with as many distortion coefficients as the named ones need; added ones are 0 and exact."""
     known = possible_coefficients(camera)
-    wanted = max((known.index(name) + 1 for name in names if name in known), default=0)
-    more = next(count for count in _COUNTS[camera.lens] if count >= max(wanted, len(camera.distortion)))
-    zeros = (0.0,) * (more - len(camera.distortion))
+    needed = max((known.index(name) + 1 for name in names if name in known), default=0)
+    count = next(count for count in _COUNTS[camera.lens] if count >= max(needed, len(camera.distortion)))
+    zeros = (0.0,) * (count - len(camera.distortion))
     if not zeros:
         return camera
     std, rows = camera.std, [(*row, *zeros) for row in camera.covariance]
@@ -139,26 +139,26 @@ def with_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
 
 @dataclass(frozen=True, slots=True)
 class Unknowns:
-    """What is solved for.
+    """The unknowns of a problem.
 
     Attributes:
-        names: In the order of the solution; groups are taken apart.
+        names: In the order of the solution, groups expanded.
     """
 
     names: tuple[str, ...]
 
     @property
-    def turns_freely(self) -> bool:
-        """All three angles are unknown: the solver turns about the camera's own axes, which works at nadir too."""
+    def has_free_attitude(self) -> bool:
+        """Whether all three angles are unknown: then steps are rotations about the camera's axes, regular at nadir."""
         return set(_ANGLES) <= set(self.names)
 
     def by_unknowns(self, state: State) -> FloatArray:
-        """``(s, n)``: the errors of ``dft.projection`` that a small step of each unknown makes.
+        """Derivatives ``(s, n)`` of the errors of ``dft.projection`` by steps of the unknowns.
 
-        Where the camera turns freely, the three angles stand for rotations about its x, z and y axes.
+        With a free attitude the three angles stand for rotations about the camera's x, z and y axes.
         """
-        by = _columns_of(self.names, coefficient_names(state.camera))
-        angles = set() if self.turns_freely else set(_ANGLES) & set(self.names)
+        by = _constant_columns(self.names, coefficient_names(state.camera))
+        angles = set() if self.has_free_attitude else set(_ANGLES) & set(self.names)
         if not (angles or "focal" in self.names):
             return by
         by = by.copy()
@@ -174,14 +174,14 @@ class Unknowns:
         Raises:
             ValueError: The step leads to an impossible camera.
         """
-        moved = self.by_unknowns(state) @ step
-        wxyz = self.turned(state, step)
+        errors = self.by_unknowns(state) @ step
+        wxyz = self.attitudes_after(state, step)
         if np.isnan(wxyz[0]):
             raise ValueError(f"got a step from a tilt of {state.value('tilt')} rad past nadir or zenith, expected none")
         lens = state.camera
-        fx, fy, cx, cy, *bent = moved[INTRINSICS].tolist()
-        if any(moved[INTRINSICS]):
-            distortion = tuple(k + step for k, step in zip(lens.distortion, bent, strict=True))
+        fx, fy, cx, cy, *coefficients = errors[INTRINSICS].tolist()
+        if any(errors[INTRINSICS]):
+            distortion = tuple(k + step for k, step in zip(lens.distortion, coefficients, strict=True))
             lens = replace(
                 lens,
                 fx_px=lens.fx_px + fx,
@@ -193,14 +193,14 @@ class Unknowns:
         return replace(
             state,
             camera=lens,
-            position_m=state.position_m + moved[:3],
+            position_m=state.position_m + errors[:3],
             wxyz=wxyz,
-            elevation_m=state.elevation_m + float(moved[ELEVATION]),
+            elevation_m=state.elevation_m + float(errors[ELEVATION]),
         )
 
-    def turned(self, state: State, steps: FloatArray) -> FloatArray:
-        """Attitudes ``(..., 4)`` after steps ``(..., n)``; NaN past nadir, where a known heading would turn about."""
-        if self.turns_freely:
+    def attitudes_after(self, state: State, steps: FloatArray) -> FloatArray:
+        """Attitudes ``(..., 4)`` after steps ``(..., n)``; NaN past nadir, where a known heading would flip."""
+        if self.has_free_attitude:
             return multiply(state.wxyz, from_rotation_vector(steps @ self.by_unknowns(state)[ROTATION].T))
         if not set(_ANGLES) & set(self.names):
             return np.broadcast_to(state.wxyz, (*steps.shape[:-1], 4))
@@ -208,46 +208,46 @@ class Unknowns:
             angle + (steps[..., self.names.index(name)] if name in self.names else 0.0)
             for angle, name in zip(state.angles_rad, _ANGLES, strict=True)
         )
-        ahead = (tilt >= 0.0) & (tilt <= math.pi)
-        return np.where(np.asarray(ahead)[..., None], camera_attitude(tilt, roll, heading), np.nan)
+        is_valid = (tilt >= 0.0) & (tilt <= math.pi)
+        return np.where(np.asarray(is_valid)[..., None], camera_attitude(tilt, roll, heading), np.nan)
 
     def to_angles(self, state: State) -> FloatArray:
-        """``(n, n)``: from the solver's steps to steps of the unknowns as they are named.
+        """Derivatives ``(n, n)`` of the unknowns by name by the solver's steps.
 
-        At nadir, where roll and heading turn about one axis, all of that turn counts as heading.
+        At nadir, where roll and heading are about one axis, the whole rotation counts as heading.
         """
         change = np.eye(len(self.names))
-        if self.turns_freely:
+        if self.has_free_attitude:
             columns = [self.names.index(name) for name in _ANGLES]
             steps = np.linalg.pinv(state.angle_axes, rcond=_NADIR_SINE) @ np.eye(3)[:, [0, 2, 1]]
-            if math.sin(state.angles_rad[0]) < _NADIR_SINE:  # where the inverse gives half to each
+            if math.sin(state.angles_rad[0]) < _NADIR_SINE:  # the pseudo-inverse gives half to each
                 steps[1:] = [[0.0], [2.0]] * steps[2]
             change[np.ix_(columns, columns)] = steps
         return change
 
 
 @lru_cache(maxsize=64)
-def _columns_of(names: tuple[str, ...], coefficients: tuple[str, ...]) -> FloatArray:
-    """``(s, n)`` of ``Unknowns.by_unknowns`` where no state matters: angles turn about the camera's own axes."""
+def _constant_columns(names: tuple[str, ...], coefficients: tuple[str, ...]) -> FloatArray:
+    """The part ``(s, n)`` of ``Unknowns.by_unknowns`` that is independent of the state."""
     by = np.zeros((7 + 4 + len(coefficients), len(names)))
     for column, name in enumerate(names):
-        if name in _PLACE:
-            by[_PLACE[name], column] = 1.0
+        if name in _POSITION_INDEX:
+            by[_POSITION_INDEX[name], column] = 1.0
         elif name in _ANGLES:
             by[ROTATION, column] = np.eye(3)[:, [0, 2, 1]][:, _ANGLES.index(name)]
         elif name == "elevation":
             by[ELEVATION, column] = 1.0
         elif name == "focal":
             by[INTRINSICS.start, column] = 1.0
-        elif name in _LENS:
-            by[INTRINSICS.start + _LENS[name], column] = 1.0
+        elif name in _INTRINSIC_INDEX:
+            by[INTRINSICS.start + _INTRINSIC_INDEX[name], column] = 1.0
         else:
             by[INTRINSICS.start + 4 + coefficients.index(name), column] = 1.0
     return read_only(by)
 
 
-def expanded(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names with groups taken apart."""
+def expand_groups(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names with groups expanded."""
     return tuple(each for name in names for each in GROUPS.get(name, (name,)))
 
 
@@ -255,4 +255,4 @@ BOUNDS: dict[str, Callable[[State], bool]] = {
     "height": lambda state: float(state.position_m[2]) > state.elevation_m,
     "focal": lambda state: 0.05 < state.camera.fx_px / state.camera.width_px < 50,  # noqa: PLR2004 - 169 to 1 degrees
 }
-"""What no camera can be beyond."""
+"""Bounds of all cameras."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.geometry import from_rotation_vector, multiply
 from aerodft.model import KnownLength, Landmark, LensModel, SlantRange
-from calibration.pose.residuals import Distances, Found
+from calibration.pose.residuals import ConditionResidual, Distances
 from calibration.pose.residuals import condition_of as condition_alone
 from tests.truth.calibration_scenes import ImpossibleError, World
 
@@ -60,8 +60,8 @@ def condition_of(evidence):
         return condition_alone(evidence)
 
     def condition(state):
-        off, shared, variance = Distances({0: evidence}).found(state)
-        return Found(off, shared, np.diag(variance), evidence.std_px)
+        off, shared, variance = Distances({0: evidence}).residuals(state)
+        return ConditionResidual(off, shared, np.diag(variance), evidence.std_px)
 
     return condition
 

@@ -149,7 +149,7 @@ def test_of_many_ranges_and_lengths_each_is_what_it_is_alone(tilt_deg, missed):
     for together in (ranges, lengths):
         many = Distances({3 * k: each for k, each in enumerate(together)})
         alone = [condition_of(each)(state) for each in together]
-        off, shared, variance = many.found(state)
+        off, shared, variance = many.residuals(state)
         assert np.count_nonzero(np.isnan(off)) == min(missed, len(together))
         assert_allclose(off, [each.off[0] for each in alone], rtol=1e-12)
         seen = np.isfinite(off)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.model import EvidenceSet, ProjectionModel
 from calibration.pose import Problem, Unknowns, ground_error_m, rms_px
-from calibration.pose.result import observation_residuals, steps_without_each
+from calibration.pose.result import leave_one_out_steps, observation_residuals
 from calibration.pose.solve import solve
 from tests.truth.calibration_sets import TASKS, Task, drawn, landmarks, ranges, solved
 from tests.truth.scenes import opencv_pixels, opencv_rays
@@ -40,7 +40,7 @@ def test_leave_one_out_is_a_fit_without_the_observation(task):
     known = replace(known, priors={name: replace(p, value=world.truth[name]) for name, p in tight.items()})
     problem = problem_of(known, task.unknowns)
     solution = descended(problem, world)
-    steps, left = steps_without_each(solution), observation_residuals(problem, solution)
+    steps, left = leave_one_out_steps(solution), observation_residuals(problem, solution)
     stds = np.sqrt(np.diag(solution.covariance))
     for index, evidence in enumerate(known.evidence):
         others = replace(known, evidence=known.evidence[:index] + known.evidence[index + 1 :])

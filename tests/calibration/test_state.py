@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from aerodft.geometry import camera_angles, inverse, multiply, to_rotation_vector
 from aerodft.model import Camera
-from calibration.pose import BOUNDS, State, Unknowns, coefficient_names, expanded
+from calibration.pose import BOUNDS, State, Unknowns, coefficient_names, expand_groups
 
 from .evidence_kinds import LENSES, central, turned
 
@@ -121,4 +121,4 @@ def test_every_unknown_has_its_value(lens):
 
 
 def test_groups_are_taken_apart():
-    assert expanded(("height", "position", "principal_point")) == ("height", "east", "north", "cx", "cy")
+    assert expand_groups(("height", "position", "principal_point")) == ("height", "east", "north", "cx", "cy")

@@ -12,7 +12,7 @@ from aerodft.errors import NotDetermined, UsageError
 from aerodft.model import Camera, EvidenceSet, ProjectionModel
 from aerodft.reports.calibration import values_of
 from calibration.flight import ImagesResult
-from calibration.pose import LIMIT, Result, Unknowns, display_unit, expanded, possible_unknowns, unknowns_of
+from calibration.pose import LIMIT, Result, Unknowns, display_unit, expand_groups, possible_unknowns, unknowns_of
 
 _UNKNOWNS: Final = "`unknowns`"
 _UNITS: Final = ("_agl_m", "_m", "_deg", "_px")
@@ -41,7 +41,7 @@ def check_unique(names: Sequence[str]) -> None:
     """
     if not names:
         raise UsageError(_UNKNOWNS, got="none", expected="e.g. height,tilt")
-    every = expanded(tuple(names))
+    every = expand_groups(tuple(names))
     twice = next((name for name in every if every.count(name) > 1), None)
     if twice is not None:
         got = f"{twice} twice in {','.join(names)}"

@@ -29,7 +29,7 @@ from aerodft.reports.calibration import (
 from aerodft.version import SOFTWARE
 from calibration.diagnosis import Attempt, likely_mistake
 from calibration.flight import ImagesResult, calibrate_images, typical_noise
-from calibration.pose import Result, angles_deg, expanded
+from calibration.pose import Result, angles_deg, expand_groups
 from calibration.pose import calibrate as solve_for
 
 
@@ -254,7 +254,7 @@ def _solve_flight(
     telemetry: Path | None,
 ) -> CalibrationResult:
     """What telemetry is off by in all images of a flight."""
-    views, priors = views_of(evidence, flight, telemetry, needs_time="time" in expanded(names))
+    views, priors = views_of(evidence, flight, telemetry, needs_time="time" in expand_groups(names))
     try:
         fit = calibrate_images(views, priors, camera, names, model)
     except ValueError as error:

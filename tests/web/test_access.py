@@ -11,6 +11,9 @@ import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from aerodft.errors import UsageError
+from aerodft.web import Access
+from tests.commands import run_aerodft
 from tests.web.pages import opened_page
 
 RECORDING = "tests/cli/frozen-0.1"
@@ -122,6 +125,25 @@ def test_what_makes_no_sense_is_answered_with_a_sentence(page, message):
 def test_a_message_that_is_too_long_ends_the_connection_and_nothing_else(page):
     assert asked(page, "[" + "0," * 100_000 + "0]") is None
     assert fetched(page)[0] == 200
+
+
+def test_what_doctor_says_is_the_command_line_s(page):
+    status, _, content = fetched(page + "doctor.json")
+    assert status == 200
+    assert json.loads(content)["problems"] == run_aerodft("doctor", RECORDING, "--json").json["problems"]
+
+
+def test_of_elsewhere_only_the_tiles_that_were_named_are_loaded():
+    access = Access.at("127.0.0.1", 0, tiles="https://tiles.example:8443/a/{z}/{x}/{y}.png")
+    assert "img-src 'self' blob: https://tiles.example:8443;" in access.headers["Content-Security-Policy"]
+    for wrong in (
+        "https://tiles.example/{z}/{x}.png",
+        "javascript:{z}{x}{y}",
+        "https://a b/{z}/{x}/{y}",
+        "//a/{z}/{x}/{y}",
+    ):
+        with pytest.raises(UsageError, match="`tiles`"):
+            Access.at("127.0.0.1", 0, tiles=wrong)
 
 
 def test_a_page_that_only_shows_uses_no_calibration(tmp_path):

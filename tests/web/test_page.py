@@ -194,8 +194,12 @@ def test_a_river_s_banks_are_mended_by_two_strokes(browser):
 
 def test_a_camera_is_calibrated_from_four_landmarks_and_the_width_follows(browser, still):
     path, options = still
-    with opened_page(path, *options[:2]) as address:
+    with opened_page(path, *options[:4], "--tilt", TILT_DEG + 4) as address:
         for page in shown(browser, address):
+            for x_m in (-6.0, 6.0):
+                click(page, seen(x_m, 30.0))
+            before = value_of(page)
+            assert numbers(before)[0] > 13.0
             page.click("[data-kind=landmark]")
             places = [(-6.0, 15.0), (-6.0, 45.0), (6.0, 45.0), (6.0, 15.0)]
             page.click("#landmarks summary")
@@ -206,9 +210,7 @@ def test_a_camera_is_calibrated_from_four_landmarks_and_the_width_follows(browse
             expect(page.locator("#parameters")).to_contain_text("tilt50.", timeout=PATIENCE_MS)
             page.click("#use")
             expect(page.locator("#solved")).to_contain_text("Saved as", timeout=PATIENCE_MS)
-            page.click("[data-kind=width]")
-            for x_m in (-6.0, 6.0):
-                click(page, seen(x_m, 30.0))
+            expect(page.locator("#measurements .value")).to_contain_text(f"(before: {before})", timeout=PATIENCE_MS)
             value, low, high = numbers(value_of(page))
             assert low < 12.0 < high
             assert abs(value - 12.0) < 0.15
@@ -263,4 +265,33 @@ def test_it_is_reached_by_keys_alone(page):
     for _ in range(3):
         page.keyboard.press("ArrowDown")
     page.keyboard.press("Enter")
-    assert "ahead" in value_of(page)
+    before = value_of(page)
+    assert "ahead" in before
+    page.keyboard.press("Enter")  # picks it up
+    for _ in range(5):
+        page.keyboard.press("Shift+ArrowDown")
+    page.keyboard.press("Enter")
+    expect(page.locator("#measurements .value")).not_to_have_text(before, timeout=PATIENCE_MS)
+    page.keyboard.press("Control+z")
+    expect(page.locator("#measurements .value")).to_have_text(before, timeout=PATIENCE_MS)
+    page.keyboard.press("Delete")
+    expect(page.locator("#measurements li")).to_have_count(0)
+
+
+def test_a_phone_shows_the_image_at_its_full_width_and_is_used_by_fingers(browser, address):
+    context = browser.new_context(viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.goto(address)
+    page.wait_for_selector("body[data-ready]", timeout=PATIENCE_MS)
+    box = page.locator("#image").bounding_box()
+    assert box["width"] == 390
+    assert abs(box["height"] - 390 * SIZE[1] / SIZE[0]) < 2
+    for x_m in (-6.0, 6.0):
+        page.touchscreen.tap(*place(page, seen(x_m, 30.0)))
+    value, _, _ = numbers(value_of(page))
+    assert abs(value - 12.0) < 0.5  # a finger's pixel is 2.5 of the image
+    buttons = page.locator("button:visible, select:visible")
+    sizes = buttons.evaluate_all("(all) => all.map((each) => each.offsetHeight)")
+    assert min(sizes) >= 44
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()

@@ -71,7 +71,7 @@ export function poseText(pose, units) {
   const height = lengthText(pose.height_agl_m, units, pose.std.height_agl_m), std = lengthText(pose.std.height_agl_m, units);
   const age = pose.telemetry_age_s === null ? "" : `, telemetry ${pose.telemetry_age_s.toFixed(2)} s old`;
   return `Height ${height} ± ${std}${pose.height_source ? ` (${pose.height_source})` : ""},`
-    + ` tilt ${degrees(pose.tilt_deg, pose.std.tilt_deg)}, heading ${pose.heading_deg.toFixed(1)}°${age}; ± is one standard deviation.`;
+    + ` tilt ${degrees(pose.tilt_deg, pose.std.tilt_deg)}, heading ${((Math.round(10 * pose.heading_deg) / 10) % 360).toFixed(1)}°${age}; ± is one standard deviation.`;
 }
 
 export function samplingText(sampling, units) {

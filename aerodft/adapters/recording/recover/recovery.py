@@ -231,9 +231,9 @@ def _recover_series(
         start_ns = next((each.start_ns for each in later if each is not None and each.chunks), None)
         is_next = place + 1 < len(paths) and paths[place + 1][0] == number + 1
         before = later[0].before if is_next and later[0] is not None else None
-        alike = (each for each in (scan, *scans.values()) if each is not None and each.path.match(f"{stem}_*"))
-        known = [each.channels for each in alike if each is scan or (own is not None and owners.get(each.path) == own)]
-        end = _End(start_ns, before, others_ns, is_last=path == paths[-1][1])
+        beside = [] if own is None else [scans[each] for _, each in paths if each != path and owners.get(each) == own]
+        known = [each.channels for each in (scan, *beside) if each is not None]
+        end = _End(start_ns, before, others_ns, is_last=path == paths[-1][1], is_only=len(scans) == 1)
         segment = _recover_segment(path, end, known)
         for missing in range(expected, number):
             loss = Loss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
@@ -252,12 +252,14 @@ class _End:
             that does not say it.
         others_ns: Latest log time of the other series; 0 where it has none.
         is_last: Whether no segment of its series follows.
+        is_only: Whether the recording has no other segment.
     """
 
     start_ns: int | None
     before: tuple[int, int] | None
     others_ns: int
     is_last: bool
+    is_only: bool
 
 
 def _recover_segment(path: Path, end: _End, known: Sequence[Channels]) -> SegmentRecovery:
@@ -280,7 +282,7 @@ def _recover_segment(path: Path, end: _End, known: Sequence[Channels]) -> Segmen
         if not found.chunks and (bare := _without_chunks(path)) is not None:
             return bare
         lost_bytes = sum(loss.length for loss in found.losses)
-        if not found.chunks and not (_is_beginning(descriptor) and lost_bytes <= _BEGINNING_BYTES):
+        if not found.chunks and not (_is_beginning(descriptor, is_only=end.is_only) and lost_bytes <= _BEGINNING_BYTES):
             loss = Loss(what="nothing in it can be read", offset=0, length=os.fstat(descriptor).st_size)
             return SegmentRecovery(name=path.name, state="unreadable", losses=(loss,))
         _replace(path, descriptor, found)
@@ -318,10 +320,10 @@ def _without_chunks(path: Path) -> SegmentRecovery | None:
     )
 
 
-def _is_beginning(descriptor: int) -> bool:
-    """Whether this is the beginning of an MCAP file, or zeros: one that was just made as the machine died."""
+def _is_beginning(descriptor: int, *, is_only: bool) -> bool:
+    """Whether this begins an MCAP file that was just made as the machine died: zeros do, beside other segments."""
     head = os.pread(descriptor, len(MAGIC), 0)
-    return MAGIC.startswith(head) or not any(head)
+    return MAGIC.startswith(head) or (not is_only and not any(head))
 
 
 def _replace(path: Path, descriptor: int, found: "_SegmentReport") -> None:

@@ -1,6 +1,7 @@
 """What takes longest comes first: the last file that a worker gets is then a short one, and no other waits for it."""
 
 import gc
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,10 +14,15 @@ from aerodft.service import block_of
 
 settings.register_profile("untimed", deadline=None)  # the first example loads compiled functions
 settings.load_profile("untimed")
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what it starts in the background
 
 TESTS = Path(__file__).parent
 DATA = TESTS.parents[1] / "shared" / "data"
 LONGEST = (
+    "web/test_live_page.py",
+    "web/test_page.py",
+    "test_documentation.py",
+    "cli/test_demo.py",
     "faults/test_kills.py",
     "truth/test_calibration_simulated.py",
     "faults/test_memory.py",
@@ -31,8 +37,6 @@ LONGEST = (
     "truth/test_river_stills.py",
     "truth/test_river_painted.py",
     "truth/test_walkers_from_above.py",
-    "test_documentation.py",
-    "cli/test_demo.py",
     "service/test_pipeline_determinism.py",
     "cli/test_serve.py",
     "cli/test_calibrate_refusals.py",

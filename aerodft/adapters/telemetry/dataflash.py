@@ -28,8 +28,7 @@ from aerodft.adapters.telemetry.mavlink import (
     payload_rows,
     plausible_stamps,
 )
-from aerodft.adapters.telemetry.tracks import Rows, beyond, height_track, no_angle, no_height, vehicle_yaw_track
-from aerodft.geometry import from_yaw_pitch_roll
+from aerodft.adapters.telemetry.tracks import Rows, height_track, mount_track, no_height, position_track, vehicle_track
 from aerodft.jit import njit
 from aerodft.model import (
     BoolArray,
@@ -39,10 +38,8 @@ from aerodft.model import (
     GimbalSource,
     HeightSource,
     IntArray,
-    PositionTrack,
     RawBlock,
     Track,
-    VehicleTrack,
     WireProtocol,
 )
 
@@ -88,7 +85,6 @@ _MAX_WEEK: Final = 11_480  # in the year 2200
 _RANGEFINDER_GOOD: Final = 4
 _TERRAIN_OK: Final = 2
 _NUMBERS: Final = ("i", "u", "f")
-_MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
 _DEG: Final = math.radians(1)
 
 
@@ -235,38 +231,16 @@ def _gps(rows: Rows, rejected: Counter[str]) -> Track:
     return ClockTrack(unix_ns=gps_to_unix_ns(good.payload["GWk"], good.payload["GMS"]), **good.stamps())
 
 
-def _wxyz(rows: Rows, yaw: str) -> FloatArray:
-    angles_rad = (np.radians(rows.column(column)) for column in (yaw, "Pitch", "Roll"))
-    return from_yaw_pitch_roll(*angles_rad)
-
-
 def _att(rows: Rows, rejected: Counter[str]) -> Track:
-    good = rows.accepted(rejected, no_angle(rows, "Roll", "Pitch", "Yaw", unit_rad=_DEG))
-    return VehicleTrack(wxyz=_wxyz(good, "Yaw"), **good.stamps())
+    return vehicle_track(rows, rejected, ("Yaw", "Pitch", "Roll"), _DEG)
 
 
 def _mnt(rows: Rows, rejected: Counter[str]) -> Track:
-    faults = {**_another_instance(rows), **no_angle(rows, "Roll", "Pitch", "YawB", unit_rad=_DEG)}
-    good = rows.accepted(rejected, faults)
-    return vehicle_yaw_track(GimbalSource.DATAFLASH_MNT, good, _wxyz(good, "YawB"))
+    return mount_track(GimbalSource.DATAFLASH_MNT, rows, rejected, ("YawB", "Pitch", "Roll"), _another_instance(rows))
 
 
 def _pos(rows: Rows, rejected: Counter[str]) -> Track:
-    nowhere = (rows.payload["Lat"] == 0) & (rows.payload["Lng"] == 0)
-    faults = {
-        "no position yet": nowhere,
-        "Lat is no latitude": beyond(rows.column("Lat"), _MAX_LAT_DEG),
-        "Lng is no longitude": beyond(rows.column("Lng"), _MAX_LON_DEG),
-        **no_height(rows, "Alt", "RelHomeAlt"),
-    }
-    good = rows.accepted(rejected, faults)
-    return PositionTrack(
-        lat_rad=np.radians(good.column("Lat")),
-        lon_rad=np.radians(good.column("Lng")),
-        alt_msl_m=good.column("Alt"),
-        height_home_m=good.column("RelHomeAlt"),
-        **good.stamps(),
-    )
+    return position_track(rows, rejected, ("Lat", "Lng", "Alt", "RelHomeAlt"), per_deg=1.0, per_m=1.0)
 
 
 def _rfnd(sensors: Rangefinders, rows: Rows, rejected: Counter[str]) -> Track:

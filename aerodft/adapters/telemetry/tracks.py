@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -59,7 +59,7 @@ _DISTANCE_CLIPPED_CM = 65535
 _TERRAIN_UNKNOWN_M = -1000.0
 _UNDERGROUND_M = -20.0  # a database without the tile that the vehicle is above
 _QUATERNION_NORM_SLACK = 0.1
-_MAX_LAT_DEGE7, _MAX_LON_DEGE7 = 9e8, 1.8e9
+_MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
 _MAX_BOOT_US = 10**15  # 31 years; more is a Unix time
 _CAMERA_NUMBER: Final = "camera_device_id"
 MOST_ATTACHED: Final = 6  # cameras that an autopilot speaks for
@@ -92,6 +92,10 @@ class Rows:
             raw = self.payload[field].astype(np.float64)
         scale = self.scale.get(field, 1.0)
         return raw if scale == 1 else raw * scale
+
+    def wxyz(self, fields: Sequence[str], unit_rad: float) -> FloatArray:
+        """Attitudes ``(n, 4)`` of the fields of yaw, pitch and roll."""
+        return from_yaw_pitch_roll(*(self.column(field) * unit_rad for field in fields))
 
     def accepted(self, rejected: Counter[str], faults: dict[str, BoolArray]) -> "Rows":
         """The rows without a fault; a faulty row counts once, under its first fault."""
@@ -143,29 +147,40 @@ def sync_track(rows: Rows, rejected: Counter[str]) -> Track:
     return SyncTrack(**good.stamps())
 
 
-def vehicle_track(rows: Rows, rejected: Counter[str]) -> Track:
-    """ATTITUDE, radians."""
-    good = rows.accepted(rejected, no_angle(rows, "roll", "pitch", "yaw"))
-    wxyz = from_yaw_pitch_roll(good.column("yaw"), good.column("pitch"), good.column("roll"))
-    return VehicleTrack(wxyz=wxyz, **good.stamps())
+def vehicle_track(
+    rows: Rows, rejected: Counter[str], fields: Sequence[str] = ("yaw", "pitch", "roll"), unit_rad: float = 1.0
+) -> Track:
+    """ATTITUDE, radians; or another message with yaw, pitch and roll in such fields and unit."""
+    good = rows.accepted(rejected, no_angle(rows, *reversed(fields), unit_rad=unit_rad))
+    return VehicleTrack(wxyz=good.wxyz(fields, unit_rad), **good.stamps())
 
 
-def position_track(rows: Rows, rejected: Counter[str]) -> Track:
-    """GLOBAL_POSITION_INT; before the first fix latitude and longitude are zero."""
-    unit_rad = math.radians(1e-7)
-    lat, lon = rows.payload["lat"], rows.payload["lon"]
+def position_track(
+    rows: Rows,
+    rejected: Counter[str],
+    fields: tuple[str, str, str, str] = ("lat", "lon", "alt", "relative_alt"),
+    *,
+    per_deg: float = 1e7,
+    per_m: float = 1000.0,
+) -> Track:
+    """GLOBAL_POSITION_INT; before the first fix latitude and longitude are zero.
+
+    Or another message with latitude, longitude, height above the sea and above home in such fields and units.
+    """
+    lat, lon, alt, height = fields
+    unit_rad = math.radians(1 / per_deg)
     faults = {
-        "no position yet": (lat == 0) & (lon == 0),
-        "lat is no latitude": beyond(rows.column("lat"), _MAX_LAT_DEGE7),
-        "lon is no longitude": beyond(rows.column("lon"), _MAX_LON_DEGE7),
-        **no_height(rows, "alt", "relative_alt", unit_m=0.001),
+        "no position yet": (rows.payload[lat] == 0) & (rows.payload[lon] == 0),
+        f"{lat} is no latitude": beyond(rows.column(lat), _MAX_LAT_DEG * per_deg),
+        f"{lon} is no longitude": beyond(rows.column(lon), _MAX_LON_DEG * per_deg),
+        **no_height(rows, alt, height, unit_m=1 / per_m),
     }
     good = rows.accepted(rejected, faults)
     return PositionTrack(
-        lat_rad=good.column("lat") * unit_rad,
-        lon_rad=good.column("lon") * unit_rad,
-        alt_msl_m=good.column("alt") / 1000,
-        height_home_m=good.column("relative_alt") / 1000,
+        lat_rad=good.column(lat) * unit_rad,
+        lon_rad=good.column(lon) * unit_rad,
+        alt_msl_m=good.column(alt) / per_m,
+        height_home_m=good.column(height) / per_m,
         **good.stamps(),
     )
 
@@ -195,9 +210,16 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
 
 def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track:
     """MOUNT_ORIENTATION, degrees; yaw against the vehicle."""
-    good = rows.accepted(rejected, no_angle(rows, "roll", "pitch", "yaw", unit_rad=math.radians(1)))
-    angles_rad = (np.radians(good.column(field)) for field in ("yaw", "pitch", "roll"))
-    return vehicle_yaw_track(GimbalSource.MOUNT_ORIENTATION, good, from_yaw_pitch_roll(*angles_rad))
+    return mount_track(GimbalSource.MOUNT_ORIENTATION, rows, rejected, ("yaw", "pitch", "roll"), {})
+
+
+def mount_track(
+    source: GimbalSource, rows: Rows, rejected: Counter[str], fields: Sequence[str], faults: dict[str, BoolArray]
+) -> Track:
+    """A message with yaw (against the vehicle), pitch and roll in such fields, degrees."""
+    unit_rad = math.radians(1)
+    good = rows.accepted(rejected, {**faults, **no_angle(rows, *reversed(fields), unit_rad=unit_rad)})
+    return vehicle_yaw_track(source, good, good.wxyz(fields, unit_rad))
 
 
 def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track:

@@ -161,13 +161,36 @@ def _radians(angle_deg: float | None) -> float:
     return math.radians(angle_deg or 0.0)
 
 
-class PoseTable(Table):
+class _PlacedTable(Table):
+    """Where a camera is, and how its pose is known in full."""
+
+    INSTEAD_OF: ClassVar = {"lat_deg": ("east_m", "north_m")}
+
+    lat_deg: keys.Latitude | None = None
+    lon_deg: keys.Longitude | None = None
+    alt_msl_m: keys.Real | None = None
+    east_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
+    north_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
+    covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
+    lens_covariance: Annotated[keys.Matrix | None, ROWS] = None
+
+    @model_validator(mode="after")
+    def _position_and_covariances_are_whole(self) -> Self:
+        if (self.lat_deg is None) != (self.lon_deg is None):
+            missing = "lat_deg" if self.lat_deg is None else "lon_deg"
+            raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
+        check_covariance(self.covariance, 6, POSE_ROWS)
+        check_lens_covariance(self.covariance, self.lens_covariance)
+        return self
+
+
+class PoseTable(_PlacedTable):
     """A fixed camera's pose, or the calibration file that has it."""
 
     INSTEAD_OF: ClassVar = {
         "calibration": (*_ANGLES, *_PLACE, "std", "covariance", "lens_covariance", "calibration_id"),
         "covariance": ("std",),
-        "lat_deg": ("east_m", "north_m"),
+        **_PlacedTable.INSTEAD_OF,
     }
 
     calibration: Annotated[keys.Text | None, SiAttribute("file")] = None
@@ -176,14 +199,7 @@ class PoseTable(Table):
     tilt_deg: keys.TiltDeg | None = None
     roll_deg: keys.RollDeg = 0.0
     heading_deg: Annotated[keys.HeadingDeg | None, SiAttribute("heading_rad", into=_radians, out=to_deg)] = None
-    lat_deg: keys.Latitude | None = None
-    lon_deg: keys.Longitude | None = None
-    alt_msl_m: keys.Real | None = None
-    east_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
-    north_m: Annotated[keys.Real, UNLESS_ZERO] = 0.0
     std: StdTable = StdTable()
-    covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
-    lens_covariance: Annotated[keys.Matrix | None, ROWS] = None
 
     @model_validator(mode="after")
     def _stated_or_calibrated(self) -> Self:
@@ -191,40 +207,16 @@ class PoseTable(Table):
             missing = [key for key in ("height_agl_m", "tilt_deg") if getattr(self, key) is None]
             if missing:
                 raise impossible(missing[0], got="nothing", expected="height_agl_m and tilt_deg, or calibration")
-        _check_place(self)
         return self
 
 
-class CalibratedPoseTable(Table):
+class CalibratedPoseTable(_PlacedTable):
     """A fixed camera's pose, each number with or without its standard deviation."""
-
-    INSTEAD_OF: ClassVar = {"lat_deg": ("east_m", "north_m")}
 
     height_agl_m: Uncertain[keys.Positive]
     tilt_deg: Uncertain[keys.TiltDeg]
     roll_deg: Uncertain[keys.RollDeg] = Uncertain(value=0.0)
     heading_deg: Uncertain[keys.HeadingDeg] = Uncertain(value=0.0)
-    lat_deg: keys.Latitude | None = None
-    lon_deg: keys.Longitude | None = None
-    alt_msl_m: keys.Real | None = None
-    east_m: keys.Real = 0.0
-    north_m: keys.Real = 0.0
-    covariance: Annotated[keys.Matrix | None, COVARIANCE] = None
-    lens_covariance: Annotated[keys.Matrix | None, ROWS] = None
-
-    @model_validator(mode="after")
-    def _position_is_whole(self) -> Self:
-        _check_place(self)
-        return self
-
-
-def _check_place(table: PoseTable | CalibratedPoseTable) -> None:
-    """Refuse half of a position, and covariances that are none or do not fit (for validators)."""
-    if (table.lat_deg is None) != (table.lon_deg is None):
-        missing = "lat_deg" if table.lat_deg is None else "lon_deg"
-        raise impossible(missing, got="nothing", expected="both lat_deg and lon_deg, or none of them")
-    check_covariance(table.covariance, 6, POSE_ROWS)
-    check_lens_covariance(table.covariance, table.lens_covariance)
 
 
 def fixed_pose_from(table: PoseTable) -> FixedPose:

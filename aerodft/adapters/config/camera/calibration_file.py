@@ -72,13 +72,13 @@ def biases_from(bias: BiasTable, identity: str) -> Calibration:
     )
 
 
-def bias_table(calibration: Calibration, kind: type[BiasTableT], **keys: str) -> BiasTableT:
+def bias_table(calibration: Calibration, kind: type[BiasTableT], **further: str) -> BiasTableT:
     """The table of a calibration's biases; reading it gives equal biases.
 
     Args:
         calibration: The biases.
         kind: The table, which may have further keys.
-        keys: Those further keys.
+        further: Those further keys.
     """
     cov, lens_cov = calibration.bias_cov, calibration.lens_cov
     full = np.zeros((len(BIASES), len(BIASES))) if cov is None else cov
@@ -90,7 +90,7 @@ def bias_table(calibration: Calibration, kind: type[BiasTableT], **keys: str) ->
         noise=StdTable.from_si(calibration.noise),
         covariance=None if is_diagonal and lens_cov is None else as_rows(full),
         lens_covariance=None if lens_cov is None else as_rows(lens_cov),
-        **keys,
+        **further,
     )
 
 

@@ -53,9 +53,9 @@ class CameraTable(Table):
 
     @model_validator(mode="after")
     def _one_of_two_ways(self) -> Self:
-        keys = self.model_fields_set
-        intrinsics = [key for key in _INTRINSICS if key in keys]
-        if {"hfov_deg", "vfov_deg"} & keys and intrinsics:
+        stated = self.model_fields_set
+        intrinsics = [key for key in _INTRINSICS if key in stated]
+        if {"hfov_deg", "vfov_deg"} & stated and intrinsics:
             raise impossible(
                 "",
                 got=f"a field of view and {intrinsics[0]}",
@@ -64,11 +64,11 @@ class CameraTable(Table):
             )
         if intrinsics:
             self._check_intrinsics()
-        elif "hfov_deg" not in keys:
+        elif "hfov_deg" not in stated:
             raise impossible(
                 "", got="neither field of view nor intrinsics", expected="hfov_deg, or fx_px, fy_px, cx_px, cy_px"
             )
-        elif lens := [key for key in _LENS_ONLY if key in keys]:
+        elif lens := [key for key in _LENS_ONLY if key in stated]:
             raise impossible(
                 lens[0],
                 got="it beside a field of view",

@@ -322,8 +322,8 @@ class ConfigTable(Table):
 
     @model_validator(mode="after")
     def _suits_the_model(self) -> Self:
-        keys = (key for key in _NOT_IN_THE_PAPER if getattr(self, key))
-        if self.camera.model is ProjectionModel.DFT and (key := next(keys, None)):
+        stated = (key for key in _NOT_IN_THE_PAPER if getattr(self, key))
+        if self.camera.model is ProjectionModel.DFT and (key := next(stated, None)):
             expected = f'"pinhole", or no {"[[landmark]]" if key == "landmark" else f"[{key}]"}'
             hint = f"the equations of the paper know {_NOT_IN_THE_PAPER[key]}"
             raise impossible(key, got='it beside camera.model = "dft"', expected=expected, hint=hint)
@@ -404,9 +404,9 @@ def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
 
 def images_table(settings: ImageSettings, time_std_s: float) -> ImagesTable:
     """The table of where images come from, and of their stamps' std; reading it gives equal settings."""
-    keys: dict[str, object] = {"time_offset_s": "auto"} if settings.is_auto else {}
+    stated: dict[str, object] = {"time_offset_s": "auto"} if settings.is_auto else {}
     for key, (kind, attribute) in _INPUTS.items():
         if isinstance(settings.source, kind):
             value = getattr(settings.source, attribute)
-            keys[key] = str(value.absolute()) if isinstance(value, Path) else value
-    return ImagesTable.from_si(settings, settings.source, time_std_s=time_std_s, **keys)
+            stated[key] = str(value.absolute()) if isinstance(value, Path) else value
+    return ImagesTable.from_si(settings, settings.source, time_std_s=time_std_s, **stated)

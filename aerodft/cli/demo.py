@@ -16,6 +16,7 @@ import tomli_w
 import typer
 from rich.table import Table
 
+from aerodft.cli.option_groups import JsonOption
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, InputError
 
@@ -42,7 +43,7 @@ def demo(
     ),
     duration: Annotated[float, typer.Option(help="Length of the flight, s.", min=5.0, max=600.0)] = 12.0,
     seed: Annotated[int, typer.Option(help="Of everything random.", min=0)] = 7,
-    json: Annotated[bool, typer.Option("--json", help="Print the table as JSON too.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Fly a simulated flight through everything: simulator, UDP, service, zenoh, MCAP, replay, recompute.
 

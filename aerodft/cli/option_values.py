@@ -3,9 +3,7 @@
 import math
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Final
-
-import typer
+from typing import TYPE_CHECKING, Final
 
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.conventions import SECOND_NS
@@ -23,10 +21,6 @@ _MOST_UNIX_S = 1e10  # 2286; milli- and microseconds are in between
 _LEAST_UNIX_NS = 1e17
 _MOST_UNIX_NS = 9.2e18
 
-TopicOption = Annotated[
-    list[str] | None,
-    typer.Option("--topic", help="Of another tool's recording: mavlink=/TOPIC, images=/TOPIC, camera=/TOPIC."),
-]
 _ROLES = ("mavlink", "images", "camera")
 _SINGLE = ("images", "camera")
 

@@ -8,12 +8,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from aerodft.cli.option_groups import JsonOption
 from aerodft.cli.output import print_json, say, tables
 
 
 def paper(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("paper"),
-    json: Annotated[bool, typer.Option("--json", help="Print all tables as one JSON document.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Compute Tables 1 to 3 of the Depth-from-Triangulation paper and draw its Figures 12 and 14.
 

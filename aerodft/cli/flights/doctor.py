@@ -1,7 +1,7 @@
 """``aerodft doctor``: what a telemetry log or link holds, and what it is good for."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,50 +9,66 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.option_values import MOST_SECONDS, TopicOption, as_typed, parse_topics
+from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption, grouped
+from aerodft.cli.option_values import MOST_SECONDS, as_typed, parse_topics
 from aerodft.cli.output import tables
 from aerodft.errors import NoAnswerError
 from aerodft.model import ReportFrame
 
 if TYPE_CHECKING:
+    from aerodft.adapters.telemetry.mavlink import Followed
     from aerodft.app.diagnose import Diagnosis
     from aerodft.diagnosis import DiagnosisReport, RequestOutcome, SourceSummary
     from aerodft.service.attitude import FrameEvidence
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowedOptions:
+    """Who is listened to; None for whom the configuration names, or who is heard first."""
+
+    system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None
+    component: Annotated[int | None, typer.Option(min=1, max=255, help="Its autopilot, where it has several.")] = None
+    gimbal: Annotated[
+        int | None, typer.Option(min=1, max=255, help="Gimbal to follow: 1 to 6 its number, else its component.")
+    ] = None
+
+    def followed(self, configured: "Followed") -> "Followed":
+        """Who is followed."""
+        return replace(configured, **{name: number for name, number in asdict(self).items() if number is not None})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListeningOptions:
+    """How a live link is listened to."""
+
+    seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0
+    baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None
+    signing_key: Annotated[
+        Path | None, typer.Option(help="Key file of a signed link; its time stamps are kept beside it.")
+    ] = None
+    request_messages: Annotated[
+        bool, typer.Option("--request-messages", help="Ask the vehicle for the messages that are missing or too slow.")
+    ] = False
+
+
+@grouped
 def doctor(
     target: Annotated[
         str, typer.Argument(metavar="LOG|LINK", help="A .tlog or .bin log, a recording, or a link such as udpin:14550.")
     ],
+    follow: FollowedOptions,
+    listen: ListeningOptions,
     *,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+    as_json: JsonOption = False,
     topic: TopicOption = None,
-    seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0,
-    system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None,
-    component: Annotated[int | None, typer.Option(min=1, max=255, help="Its autopilot, where it has several.")] = None,
-    gimbal: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Gimbal to follow: 1 to 6 its number, else its component.")
-    ] = None,
-    baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None,
-    signing_key: Annotated[
-        Path | None, typer.Option(help="Key file of a signed link; its time stamps are kept beside it.")
-    ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="Camera file that the vehicle's reports of its camera are held against.")
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config",
-            "-c",
-            help="Station configuration that is held against what comes; its vehicle and signing key count.",
-        ),
-    ] = None,
-    request_messages: Annotated[
-        bool, typer.Option("--request-messages", help="Ask the vehicle for the messages that are missing or too slow.")
-    ] = False,
+    config: ConfigOption = None,
 ) -> None:
     """Say what there is, what is wrong with it, which messages to request, and which parameters to set.
+
+    The station file of --config is held against what comes; its vehicle and signing key count.
 
     What is missing, stale, contradictory or set wrongly is said in a sentence each. With --request-messages every
     message that is missing or too slow is requested from the chosen vehicle (MAV_CMD_SET_MESSAGE_INTERVAL; what a
@@ -78,14 +94,12 @@ def doctor(
     from aerodft.app.diagnose import LinkOptions, diagnose
 
     station = None if config is None else load_station(config)
-    options = {"system": system, "component": component, "gimbal": gimbal}
-    chosen = {key: value for key, value in options.items() if value is not None}
     diagnosis = diagnose(
         target,
         station=station,
         camera=camera,
-        followed=replace(followed_by(None if station is None else station.pipeline.telemetry), **chosen),
-        link=LinkOptions(seconds=seconds, baud=baud, signing_key=signing_key, request_messages=request_messages),
+        followed=follow.followed(followed_by(None if station is None else station.pipeline.telemetry)),
+        link=LinkOptions(**asdict(listen)),
         topics=parse_topics(topic, None if station is None else station.topics),
     )
     if as_json:

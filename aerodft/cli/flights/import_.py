@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
+from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption
+from aerodft.cli.option_values import parse_topics, parse_utc
 from aerodft.cli.output import progress
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
@@ -22,7 +23,7 @@ class SyncChoice(StrEnum):
 
 def import_(
     log: Annotated[Path | None, typer.Argument(help=".tlog, ArduPilot .bin, or an MCAP file with MAVLink.")] = None,
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="Station configuration (TOML).")] = None,
+    config: ConfigOption = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="New folder for the recording.")] = None,
     video: Annotated[Path | None, typer.Option(help="Video file.")] = None,
     video_start: Annotated[str | None, typer.Option(help="UTC of the video's first image.")] = None,
@@ -34,7 +35,7 @@ def import_(
         SyncChoice | None, typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not.")
     ] = None,
     topic: TopicOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Turn a flight's log, and video or stills, into a recording with measurements.
 

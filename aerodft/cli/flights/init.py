@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from aerodft.cli.option_groups import JsonOption, OverwriteOption
 from aerodft.cli.option_values import as_typed
 from aerodft.cli.output import print_json, say
 
@@ -22,8 +23,8 @@ def init(
     home_above_plane: Annotated[
         float | None, typer.Option(help="Height of the take-off point above the water, m.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Write station.toml and camera.toml for what you have, commented, and say what you must still measure.
 

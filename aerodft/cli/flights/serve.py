@@ -10,24 +10,22 @@ from typing import Annotated
 
 import typer
 
+from aerodft.cli.option_groups import JsonOption, PageOptions, grouped
 from aerodft.cli.option_values import MOST_SECONDS
 from aerodft.cli.output import say
-from aerodft.cli.page_options import HostOption, PortOption, ReadOnlyOption, TilesOption, page_of
 from aerodft.cli.summary import report
 
 
+@grouped
 def serve(
     config: Annotated[Path, typer.Argument(help="Station configuration (TOML).")],
+    page: PageOptions,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="New folder for the recording; else one under record.folder.")
     ] = None,
     seconds: Annotated[float | None, typer.Option(min=0.0, max=MOST_SECONDS, help="Stop after this time.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON at the end.")] = False,
+    json: JsonOption = False,
     web: Annotated[bool, typer.Option("--web", help="Show the images as a page, to measure in them.")] = False,
-    host: HostOption = "127.0.0.1",
-    port: PortOption = 0,
-    read_only: ReadOnlyOption = False,
-    tiles: TilesOption = None,
 ) -> None:
     r"""Measure live until SIGINT or SIGTERM: every configured probe, for every image.
 
@@ -43,7 +41,7 @@ def serve(
         if web:
             from aerodft.app.viewing import LiveView
 
-            address = stack.enter_context(page_of(LiveView.of(station), host, port, read_only=read_only, tiles=tiles))
+            address = stack.enter_context(page.page_of(LiveView.of(station)))
         stack.enter_context(station)
         stack.enter_context(_stop_on_signal(station.stop))
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 from rich.table import Table
 
-from aerodft.cli.option_values import TopicOption, parse_topics, parse_utc
+from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption
+from aerodft.cli.option_values import parse_topics, parse_utc
 from aerodft.cli.output import print_json, progress, say, tables
 from aerodft.errors import UsageError, located
 
@@ -22,16 +23,14 @@ def sync(
         Path, typer.Argument(help=".tlog, ArduPilot .bin, or an MCAP file with MAVLink, of the same flight.")
     ],
     camera: Annotated[Path | None, typer.Option(help="Camera file (TOML); else the configuration's.")] = None,
-    config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="Station configuration: camera, and how attitudes are read.")
-    ] = None,
+    config: ConfigOption = None,
     video_start: Annotated[
         str | None, typer.Option(help="UTC of the video's first image; else the configuration's, or the file's.")
     ] = None,
     max_offset: Annotated[float, typer.Option(help="Seconds by which that may be wrong, either way.")] = 20.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for a plot of both, sync.png.")] = None,
     topic: TopicOption = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Align a video with a log by how the camera turned, and say what to write into the configuration.
 

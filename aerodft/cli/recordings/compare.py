@@ -7,6 +7,7 @@ import typer
 from rich.table import Table
 
 from aerodft.adapters.atomic_file import whole_file
+from aerodft.cli.option_groups import JsonOption, OverwriteOption
 from aerodft.cli.output import LOSS, check_output, print_json, say, tables
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ def compare(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Plot the differences: PNG, SVG or PDF, by its ending.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the plot where there is one.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Compare two recordings measurement by measurement; docs/compare.md says what the figures are.
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from aerodft.cli.option_groups import JsonOption, OverwriteOption
 from aerodft.cli.output import end_with_gaps, print_json, say
 from aerodft.errors import UsageError
 
@@ -29,8 +30,8 @@ def export(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write; without it, text goes to stdout.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON; needs --output.")] = False,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Write a recording's measurements as a table or a map, its segments as one file, or its images as a video.
 

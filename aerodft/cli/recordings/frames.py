@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from aerodft.cli.option_groups import JsonOption, OverwriteOption
 from aerodft.cli.option_values import parse_instant
 from aerodft.cli.output import print_json, say
 
@@ -18,8 +19,8 @@ def frames(
     ] = None,
     every: Annotated[float | None, typer.Option(help="Instead: an image every so many seconds.")] = None,
     overlay: Annotated[bool, typer.Option("--overlay", help="Draw values, intervals and statuses in.")] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print what was written as a JSON list.")] = False,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Write the images nearest to some instants as PNG, pixel for pixel, or with what was measured drawn in.
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from aerodft.cli.option_groups import OverwriteOption
 from aerodft.cli.output import end_with_gaps, say
 
 
@@ -14,7 +15,7 @@ def plot(
     probe: Annotated[
         list[str] | None, typer.Option("--probe", help="Name of a probe to draw; may be repeated. By default all.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
+    overwrite: OverwriteOption = False,
 ) -> None:
     r"""Draw values with 95 % intervals over time and along the river, heights by source, tilt, statuses and events.
 

@@ -1,50 +1,55 @@
 """``aerodft recompute``: the same pipeline over a recording's raw input, or over that of many recordings."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from aerodft.cli.flights.import_ import import_
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.option_values import TopicOption
+from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption, grouped
 from aerodft.cli.output import LOSS, print_json, progress, say
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
 
-if TYPE_CHECKING:
-    from replay.batch import Outcome
-
 _PROVENANCE_KEYS = ("recording", "recording_sha256", "config", "calibration")
 
 
-def recompute(
-    recording: Annotated[list[str], typer.Argument(help="Folder of the recording; several, or a pattern in quotes.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="New folder for the new recording; of many: of the Parquet dataset."),
-    ] = None,
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="Another configuration.")] = None,
-    calibration: Annotated[Path | None, typer.Option(help="Another calibration.")] = None,
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ManyOptions:
+    """How many recordings are computed at once."""
+
     scheduler: Annotated[
         str | None,
         typer.Option(
             help="Many recordings at once: processes (of this machine), or a Dask scheduler's tcp://host:port."
         ),
-    ] = None,
+    ] = None
     workers: Annotated[
         int | None, typer.Option(help="Processes of this machine; without it, one for each core.", min=1)
-    ] = None,
+    ] = None
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Of many: replace what the dataset has of other input.")
-    ] = False,
+    ] = False
+
+
+@grouped
+def recompute(
+    recording: Annotated[list[str], typer.Argument(help="Folder of the recording; several, or a pattern in quotes.")],
+    many: ManyOptions,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="New folder for the new recording; of many: of the Parquet dataset."),
+    ] = None,
+    config: ConfigOption = None,
+    calibration: Annotated[Path | None, typer.Option(help="Another calibration.")] = None,
     redetect: Annotated[
         bool,
         typer.Option("--redetect", help="Find markers and steady points again in the recorded images, and compare."),
     ] = False,
     topic: TopicOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Compute a recording's measurements anew.
 
@@ -62,29 +67,15 @@ def recompute(
       aerodft recompute recordings/flight --calibration better.toml -o recordings/flight-better
       aerodft recompute 'flights/*' --scheduler processes -o dataset
     """
-    from aerodft.app.recompute import is_pattern, recompute_many
+    from aerodft.app.recompute import is_pattern
     from replay.foreign import is_foreign
 
-    if scheduler is not None or len(recording) > 1 or is_pattern(recording[0]):
+    if many.scheduler is not None or len(recording) > 1 or is_pattern(recording[0]):
         if redetect:
             raise UsageError("--redetect", got="several recordings", expected="one recording")
-        if scheduler not in {None, "processes"} and "://" not in scheduler:
-            raise UsageError("--scheduler", got=scheduler, expected="processes or tcp://host:port")
-        output = output or Path("recomputed")
-        with progress("recomputing") as bar:
-            outcomes = recompute_many(
-                recording,
-                output,
-                config=config,
-                calibration=calibration,
-                overwrite=overwrite,
-                scheduler=scheduler or "processes",
-                workers=workers,
-                progress=bar,
-            )
-        _report_many(outcomes, output, as_json=json)
+        _recompute_many(recording, output or Path("recomputed"), config, calibration, many, as_json=json)
         return
-    for name, given in (("--workers", workers), ("--overwrite", overwrite)):
+    for name, given in (("--workers", many.workers), ("--overwrite", many.overwrite)):
         if given:
             raise UsageError(name, got="one recording", expected="--scheduler, or several recordings")
     if output is None:
@@ -118,12 +109,36 @@ def _recompute_one(
     report(result, as_json=as_json, details=details)
 
 
-def _report_many(outcomes: "list[Outcome]", output: Path, *, as_json: bool) -> None:
-    """Say what became of all recordings.
+def _recompute_many(
+    recordings: list[str],
+    output: Path,
+    config: Path | None,
+    calibration: Path | None,
+    many: ManyOptions,
+    *,
+    as_json: bool,
+) -> None:
+    """Compute many recordings, and say what became of all.
 
     Raises:
         Exit: With 5, where one failed, or is not whole.
     """
+    from aerodft.app.recompute import recompute_many
+
+    scheduler = many.scheduler or "processes"
+    if scheduler != "processes" and "://" not in scheduler:
+        raise UsageError("--scheduler", got=scheduler, expected="processes or tcp://host:port")
+    with progress("recomputing") as bar:
+        outcomes = recompute_many(
+            recordings,
+            output,
+            config=config,
+            calibration=calibration,
+            overwrite=many.overwrite,
+            scheduler=scheduler,
+            workers=many.workers,
+            progress=bar,
+        )
     if as_json:
         print_json({"dataset": str(output), "recordings": [asdict(outcome) for outcome in outcomes]})
     states = [str(outcome.state) for outcome in outcomes]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.cli.option_groups import JsonOption
 from aerodft.cli.output import LOSS, print_json, say
 from aerodft.errors import NoAnswerError
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 def recover(
     folder: Annotated[Path, typer.Argument(help="A recording, or a folder of recordings.")],
-    json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Complete unfinished segments of a recording in place, leave out what is damaged, and say what is lost.
 

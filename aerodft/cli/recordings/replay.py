@@ -1,15 +1,17 @@
 """``aerodft replay``: recordings on the bus, and their MAVLink on a link, again."""
 
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN
-from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
+from aerodft.cli.option_groups import JsonOption, TopicOption, grouped
+from aerodft.cli.option_values import parse_instant, parse_topics
 from aerodft.cli.output import end_with_gaps, print_json, progress, say
 from aerodft.cli.recordings.keys import has_keys, pressed
 from aerodft.conventions import SECOND_NS
@@ -29,27 +31,59 @@ class Stamps(StrEnum):
     NOW = "now"
 
 
-def replay(
-    recordings: Annotated[list[Path], typer.Argument(help="Folders or MCAP files; several are merged by time.")],
-    *,
-    rate: Annotated[str, typer.Option(help="Times real time (0.1, 4, ...), or max: as fast as it goes.")] = "1",
-    start: Annotated[
-        str | None, typer.Option("--from", help="Seconds from the first image, UTC ns, or ISO 8601.")
-    ] = None,
-    stop: Annotated[str | None, typer.Option("--to", help="Where to stop (before it), written as --from.")] = None,
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlayOptions:
+    """What is played, and how fast."""
+
+    rate: Annotated[str, typer.Option(help="Times real time (0.1, 4, ...), or max: as fast as it goes.")] = "1"
+    start: Annotated[str | None, typer.Option("--from", help="Seconds from the first image, UTC ns, or ISO 8601.")] = (
+        None
+    )
+    stop: Annotated[str | None, typer.Option("--to", help="Where to stop (before it), written as --from.")] = None
     stamps: Annotated[
         Stamps, typer.Option(help="now: all stamps are moved by one amount, the first of them to now.")
-    ] = Stamps.ORIGINAL,
-    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until it is stopped.")] = False,
-    step: Annotated[bool, typer.Option("--step", help="Image by image, at the press of a key.")] = False,
-    mavlink: Annotated[
-        str | None, typer.Option(help="Send its MAVLink there too, as it came: udpout:HOST:PORT.")
-    ] = None,
-    listen: Annotated[str, typer.Option(help=f"Endpoint to listen on; {_NOWHERE} to connect only.")] = DEFAULT_LISTEN,
-    connect: Annotated[list[str] | None, typer.Option(help="Endpoint to connect to; may be repeated.")] = None,
-    wait: Annotated[float, typer.Option(help="Wait this many seconds for a first subscriber.", min=0)] = 0.0,
+    ] = Stamps.ORIGINAL
+    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until it is stopped.")] = False
+    step: Annotated[bool, typer.Option("--step", help="Image by image, at the press of a key.")] = False
+
+    def controls(self) -> "Controls":
+        """What keys change while it is played."""
+        from replay.player import Controls
+
+        if self.step and not has_keys():
+            raise UsageError("--step", got="no terminal", expected="a terminal to press keys on")
+        return Controls(paused=self.step, looping=self.loop)
+
+    def window(self, start_ns: int) -> dict[str, Any]:
+        """The arguments of ``Replay`` for recordings that start then (UTC)."""
+        return {
+            "start_ns": None if self.start is None else parse_instant("--from", self.start, start_ns),
+            "stop_ns": None if self.stop is None else parse_instant("--to", self.stop, start_ns),
+            "rate": _rate(self.rate),
+            "is_now": self.stamps is Stamps.NOW,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutletOptions:
+    """Where messages go."""
+
+    mavlink: Annotated[str | None, typer.Option(help="Send its MAVLink there too, as it came: udpout:HOST:PORT.")] = (
+        None
+    )
+    listen: Annotated[str, typer.Option(help=f"Endpoint to listen on; {_NOWHERE} to connect only.")] = DEFAULT_LISTEN
+    connect: Annotated[list[str] | None, typer.Option(help="Endpoint to connect to; may be repeated.")] = None
+    wait: Annotated[float, typer.Option(help="Wait this many seconds for a first subscriber.", min=0)] = 0.0
+
+
+@grouped
+def replay(
+    recordings: Annotated[list[Path], typer.Argument(help="Folders or MCAP files; several are merged by time.")],
+    played: PlayOptions,
+    outlets: OutletOptions,
+    *,
     topic: TopicOption = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what was published as JSON.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Publish recordings again: original payloads on original keys, in order of time.
 
@@ -63,25 +97,17 @@ def replay(
     """
     from aerodft.app.replay import Replay
     from replay.foreign import open_recording
-    from replay.player import Controls
 
-    factor = _rate(rate)
-    if step and not has_keys():
-        raise UsageError("--step", got="no terminal", expected="a terminal to press keys on")
+    controls = played.controls()
     opened = [open_recording(path, parse_topics(topic)) for path in recordings]
-    zero_ns = min(each.zero_ns for each in opened)
-    controls = Controls(paused=step, looping=loop)
     with (
         Replay(
             opened,
-            start_ns=None if start is None else parse_instant("--from", start, zero_ns),
-            stop_ns=None if stop is None else parse_instant("--to", stop, zero_ns),
-            rate=factor,
-            is_now=stamps is Stamps.NOW,
-            listen=None if listen == _NOWHERE else listen,
-            connect=connect or (),
-            mavlink=mavlink,
-            wait_s=wait,
+            **played.window(min(each.zero_ns for each in opened)),
+            listen=None if outlets.listen == _NOWHERE else outlets.listen,
+            connect=outlets.connect or (),
+            mavlink=outlets.mavlink,
+            wait_s=outlets.wait,
             controls=controls,
         ) as player,
         progress("replaying") as bar,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from aerodft.cli.option_groups import OverwriteOption
 from aerodft.cli.output import end_with_gaps, say
 
 
@@ -13,7 +14,7 @@ def report(
         Path, typer.Argument(metavar="RECORDING|RIVER-FOLDER", help="A recording, or the folder that river wrote.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The page to write: HTML in one file.")],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
+    overwrite: OverwriteOption = False,
 ) -> None:
     r"""Write one page: what was measured and how surely, picture, map, plots, table, assumptions, files and hashes.
 

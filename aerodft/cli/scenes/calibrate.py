@@ -1,12 +1,14 @@
 """``aerodft calibrate``: a camera's height and angles, and more, from what people know about a scene."""
 
 from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from aerodft.app.progress import no_progress
+from aerodft.cli.option_groups import JsonOption, grouped
 from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError
 from aerodft.model import ProjectionModel
@@ -15,37 +17,48 @@ if TYPE_CHECKING:
     from aerodft.app.calibrate import CalibrationResult
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceOptions:
+    """What a file of evidence does not say by itself; named as ``app.calibrate.calibrate`` has it."""
+
+    telemetry: Annotated[
+        Path | None,
+        typer.Option(help="With [[image]] in the file: log or recording that their poses are looked up in."),
+    ] = None
+    crs: Annotated[str | None, typer.Option(help="Of a CSV file: local, geo or an EPSG code.")] = None
+    plane_elevation_m: Annotated[
+        float | None,
+        typer.Option(
+            "--plane-elevation", help="Of a CSV file or GCP list: elevation of the measured plane, in metres."
+        ),
+    ] = None
+    image: Annotated[
+        str | None, typer.Option(help="Of a GCP list of several images: the one that the camera took.")
+    ] = None
+    accept_misfit: Annotated[
+        bool, typer.Option("--accept-misfit", help="Take observations that contradict each other, with larger stds.")
+    ] = False
+    model: Annotated[ProjectionModel, typer.Option(help="Projection model.")] = ProjectionModel.PINHOLE
+
+
+@grouped
 def calibrate(
     observations: Annotated[
         list[Path],
         typer.Argument(help="What is known: TOML, CSV of landmarks, ODM's gcp_list.txt; with --detect, images."),
     ],
     camera: Annotated[Path, typer.Option(help="Camera file (TOML), or a photo with EXIF data.")],
+    known: EvidenceOptions,
     unknowns: Annotated[
         str,
         typer.Option(help="height,tilt,roll,heading,position,focal (or fx,fy),principal_point,elevation,k1,k2,..."),
     ] = "height,tilt",
-    model: Annotated[ProjectionModel, typer.Option(help="Projection model.")] = ProjectionModel.PINHOLE,
     detect: Annotated[
         Path | None, typer.Option(help="Find the surveyed ArUco or AprilTag markers of this file in the images.")
     ] = None,
-    telemetry: Annotated[
-        Path | None,
-        typer.Option(help="With [[image]] in the file: log or recording that their poses are looked up in."),
-    ] = None,
-    crs: Annotated[str | None, typer.Option(help="Of a CSV file: local, geo or an EPSG code.")] = None,
-    accept_misfit: Annotated[
-        bool, typer.Option("--accept-misfit", help="Take observations that contradict each other, with larger stds.")
-    ] = False,
-    plane_elevation: Annotated[
-        float | None, typer.Option(help="Of a CSV file or GCP list: elevation of the measured plane, in metres.")
-    ] = None,
-    image: Annotated[
-        str | None, typer.Option(help="Of a GCP list of several images: the one that the camera took.")
-    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the calibration to this file.")] = None,
     report: Annotated[Path | None, typer.Option(help="Write pictures and tables to this folder.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Find a camera's pose (and lens) from landmarks, ranges, lengths, heights, verticals, lines and the horizon.
 
@@ -67,19 +80,23 @@ def calibrate(
             detect or observations[0],
             camera,
             [name.strip() for name in unknowns.split(",") if name.strip()],
-            model=model,
-            crs=crs,
-            plane_elevation_m=plane_elevation,
-            image=image,
-            telemetry=telemetry,
+            **asdict(known),
             images=None if detect is None else observations,
             progress=advance,
-            accept_misfit=accept_misfit,
             check=False,
         )
+    _finish(found, output, report, as_json=json)
+
+
+def _finish(found: "CalibrationResult", output: Path | None, report: Path | None, *, as_json: bool) -> None:
+    """Say what was found, and write it unless it cannot be used.
+
+    Raises:
+        AerodftError: Why it cannot.
+    """
     is_saved = output is not None
     error = found.refusal(is_saved=is_saved)
-    if json:
+    if as_json:
         print_json(found.document(is_saved=is_saved))
     elif not error:
         _print(found)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from aerodft.cli.option_groups import JsonOption
 from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError
 
@@ -30,7 +31,7 @@ def calibrate_lens(
     print_board: Annotated[
         Path | None, typer.Option(help="Instead of calibrating: write the board as a PNG to print in true size.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Calibrate a lens from images of a flat board, with the covariance of everything that is found.
 
@@ -43,20 +44,13 @@ def calibrate_lens(
       aerodft calibrate-lens photos --board chessboard:9x6:25mm -o cam.toml --json
     """
     from aerodft.app.calibrate_lens import calibrate_lens as calibrate
-    from aerodft.app.calibrate_lens import print_board as write_board
-    from calibration.lens import parse_board
 
     if print_board is not None:
         for what, value in (("images", sources), ("--output", output), ("--report", report)):
             if value:
                 expected = "one of the two: first print, then calibrate"
                 raise UsageError(f"{what} beside --print-board", expected=expected)
-        document = write_board(board, print_board)
-        width_mm, height_mm = document["size_mm"]
-        on_paper = f"print it at 100 %, {width_mm:g} x {height_mm:g} mm, on something flat"
-        say(f"aerodft: wrote {print_board}: {parse_board(board)}; {on_paper}")
-        if json:
-            print_json(document)
+        _print_board(board, print_board, as_json=json)
         return
     if not sources:
         raise UsageError(
@@ -75,6 +69,18 @@ def calibrate_lens(
         print_json(found.document([str(each) for each in files]))
     else:
         _print(found, files)
+
+
+def _print_board(board: str, path: Path, *, as_json: bool) -> None:
+    from aerodft.app.calibrate_lens import print_board
+    from calibration.lens import parse_board
+
+    document = print_board(board, path)
+    width_mm, height_mm = document["size_mm"]
+    on_paper = f"print it at 100 %, {width_mm:g} x {height_mm:g} mm, on something flat"
+    say(f"aerodft: wrote {path}: {parse_board(board)}; {on_paper}")
+    if as_json:
+        print_json(document)
 
 
 def _print(found: "LensCalibration", files: list[Path]) -> None:

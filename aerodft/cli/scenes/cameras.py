@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from aerodft.cli.option_groups import JsonOption
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import UsageError
 
@@ -18,7 +19,7 @@ def cameras(
         str | None, typer.Argument(metavar="NAME|IMAGE|VIDEO", help="Part of a name, or an image whose EXIF data tell.")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Camera file of the one found (TOML).")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""List the cameras of the library, or those of a name or an image, and write a camera file.
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from aerodft.cli.scenes.image_options import UNCERTAINTY, with_options_of
+from aerodft.cli.scenes.image_options import UNCERTAINTY_PANEL, with_options_of
 from aerodft.cli.scenes.measure import measure
 
 
@@ -14,7 +14,9 @@ def explain(
     compare: Annotated[
         bool,
         typer.Option(
-            "--compare", rich_help_panel=UNCERTAINTY, help="Both projection models side by side, and what lies between."
+            "--compare",
+            rich_help_panel=UNCERTAINTY_PANEL,
+            help="Both projection models side by side, and what lies between.",
         ),
     ] = False,
     **shared: Any,  # noqa: ANN401 - the options of measure, which it checks

@@ -3,7 +3,7 @@
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, cast
 
@@ -14,44 +14,18 @@ from aerodft.errors import UsageError
 from aerodft.model import Camera, PoseSample, ProbeKind, ProjectionModel
 
 if TYPE_CHECKING:
-    from aerodft.app.measure import ImageProbe, MeasuredSurface, PoseStd
+    from aerodft.app.measure import CameraPose, ElevationModel, ImageProbe, MeasuredSurface, PoseStd, Slope
     from aerodft.dft import Request, Setup
 
-CAMERA_AND_POSE: Final = "Camera and pose"
-GROUND: Final = "Ground"
-UNCERTAINTY: Final = "Uncertainty and model"
-RECORDED: Final = "Of a recording, instead of camera and pose"
+_POSE_PANEL: Final = "Camera and pose"
+_GROUND_PANEL: Final = "Ground"
+UNCERTAINTY_PANEL: Final = "Uncertainty and model"
 
-CameraOption = Annotated[Path | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera file (TOML).")]
-HeightOption = Annotated[
-    float | None,
-    typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera height above the ground right below it, m."),
-]
-TiltOption = Annotated[
-    float | None,
-    typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Angle of the optical axis from straight down, deg."),
-]
-RollOption = Annotated[
-    float, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Positive with the camera's right side down, deg.")
-]
-HeadingOption = Annotated[float, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Clockwise from true north, deg.")]
-LatOption = Annotated[float | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera latitude, WGS84, deg.")]
-LonOption = Annotated[float | None, typer.Option(rich_help_panel=CAMERA_AND_POSE, help="Camera longitude, WGS84, deg.")]
-StdOption = Annotated[
-    str | None,
-    typer.Option(
-        rich_help_panel=UNCERTAINTY,
-        help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude. What is not"
-        " named is assumed, which is said; 0 says exact.",
-    ),
-]
-CovarianceOption = Annotated[
-    Path | None,
-    typer.Option(
-        rich_help_panel=UNCERTAINTY,
-        help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.",
-    ),
-]
+_ANGLES: Final = ("tilt", "pan", "roll")
+_POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
+_OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
+_PROBE_OPTIONS: Final = ("elevation", "name")
+_LEVEL: Final = ("roll", "heading")  # of which 0 says nothing
 
 
 def with_options_of(other: Callable[..., None], *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -75,10 +49,181 @@ def with_options_of(other: Callable[..., None], *without: str) -> Callable[[Call
     return decorate
 
 
-_ANGLES: Final = ("tilt", "pan", "roll")
-_POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
-_OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
-_PROBE_OPTIONS: Final = ("elevation", "name")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseOptions:
+    """Camera and pose of one image, and how well they are known."""
+
+    camera: Annotated[Path | None, typer.Option(rich_help_panel=_POSE_PANEL, help="Camera file (TOML).")] = None
+    height: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=_POSE_PANEL, help="Camera height above the ground right below it, m."),
+    ] = None
+    tilt: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=_POSE_PANEL, help="Angle of the optical axis from straight down, deg."),
+    ] = None
+    roll: Annotated[
+        float, typer.Option(rich_help_panel=_POSE_PANEL, help="Positive with the camera's right side down, deg.")
+    ] = 0.0
+    heading: Annotated[float, typer.Option(rich_help_panel=_POSE_PANEL, help="Clockwise from true north, deg.")] = 0.0
+    lat: Annotated[float | None, typer.Option(rich_help_panel=_POSE_PANEL, help="Camera latitude, WGS84, deg.")] = None
+    lon: Annotated[float | None, typer.Option(rich_help_panel=_POSE_PANEL, help="Camera longitude, WGS84, deg.")] = None
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            rich_help_panel=_POSE_PANEL,
+            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them.",
+        ),
+    ] = None
+    std: Annotated[
+        str | None,
+        typer.Option(
+            rich_help_panel=UNCERTAINTY_PANEL,
+            help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude. What is"
+            " not named is assumed, which is said; 0 says exact.",
+        ),
+    ] = None
+    covariance: Annotated[
+        Path | None,
+        typer.Option(
+            rich_help_panel=UNCERTAINTY_PANEL,
+            help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.",
+        ),
+    ] = None
+
+    @property
+    def stds(self) -> "Stds":
+        """What ``--std`` says.
+
+        Raises:
+            UsageError: It cannot be read.
+        """
+        return parse_stds(self.std)
+
+    @property
+    def surface(self) -> "MeasuredSurface":
+        """The measured surface: the ground."""
+        from aerodft.app.measure import MeasuredSurface
+
+        return MeasuredSurface(0.0, self.stds.elevation_m, None)
+
+    def stated_pose(self) -> dict[str, Any]:
+        """What is stated of the pose, see ``stated``."""
+        return stated(self, "camera", "calibration", "std", "elevation", "max_range")
+
+    def scene(
+        self, ground: "GroundOptions | None" = None, model: ProjectionModel | None = None
+    ) -> "tuple[Setup, PoseSample]":
+        """Camera, ground and pose.
+
+        Args:
+            ground: What the ground is like; None for level ground.
+            model: Projection model; None for the calibration's, else the pinhole.
+
+        Raises:
+            UsageError: There is no camera, or options do not go together.
+            InputError: Something is impossible.
+        """
+        from aerodft.adapters.config.camera import load_calibration, load_camera
+        from aerodft.app.measure import image_setup
+
+        known = None if self.calibration is None else load_calibration(self.calibration)
+        terms, altitude_m = (None, None) if ground is None else (ground.terms(), ground.altitude)
+        camera, pose = self.camera, None
+        if known is not None and known.pose is not None:
+            refuse_beside(self.stated_pose() | ({} if ground is None else {"altitude": altitude_m}), "--calibration")
+            self.stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
+            camera = camera if known.camera is None else None
+        elif camera is None:
+            raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
+        else:
+            pose = self._pose(altitude_m)
+        lens = None if camera is None else self.stds.on_camera(load_camera(camera))
+        return image_setup(lens, pose, ground=terms, model=model, calibration=self.calibration, surface=self.surface)
+
+    def _pose(self, altitude_m: float | None) -> "CameraPose":
+        from aerodft.adapters.config import load_covariance
+        from aerodft.app.measure import CameraPose
+
+        if self.tilt is None:
+            raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
+        if self.covariance is not None:
+            self.stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
+        return CameraPose(
+            height_m=self.height,
+            altitude_m=altitude_m,
+            tilt_deg=self.tilt,
+            roll_deg=self.roll,
+            heading_deg=self.heading,
+            lat_deg=self.lat,
+            lon_deg=self.lon,
+            std=self.stds.pose_std(),
+            covariance=None if self.covariance is None else load_covariance(self.covariance),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceOptions(PoseOptions):
+    """Camera and pose of one image, and the level surface that is measured in it."""
+
+    elevation: Annotated[
+        float,
+        typer.Option(rich_help_panel=_GROUND_PANEL, help="Height of what is measured above the ground, m."),
+    ] = 0.0
+    max_range: Annotated[float | None, typer.Option(rich_help_panel=_GROUND_PANEL, help="Maximum range in metres.")] = (
+        None
+    )
+
+    @property
+    def surface(self) -> "MeasuredSurface":
+        """The measured surface."""
+        from aerodft.app.measure import MeasuredSurface
+
+        return MeasuredSurface(self.elevation, self.stds.elevation_m, self.max_range)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundOptions:
+    """Ground that is not level."""
+
+    altitude: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=_POSE_PANEL, help="With --terrain, instead of --height: above mean sea level, m."),
+    ] = None
+    slope: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=_GROUND_PANEL, help="Ground that rises at this angle, through the foot, deg."),
+    ] = None
+    uphill: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=_GROUND_PANEL, help="Where it rises, clockwise from true north, deg."),
+    ] = None
+    terrain: Annotated[
+        Path | None,
+        typer.Option(rich_help_panel=_GROUND_PANEL, help="Ground of an elevation model (GeoTIFF); needs --lat."),
+    ] = None
+
+    def terms(self) -> "Slope | ElevationModel | None":
+        """The ground's shape; None for level ground.
+
+        Raises:
+            UsageError: Options do not go together.
+        """
+        from aerodft.app.measure import ElevationModel, Slope
+
+        if self.terrain is not None:
+            refuse_beside({"slope": self.slope, "uphill": self.uphill}, "--terrain")
+        if (self.slope is None) != (self.uphill is None):
+            raise UsageError("--slope and --uphill go together", expected="e.g. --slope 11.3 --uphill 270")
+        if self.slope is not None and self.uphill is not None:
+            return Slope(slope_deg=self.slope, uphill_deg=self.uphill)
+        return None if self.terrain is None else ElevationModel(self.terrain)
+
+
+def stated(options: PoseOptions | GroundOptions, *without: str) -> dict[str, Any]:
+    """The options of a group that say something, by their names; not those ``without``."""
+    named = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in without}
+    return {name: value for name, value in named.items() if value is not None and (value or name not in _LEVEL)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,6 +257,10 @@ class Stds:
         """
         if any(self.pose.values()):
             raise UsageError(f"--std of the pose beside {beside}", expected=expected)
+
+    def noted(self, sample: PoseSample) -> PoseSample:
+        """A pose whose measurements say that the pixels' std is assumed, where it is."""
+        return replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px")) if self.px is None else sample
 
     def on_camera(self, camera: Camera) -> Camera:
         """The camera, with the focal length's std where one was given.
@@ -161,73 +310,6 @@ def refuse_beside(options: Mapping[str, object], beside: str) -> None:
     for name, value in options.items():
         if value is not None:
             raise UsageError(f"--{name} beside {beside}", expected=f"one of them: {beside} has it")
-
-
-def scene_of_options(
-    pose: Mapping[str, Any],
-    camera: Path | None,
-    calibration: Path | None,
-    std: str | None,
-    surface: "MeasuredSurface",
-    *,
-    ground: Mapping[str, Any] | None = None,
-    model: ProjectionModel | None = None,
-) -> "tuple[Setup, PoseSample]":
-    """Camera, ground and pose out of options.
-
-    Args:
-        pose: The options of the pose by their names; None where they were not given.
-        camera: The camera's file.
-        calibration: Pose and lens, in place of the camera and the pose; or what telemetry is off by.
-        std: As ``--std`` was given.
-        surface: What is measured.
-        ground: The options of the ground by their names.
-        model: Projection model; None for the calibration's, else the pinhole.
-
-    Raises:
-        UsageError: There is no camera, or options do not go together.
-        InputError: Something is impossible.
-    """
-    from aerodft.adapters.config import load_covariance
-    from aerodft.adapters.config.camera import load_calibration, load_camera
-    from aerodft.app.measure import CameraPose, ElevationModel, Slope, image_setup
-
-    stds, known = parse_stds(std), None if calibration is None else load_calibration(calibration)
-    terms = ground or {"terrain": None, "slope": None, "uphill": None}
-    terrain, slope_deg, uphill_deg = (terms[name] for name in ("terrain", "slope", "uphill"))
-    if terrain is not None:
-        refuse_beside({"slope": slope_deg, "uphill": uphill_deg}, "--terrain")
-    if (slope_deg is None) != (uphill_deg is None):
-        raise UsageError("--slope and --uphill go together", expected="e.g. --slope 11.3 --uphill 270")
-    rises = None if slope_deg is None else Slope(slope_deg=slope_deg, uphill_deg=uphill_deg)
-    shape = rises if terrain is None else ElevationModel(terrain)
-    if known is not None and known.pose is not None:
-        refuse_beside(pose, "--calibration")
-        stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
-        lens = None
-        if known.camera is None and camera is not None:
-            lens = stds.on_camera(load_camera(camera))
-        return image_setup(lens, None, ground=shape, model=model, calibration=calibration, surface=surface)
-    if camera is None:
-        raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
-    if pose["tilt"] is None:
-        raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
-    covariance = pose["covariance"]
-    if covariance is not None:
-        stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
-    place = CameraPose(
-        height_m=pose["height"],
-        altitude_m=pose.get("altitude"),
-        tilt_deg=pose["tilt"],
-        roll_deg=pose["roll"] or 0.0,
-        heading_deg=pose["heading"] or 0.0,
-        lat_deg=pose["lat"],
-        lon_deg=pose["lon"],
-        std=stds.pose_std(),
-        covariance=None if covariance is None else load_covariance(covariance),
-    )
-    lens = stds.on_camera(load_camera(camera))
-    return image_setup(lens, place, ground=shape, model=model, calibration=calibration, surface=surface)
 
 
 def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> "tuple[Request, ...]":

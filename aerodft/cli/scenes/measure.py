@@ -2,120 +2,114 @@
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from aerodft.cli.option_values import TopicOption, parse_instant, parse_topics
+from aerodft.cli.option_groups import JsonOption, TopicOption, grouped
+from aerodft.cli.option_values import parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
-    CAMERA_AND_POSE,
-    GROUND,
-    RECORDED,
-    UNCERTAINTY,
-    CameraOption,
-    CovarianceOption,
-    HeadingOption,
-    HeightOption,
-    LatOption,
-    LonOption,
-    RollOption,
-    StdOption,
-    TiltOption,
+    UNCERTAINTY_PANEL,
+    GroundOptions,
+    SurfaceOptions,
     parse_probes,
-    parse_stds,
     refuse_beside,
-    scene_of_options,
+    stated,
 )
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
 from aerodft.model import Camera, PoseSample, ProjectionModel
 
 if TYPE_CHECKING:
-    from aerodft.app.measure import MeasuredSurface
     from aerodft.dft import Setup
 
 _LOG: Final = logging.getLogger(__name__)
+_RECORDED: Final = "Of a recording, instead of camera and pose"
 _LEVEL_RAD: Final = math.radians(0.05)
 _FIRST_UTC_NS: Final = 10**17  # a time below it counts from the recording's start
 
 
-def measure(
-    camera: CameraOption = None,
-    height: HeightOption = None,
-    tilt: TiltOption = None,
-    roll: RollOption = 0.0,
-    heading: HeadingOption = 0.0,
-    lat: LatOption = None,
-    lon: LonOption = None,
-    altitude: Annotated[
-        float | None,
-        typer.Option(
-            rich_help_panel=CAMERA_AND_POSE, help="With --terrain, instead of --height: above mean sea level, m."
-        ),
-    ] = None,
-    elevation: Annotated[
-        float, typer.Option(rich_help_panel=GROUND, help="Height of what is measured above the ground, m.")
-    ] = 0.0,
-    slope: Annotated[
-        float | None,
-        typer.Option(rich_help_panel=GROUND, help="Ground that rises at this angle, through the foot, deg."),
-    ] = None,
-    uphill: Annotated[
-        float | None, typer.Option(rich_help_panel=GROUND, help="Where it rises, clockwise from true north, deg.")
-    ] = None,
-    terrain: Annotated[
-        Path | None, typer.Option(rich_help_panel=GROUND, help="Ground of an elevation model (GeoTIFF); needs --lat.")
-    ] = None,
-    max_range: Annotated[float | None, typer.Option(rich_help_panel=GROUND, help="Maximum range in metres.")] = None,
-    model: Annotated[
-        ProjectionModel | None, typer.Option(rich_help_panel=UNCERTAINTY, help="Projection model; else pinhole.")
-    ] = None,
-    std: StdOption = None,
-    covariance: CovarianceOption = None,
-    probe: Annotated[
-        list[str] | None,
-        typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
-    ] = None,
-    compare: Annotated[
-        bool,
-        typer.Option("--compare", hidden=True, help="As explain --compare."),
-    ] = False,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=CAMERA_AND_POSE,
-            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them.",
-        ),
-    ] = None,
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedOptions:
+    """Where camera and pose are taken from, in place of options."""
+
     recording: Annotated[
-        Path | None, typer.Option(rich_help_panel=RECORDED, help="Take camera and pose from this recording.")
-    ] = None,
+        Path | None, typer.Option(rich_help_panel=_RECORDED, help="Take camera and pose from this recording.")
+    ] = None
     at: Annotated[
         str | None,
-        typer.Option(rich_help_panel=RECORDED, help="Seconds from the first image, UTC ns, or ISO 8601."),
-    ] = None,
+        typer.Option(rich_help_panel=_RECORDED, help="Seconds from the first image, UTC ns, or ISO 8601."),
+    ] = None
     config: Annotated[
         Path | None,
         typer.Option(
             "--config",
             "-c",
-            rich_help_panel=RECORDED,
+            rich_help_panel=_RECORDED,
             help="With --recording: station configuration in place of its own.",
         ),
+    ] = None
+    topic: TopicOption = None
+
+    def scene(self, instead: SurfaceOptions) -> "tuple[Setup, PoseSample] | None":
+        """Camera, ground and pose of the recording; None without one."""
+        if self.recording is None and (self.config is not None or self.topic):
+            raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
+        if (self.recording is None) != (self.at is None):
+            expected = "--at in seconds from its first image, or UTC"
+            raise UsageError("--recording and --at go together", expected=expected)
+        if self.recording is None or self.at is None:
+            return None
+        from aerodft.app.measure import Overrides, recorded_setup
+
+        if self.config is not None:
+            refuse_beside({"camera": instead.camera}, "--config")
+        instead.stds.refuse_pose("--recording", "px, elevation: the pose's are recorded")
+        time_ns = parse_instant("--at", self.at, 0)
+        is_utc = time_ns >= _FIRST_UTC_NS
+        setup, sample = recorded_setup(
+            self.recording,
+            at_s=None if is_utc else float(self.at),
+            at_ns=time_ns if is_utc else None,
+            overrides=Overrides(
+                config=self.config,
+                calibration=instead.calibration,
+                camera=instead.camera,
+                topics=parse_topics(self.topic),
+            ),
+        )
+        return instead.surface.on(setup), sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthOptions:
+    """A map of every pixel, in place of probes."""
+
+    depth_map: Annotated[Path | None, typer.Option(hidden=True, help="As depth-map --output.")] = None
+    image: Annotated[Path | None, typer.Option(hidden=True, help="As depth-map --image.")] = None
+    step: Annotated[float | None, typer.Option(hidden=True, help="As depth-map --step.")] = None
+
+
+@grouped
+def measure(
+    scene: SurfaceOptions,
+    ground: GroundOptions,
+    recorded: RecordedOptions,
+    mapped: DepthOptions,
+    model: Annotated[
+        ProjectionModel | None, typer.Option(rich_help_panel=UNCERTAINTY_PANEL, help="Projection model; else pinhole.")
     ] = None,
-    topic: TopicOption = None,
-    depth_map: Annotated[
-        Path | None,
-        typer.Option(hidden=True, help="As depth-map --output."),
+    probe: Annotated[
+        list[str] | None,
+        typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
     ] = None,
-    image: Annotated[Path | None, typer.Option(hidden=True, help="As depth-map --image.")] = None,
-    step: Annotated[float | None, typer.Option(hidden=True, help="As depth-map --step.")] = None,
+    compare: Annotated[bool, typer.Option("--compare", hidden=True, help="As explain --compare.")] = False,
     explain: Annotated[bool, typer.Option("--explain", hidden=True, help="As the command explain.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON list.")] = False,
+    json: JsonOption = False,
 ) -> None:
     r"""Measure pixels of one image with a known pose.
 
@@ -128,44 +122,24 @@ def measure(
     """
     _check_together(
         {"--probe": probe, "--compare": compare, "--explain": explain},
-        {"--depth-map": depth_map, "--image": image, "--step": step},
+        {"--depth-map": mapped.depth_map, "--image": mapped.image, "--step": mapped.step},
     )
-    if recording is None and (config is not None or topic):
-        raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
-    if (recording is None) != (at is None):
-        raise UsageError("--recording and --at go together", expected="--at in seconds from its first image, or UTC")
-    from aerodft.app.measure import MeasuredSurface
-
-    pose: dict[str, Any] = {
-        "height": height,
-        "altitude": altitude,
-        "tilt": tilt,
-        "roll": roll or None,
-        "heading": heading or None,
-    }
-    pose |= {"lat": lat, "lon": lon, "covariance": covariance}
-    ground: dict[str, Any] = {"slope": slope, "uphill": uphill, "terrain": terrain}
-    stds = parse_stds(std)
-    surface = MeasuredSurface(elevation, stds.elevation_m, max_range)
-    if recording is not None and at is not None:
-        refuse_beside(pose | ground, "--recording")
-        if config is not None:
-            refuse_beside({"camera": camera}, "--config")
-        stds.refuse_pose("--recording", "px, elevation: the pose's are recorded")
-        files = {"config": config, "calibration": calibration, "camera": camera}
-        setup, sample = _recorded(recording, at, topic, files, surface)
+    if recorded.recording is not None:
+        refuse_beside(scene.stated_pose() | stated(ground), "--recording")
+    found = recorded.scene(scene)
+    if found is not None:
+        setup, sample = found
         setup = setup if model is None else replace(setup, model=model)
         if not json:
             say(_pose_sentence(sample))
     else:
-        setup, sample = scene_of_options(pose, camera, calibration, std, surface, ground=ground, model=model)
-        if stds.px is None:
-            sample = replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px"))
-    _check_model(setup, sample, model, roll, compare=compare)
-    if depth_map is not None:
-        _write_depth(setup, sample, depth_map, image, step, as_json=json)
+        setup, sample = scene.scene(ground, model)
+        sample = scene.stds.noted(sample)
+    _check_model(setup, sample, model, scene.roll, compare=compare)
+    if mapped.depth_map is not None:
+        _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=json)
         return
-    requests = parse_probes(probe or [], stds, elevation)
+    requests = parse_probes(probe or [], scene.stds, scene.elevation)
     from aerodft.cli.scenes.measured import show_measurements, show_models
 
     if compare:
@@ -190,22 +164,6 @@ def _check_together(probing: dict[str, object], mapping: dict[str, object]) -> N
         raise UsageError("--explain beside --compare", expected="one of them")
     if "--probe" not in asked:
         raise UsageError("no --probe", expected='e.g. --probe "distance 812,604.5 1377,611"')
-
-
-def _recorded(
-    recording: Path, at: str, topic: list[str] | None, files: dict[str, Path | None], surface: "MeasuredSurface"
-) -> "tuple[Setup, PoseSample]":
-    from aerodft.app.measure import Overrides, recorded_setup
-
-    time_ns = parse_instant("--at", at, 0)
-    is_utc = time_ns >= _FIRST_UTC_NS
-    setup, sample = recorded_setup(
-        recording,
-        at_s=None if is_utc else float(at),
-        at_ns=time_ns if is_utc else None,
-        overrides=Overrides(**files, topics=parse_topics(topic)),
-    )
-    return surface.on(setup), sample
 
 
 def _source(name: str | None) -> str:

@@ -10,34 +10,29 @@ from typing import Final
 import numpy as np
 
 from aerodft.model import BIASES, Camera, Evidence, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
+from calibration.descent import Loss, NormalEquations, Rows, descend, eliminate_image_unknowns, image_steps
 from calibration.flight.state import OWN, ImagesState, SharedUnknowns, View
 from calibration.pose import (
     BOUNDS,
     LIMIT,
     ROBUST,
     Fit,
-    Loss,
-    NormalEquations,
     Observability,
     ObservationResidual,
     Outcome,
     Problem,
     Residuals,
-    Rows,
     State,
     Unknowns,
     above_ground,
     checked_unknowns,
     concatenate_residuals,
     covariance_of,
-    descend,
     describe_weakness,
     display_unit,
-    eliminate_image_unknowns,
     expand_groups,
     goodness,
     ground_error_m,
-    image_steps,
     natural_size,
     possible_coefficients,
     residuals_of,

@@ -1,6 +1,5 @@
 """A camera's pose and lens by least squares from evidence of a scene."""
 
-from calibration.pose.descent import Loss, NormalEquations, Rows, descend, eliminate_image_unknowns, image_steps
 from calibration.pose.residuals import OUT_OF_SIGHT, Problem, Residuals, concatenate_residuals
 from calibration.pose.result import (
     LIMIT,

@@ -57,7 +57,7 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
-from calibration.pose.descent import NormalEquations, Rows
+from calibration.descent import NormalEquations, Rows
 from calibration.pose.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6

@@ -26,7 +26,7 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
-from calibration.pose.descent import Rows, used_rows
+from calibration.descent import Rows, used_rows
 from calibration.pose.residuals import Problem
 from calibration.pose.solve import Solution, covariance_of, solve
 from calibration.pose.state import (

@@ -16,7 +16,7 @@ from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
 from aerodft.geometry import camera_attitude, from_rotation_vector, inverse, matrix, rays_from_pixels
 from aerodft.model import FloatArray, ProjectionModel
-from calibration.pose.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend, used_rows
+from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend, used_rows
 from calibration.pose.residuals import Problem, Residuals
 from calibration.pose.state import State
 

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from aerodft.model import EvidenceSet, ProjectionModel
-from calibration.pose import ROBUST, Loss, Problem, Residuals, Unknowns, descend
+from calibration.descent import Loss, descend
+from calibration.pose import ROBUST, Problem, Residuals, Unknowns
 from tests.truth.calibration_sets import Task, drawn, landmarks, lengths, ranges, together
 
 OWNER = np.array([0, 0, 1, 2, 2, 2, -1])

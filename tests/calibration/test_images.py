@@ -9,10 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aerodft.model import BIASES, Landmark, Prior, ProjectionModel, SlantRange
+from calibration.descent import NormalEquations
 from calibration.flight import calibrate_images
 from calibration.flight.result import ImagesProblem, solve_images
 from calibration.flight.state import OWN, ImagesState, SharedUnknowns
-from calibration.pose import LIMIT, NormalEquations, start_state
+from calibration.pose import LIMIT, start_state
 
 from .image_flights import CAMERA, DEG, NOISE, SHARE, STD, Flight, drawn
 

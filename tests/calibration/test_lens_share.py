@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from aerodft.dft import project
 from aerodft.model import CameraStd, Pose, Prior, ProjectionModel
-from calibration.pose import Problem, calibrate, descend
+from calibration.descent import descend
+from calibration.pose import Problem, calibrate
 from tests.truth.calibration_sets import Task, drawn, heights, horizon, landmarks, together
 
 POSE = ("east", "north", "height", "tilt", "roll", "heading")

@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from aerodft.dft import project
 from aerodft.geometry import camera_attitude
 from aerodft.model import Camera, CameraMode, EvidenceSet, Horizon, LensModel, Pose, Prior, ProjectionModel, Vertical
-from calibration.pose import Problem, calibrate, descend, unknowns_of
+from calibration.descent import descend
+from calibration.pose import Problem, calibrate, unknowns_of
 from tests.truth.calibration_scenes import World
 from tests.truth.calibration_sets import DEG, TASKS, Task, drawn, landmarks, ranges, together
 

@@ -1,6 +1,5 @@
 """Levenberg-Marquardt descent to the nearest minimum, optionally with Cauchy's robust loss."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -10,6 +9,7 @@ from aerodft.model import FloatArray
 
 _MAX_STEPS: Final = 60
 _DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
+_MIN_EIGENVALUE = 1e-13  # beside a largest eigenvalue of about 1
 _CONVERGED, _CONVERGED_ROBUST, _ROUNDING = 1e-10, 1e-6, 1e-14
 """Relative decreases of the cost: converged; converged with a robust loss, before a further descent; rounding."""
 
@@ -59,6 +59,17 @@ class NormalEquations:
         return np.asarray(self.matrix + eliminate_image_unknowns(self.blocks, self.slopes, count)[0].sum(axis=0))
 
 
+def covariance_of(normal: FloatArray) -> FloatArray:
+    """Inverse of a normal matrix; infinite if it is numerically singular."""
+    size = np.sqrt(np.diag(normal))
+    if not np.all(size > 0):
+        return np.full_like(normal, np.inf)
+    scaled = normal / np.outer(size, size)
+    if np.linalg.eigvalsh(scaled)[0] < _MIN_EIGENVALUE:
+        return np.full_like(normal, np.inf)
+    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))
+
+
 def eliminate_image_unknowns(blocks: FloatArray, slopes: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Schur complements ``(n, count, count)`` and slopes ``(n, count)`` with each image's own unknowns eliminated.
 
@@ -83,34 +94,57 @@ def image_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> F
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows(ABC):
-    """Residuals and their Jacobian at a state.
+class Rows:
+    """Residuals and their Jacobian at a state: by ``s`` unknowns shared by all images, and by ``k`` of the row's image.
 
     Attributes:
         values: ``(m,)`` in standard deviations.
-        by_unknowns: ``(m, n)``.
+        by_unknowns: ``(m, s + k)``.
         owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
         px: ``(m,)`` in pixels; 0 for priors.
+        images: Rows of each image; behind them those that depend on shared unknowns alone, all of them without images.
+        own: ``k``.
     """
 
     values: FloatArray
     by_unknowns: FloatArray
     owner: np.ndarray
     px: FloatArray
+    images: tuple[slice, ...] = ()
+    own: int = 0
 
-    @abstractmethod
     def normal(self, weights: FloatArray) -> NormalEquations:
         """Normal equations with weights ``(m,)`` of the rows."""
+        by, size = self.by_unknowns, self.by_unknowns.shape[1]
+        weighted, count = by * weights[:, None], size - self.own
+        shared = slice(self.images[-1].stop if self.images else 0, None)
+        return NormalEquations(
+            weighted[shared, :count].T @ by[shared, :count],
+            weighted[shared, :count].T @ self.values[shared],
+            np.reshape([weighted[rows].T @ by[rows] for rows in self.images], (-1, size, size)),
+            np.reshape([weighted[rows].T @ self.values[rows] for rows in self.images], (-1, size)),
+        )
+
+
+def concatenate_residuals(parts: list[Rows]) -> Rows:
+    """Concatenate residuals."""
+    if len(parts) == 1:
+        return parts[0]
+    return Rows(
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.by_unknowns for part in parts]),
+        np.concatenate([part.owner for part in parts]),
+        np.concatenate([part.px for part in parts]),
+    )
 
 
 StateT = TypeVar("StateT")
-RowsT_co = TypeVar("RowsT_co", bound=Rows, covariant=True)
 
 
-class Task(Protocol[StateT, RowsT_co]):
+class Task(Protocol[StateT]):
     """A least-squares problem."""
 
-    def evaluate(self, state: StateT) -> RowsT_co:
+    def evaluate(self, state: StateT) -> Rows:
         """All residuals at a state."""
         ...
 
@@ -120,11 +154,11 @@ class Task(Protocol[StateT, RowsT_co]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Descent(Generic[StateT, RowsT_co]):
+class Descent(Generic[StateT]):
     """End of a descent."""
 
     state: StateT
-    residuals: RowsT_co
+    residuals: Rows
     cost: float
 
 
@@ -170,12 +204,12 @@ class Loss:
 
 
 def descend(
-    problem: Task[StateT, RowsT_co],
+    problem: Task[StateT],
     start: StateT,
     scale: float | None = None,
     kept: np.ndarray | None = None,
-    known: RowsT_co | None = None,
-) -> Descent[StateT, RowsT_co]:
+    known: Rows | None = None,
+) -> Descent[StateT]:
     """Descend from ``start`` to the nearest minimum.
 
     Args:
@@ -201,8 +235,8 @@ def descend(
 
 
 def _next_state(
-    problem: Task[StateT, RowsT_co], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
-) -> tuple[StateT, RowsT_co, float, float] | None:
+    problem: Task[StateT], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
+) -> tuple[StateT, Rows, float, float] | None:
     """The next state of smaller cost, its residuals, cost and damping; None if there is none."""
     while damping < _MAX_DAMPING:
         step = normal.step(damping)

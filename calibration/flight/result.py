@@ -10,7 +10,16 @@ from typing import Final
 import numpy as np
 
 from aerodft.model import BIASES, Camera, Evidence, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
-from calibration.descent import Loss, NormalEquations, Rows, descend, eliminate_image_unknowns, image_steps
+from calibration.descent import (
+    Loss,
+    NormalEquations,
+    Rows,
+    concatenate_residuals,
+    covariance_of,
+    descend,
+    eliminate_image_unknowns,
+    image_steps,
+)
 from calibration.flight.state import OWN, ImagesState, SharedUnknowns, View
 from calibration.pose import (
     BOUNDS,
@@ -21,13 +30,10 @@ from calibration.pose import (
     ObservationResidual,
     Outcome,
     Problem,
-    Residuals,
     State,
     Unknowns,
     above_ground,
     checked_unknowns,
-    concatenate_residuals,
-    covariance_of,
     describe_weakness,
     display_unit,
     expand_groups,
@@ -69,29 +75,6 @@ _DISPLAY_UNITS = {
     "north": ("north_bias_m", 1.0),
     "time": ("time_offset_s", 1.0),
 }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImagesResiduals(Rows):
-    """All residuals of one guess: by the ``s`` shared unknowns, and by the 7 that are new in the row's image.
-
-    Attributes:
-        rows: Of each image; what comes after the last image's are priors of the shared unknowns.
-    """
-
-    rows: tuple[slice, ...]
-
-    def normal(self, weights: FloatArray) -> NormalEquations:
-        """The normal equations with weights ``(m,)`` of the rows."""
-        by = self.by_unknowns
-        weighted, count = by * weights[:, None], by.shape[1] - OWN
-        shared = slice(self.rows[-1].stop, None)
-        return NormalEquations(
-            weighted[shared, :count].T @ by[shared, :count],
-            weighted[shared, :count].T @ self.values[shared],
-            np.stack([weighted[rows].T @ by[rows] for rows in self.rows]),
-            np.stack([weighted[rows].T @ self.values[rows] for rows in self.rows]),
-        )
 
 
 class ImagesProblem:
@@ -141,35 +124,35 @@ class ImagesProblem:
             return None
         return moved if all(holds(camera) for camera in cameras for holds in BOUNDS.values()) else None
 
-    def evaluate(self, state: ImagesState) -> ImagesResiduals:
+    def evaluate(self, state: ImagesState) -> Rows:
         """All residuals of a guess."""
         parts = [self._of_image(state, index) for index in range(len(self.views))]
         ends = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
         whole = concatenate_residuals([*parts, self._of_priors(state)])
         rows = tuple(map(slice, ends[:-1], ends[1:]))
-        return ImagesResiduals(whole.values, whole.by_unknowns, whole.owner, whole.px, rows)
+        return replace(whole, images=rows, own=OWN)
 
-    def _of_image(self, state: ImagesState, index: int) -> Residuals:
+    def _of_image(self, state: ImagesState, index: int) -> Rows:
         """Residuals of one image's observations, and of what is new in it."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
-        new = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
+        new = Rows(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
         found = self._problems[index].observed(camera, by)
         if found is None:
             return new
         return concatenate_residuals([replace(found, owner=found.owner + self._firsts[index]), new])
 
-    def _of_priors(self, state: ImagesState) -> Residuals:
+    def _of_priors(self, state: ImagesState) -> Rows:
         names, count = self.unknowns.names, len(self.priors)
         values = np.array([(state.value(name) - prior.value) / prior.std for name, prior in self.priors.items()])
         by = np.zeros((count, len(names) + OWN))
         for row, (name, prior) in enumerate(self.priors.items()):
             by[row, names.index(name)] = 1 / prior.std
-        return Residuals(values, by, np.full(count, -1), np.zeros(count))
+        return Rows(values, by, np.full(count, -1), np.zeros(count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImagesSolution(Fit[ImagesState, ImagesResiduals]):
+class ImagesSolution(Fit[ImagesState]):
     """The best fit of what many images share; the covariance is that of the shared unknowns.
 
     Attributes:
@@ -210,7 +193,7 @@ def image_observation_residuals(problem: ImagesProblem, solution: ImagesSolution
     ground_m: list[float | None] = []
     loo_ground_m: list[float | None] = []
     for index, (evidence, image) in enumerate(zip(problem.evidence, problem.image_of, strict=True)):
-        span = residuals.rows[image]
+        span = residuals.images[image]
         rows = np.flatnonzero(residuals.owner[span] == index) + span.start
         camera = solution.cameras[image]
         without = _without(problem, solution, reduced, image, rows) if solution.kept[index] else camera

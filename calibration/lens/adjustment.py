@@ -1,7 +1,7 @@
 """Views of a board as arrays, and the joint least squares of a camera's intrinsics and all boards' poses.
 
-Levenberg-Marquardt on the normal equations, with the poses eliminated (Schur's complement), as in Triggs et al.,
-"Bundle adjustment: a modern synthesis" (2000). Board points are turned and moved into camera axes and projected with
+The poses are eliminated from the normal equations (Schur's complement), as in Triggs et al., "Bundle adjustment: a
+modern synthesis" (2000). Board points are turned and moved into camera axes and projected with
 ``geometry.lens``, the very model that measures afterwards. A first guess needs nothing but the corners.
 """
 
@@ -15,11 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry import distorted_with_jacobian, pixels_by_intrinsics, rays_from_pixels, skew
 from aerodft.model import Camera, CameraStd, FloatArray, IntArray, LensModel
+from calibration.descent import Rows, covariance_of, descend
 
-_MAX_STEPS = 100
-_SETTLED = 1e-12  # share by which the sum of squares may still fall
-_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-3, 1e-12, 1e12
-_EASIER, _HARDER = 0.1, 10.0
+_POSE: Final = 6  # numbers of a board's pose
 _FOCALS: Final = np.geomspace(0.25, 8.0, 16)
 """Focal lengths to start from, of the image's longer side: from a fisheye of 180 degrees to a tele lens of 7."""
 
@@ -95,17 +93,6 @@ class Bundle:
     translations_m: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Normal:
-    """The normal equations: intrinsics ``(p, p)``, with poses ``(v, p, 6)``, poses ``(v, 6, 6)``, right-hand sides."""
-
-    own: FloatArray
-    mixed: FloatArray
-    poses: FloatArray
-    own_right: FloatArray
-    poses_right: FloatArray
-
-
 def intrinsics_of(camera: Camera) -> FloatArray:
     """fx, fy, cx, cy and the distortion coefficients, ``(p,)``."""
     return np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion])
@@ -145,31 +132,41 @@ def adjust(bundle: Bundle, corners: Corners, weights: FloatArray | None = None) 
         corners: What was seen.
         weights: ``(p,)`` of each intrinsic's own square, in px^2, to keep down what corners hardly tell; None for none.
     """
-    weights = np.zeros(len(intrinsics_of(bundle.camera))) if weights is None else weights
-    found, squares, damping = bundle, _squares(bundle, corners, weights), _DAMPING
-    for _ in range(_MAX_STEPS):
-        normal = _normal_equations(found, corners, weights)
-        settled = False
-        while damping < _MAX_DAMPING:
-            trial = _stepped(found, normal, damping)
-            trial_squares = np.inf if trial is None else _squares(trial, corners, weights)
-            if trial is not None and trial_squares <= squares:
-                settled = squares - trial_squares <= _SETTLED * squares
-                found, squares = trial, trial_squares
-                damping = max(damping * _EASIER, _MIN_DAMPING)
-                break
-            damping *= _HARDER
-        else:
-            break
-        if settled:
-            break
-    return found
+    return descend(_Adjustment(bundle, corners, weights), bundle).state
 
 
-def _squares(bundle: Bundle, corners: Corners, weights: FloatArray) -> float:
-    """What is made least; NaN where the camera cannot see a corner."""
-    off = residuals_px(bundle, corners)
-    return float(np.sum(off * off) + weights @ intrinsics_of(bundle.camera) ** 2)
+class _Adjustment:
+    """A task: corners, and weights of the intrinsics' squares, see ``adjust``."""
+
+    def __init__(self, bundle: Bundle, corners: Corners, weights: FloatArray | None) -> None:
+        self._corners = corners
+        self._roots = np.zeros(len(intrinsics_of(bundle.camera))) if weights is None else np.sqrt(weights)
+        ends = [*(2 * corners.starts).tolist(), 2 * len(corners.view)]
+        self._views = tuple(map(slice, ends[:-1], ends[1:]))
+
+    def evaluate(self, bundle: Bundle) -> Rows:
+        """Residuals in pixels, by the intrinsics and by each view's pose (its turn, its move)."""
+        camera, count = bundle.camera, len(self._roots)
+        turned, rays = _rays(bundle, self._corners)
+        distorted, by_ray = distorted_with_jacobian(camera, rays)
+        by_ray = by_ray * np.array([[camera.fx_px], [camera.fy_px]])
+        by_own = pixels_by_intrinsics(camera, rays, distorted)
+        by = np.concatenate([by_own, -by_ray @ skew(turned), by_ray], axis=-1).reshape(-1, count + _POSE)
+        off = (_pixels(camera, distorted) - self._corners.pixels_px).ravel()
+        values = np.append(off, self._roots * intrinsics_of(camera))
+        by = np.concatenate([by, np.eye(count, count + _POSE) * self._roots[:, None]])
+        return Rows(values, by, np.full(len(values), -1), values, self._views, _POSE)
+
+    def moved(self, bundle: Bundle, step: FloatArray) -> Bundle | None:
+        """The bundle after a step; None where it leads to no camera."""
+        count = len(self._roots)
+        poses = step[count:].reshape(-1, _POSE)
+        try:
+            camera = with_intrinsics(bundle.camera, intrinsics_of(bundle.camera) + step[:count])
+        except ValueError:
+            return None
+        turn = Rotation.from_rotvec(poses[:, :3]).as_matrix()
+        return Bundle(camera, turn @ bundle.rotations, bundle.translations_m + poses[:, 3:])
 
 
 def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = None) -> tuple[FloatArray, float]:
@@ -182,18 +179,13 @@ def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = No
 
     Returns:
         ``(p, p)`` in the order of ``intrinsics_of``, scaled by the residuals' variance, and their std in px (of one
-        coordinate). Infinite on the diagonal where the corners do not determine them.
+        coordinate). Infinite where the corners do not determine them.
     """
-    weights = np.zeros(len(intrinsics_of(bundle.camera))) if weights is None else weights
-    normal = _normal_equations(bundle, corners, weights)
+    rows = _Adjustment(bundle, corners, weights).evaluate(bundle)
     off = residuals_px(bundle, corners)
-    spare = off.size - len(normal.own) - 6 * len(normal.poses)
+    spare = off.size - rows.by_unknowns.shape[1] + _POSE - _POSE * len(rows.images)
     variance = float(np.sum(off * off)) / spare if spare > 0 else np.inf
-    reduced, _ = _reduced(normal, 0.0)
-    scale = np.sqrt(np.diag(reduced))
-    if not np.all(scale > 0) or np.linalg.cond(reduced / np.outer(scale, scale)) > 1 / np.finfo(np.float64).eps:
-        return np.diag(np.full(len(reduced), np.inf)), float(np.sqrt(variance))
-    inverse = np.linalg.inv(reduced / np.outer(scale, scale)) / np.outer(scale, scale)
+    inverse = covariance_of(rows.normal(np.ones(len(rows.values))).reduced())
     return variance * (inverse + inverse.T) / 2, float(np.sqrt(variance))
 
 
@@ -205,47 +197,6 @@ def _rays(bundle: Bundle, corners: Corners) -> tuple[FloatArray, FloatArray]:
 
 def _pixels(camera: Camera, distorted: FloatArray) -> FloatArray:
     return np.asarray(distorted * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px])
-
-
-def _normal_equations(bundle: Bundle, corners: Corners, weights: FloatArray) -> _Normal:
-    camera = bundle.camera
-    turned, rays = _rays(bundle, corners)
-    distorted, by_ray = distorted_with_jacobian(camera, rays)
-    by_ray = by_ray * np.array([[camera.fx_px], [camera.fy_px]])
-    by_pose = np.concatenate([-by_ray @ skew(turned), by_ray], axis=-1)
-    by_own = pixels_by_intrinsics(camera, rays, distorted)
-    off = _pixels(camera, distorted) - corners.pixels_px
-    return _Normal(
-        own=np.einsum("nip,niq->pq", by_own, by_own) + np.diag(weights),
-        mixed=corners.per_view(np.swapaxes(by_own, -1, -2) @ by_pose),
-        poses=corners.per_view(np.swapaxes(by_pose, -1, -2) @ by_pose),
-        own_right=-np.einsum("nip,ni->p", by_own, off) - weights * intrinsics_of(camera),
-        poses_right=-corners.per_view(np.einsum("nip,ni->np", by_pose, off)),
-    )
-
-
-def _reduced(normal: _Normal, damping: float) -> tuple[FloatArray, FloatArray]:
-    """The intrinsics' equations without the poses ``(p, p)``, and what each takes from a pose, ``(v, 6, p)``."""
-    poses = normal.poses + damping * normal.poses * np.eye(6)
-    taken = np.linalg.solve(poses, np.swapaxes(normal.mixed, -1, -2))
-    own = normal.own + damping * np.diag(np.diag(normal.own))
-    return np.asarray(own - np.einsum("vpi,viq->pq", normal.mixed, taken)), np.asarray(taken)
-
-
-def _stepped(bundle: Bundle, normal: _Normal, damping: float) -> Bundle | None:
-    """One damped step; None where it leads to no camera."""
-    try:
-        reduced, taken = _reduced(normal, damping)
-        right = normal.own_right - np.einsum("vip,vi->p", taken, normal.poses_right)
-        scale = 1 / np.sqrt(np.diag(normal.own) + np.finfo(np.float64).tiny)
-        own = scale * np.linalg.solve(reduced * np.outer(scale, scale), scale * right)
-        poses = normal.poses + damping * normal.poses * np.eye(6)
-        moved = np.linalg.solve(poses, normal.poses_right[..., None])[..., 0] - taken @ own
-        camera = with_intrinsics(bundle.camera, intrinsics_of(bundle.camera) + own)
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    turn = Rotation.from_rotvec(moved[:, :3]).as_matrix()
-    return Bundle(camera, turn @ bundle.rotations, bundle.translations_m + moved[:, 3:])
 
 
 def camera_guess(lens: LensModel, size_px: tuple[int, int], focal_px: float, coefficients: int) -> Camera:

@@ -1,6 +1,6 @@
 """A camera's pose and lens by least squares from evidence of a scene."""
 
-from calibration.pose.residuals import OUT_OF_SIGHT, Problem, Residuals, concatenate_residuals
+from calibration.pose.residuals import OUT_OF_SIGHT, Problem
 from calibration.pose.result import (
     LIMIT,
     Observability,
@@ -22,7 +22,7 @@ from calibration.pose.result import (
     start_state,
     unknowns_of,
 )
-from calibration.pose.solve import ROBUST, Fit, covariance_of, goodness, without_outliers
+from calibration.pose.solve import ROBUST, Fit, goodness, without_outliers
 from calibration.pose.state import (
     BOUNDS,
     State,

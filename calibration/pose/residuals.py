@@ -57,7 +57,7 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
-from calibration.descent import NormalEquations, Rows
+from calibration.descent import Rows, concatenate_residuals
 from calibration.pose.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -333,18 +333,6 @@ _CONDITIONS: dict[type, Callable[..., ConditionResidual]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Residuals(Rows):
-    """All residuals at a state, with a dense Jacobian."""
-
-    def normal(self, weights: FloatArray) -> NormalEquations:
-        """Normal equations with weights ``(m,)`` of the rows."""
-        weighted = self.by_unknowns * weights[:, None]
-        count = self.by_unknowns.shape[1]
-        matrix, slope = weighted.T @ self.by_unknowns, weighted.T @ self.values
-        return NormalEquations(matrix, slope, np.zeros((0, count, count)), np.zeros((0, count)))
-
-
 class Problem:
     """Evidence and unknowns of one camera, for repeated evaluation.
 
@@ -387,7 +375,7 @@ class Problem:
         """World points ``(k, 3)`` and pixels ``(k, 2)`` of the ``reprojected`` landmarks."""
         return self._points_m, self._pixels
 
-    def evaluate(self, state: State) -> Residuals:
+    def evaluate(self, state: State) -> Rows:
         """All residuals at a state."""
         found = self.observed(state, self.unknowns.by_unknowns(state))
         parts = [] if found is None else [found]
@@ -402,14 +390,14 @@ class Problem:
             return None
         return moved if all(holds(moved) for holds in BOUNDS.values()) else None
 
-    def observed(self, state: State, by: FloatArray) -> Residuals | None:
+    def observed(self, state: State, by: FloatArray) -> Rows | None:
         """Residuals of the evidence alone, None without evidence; ``by (s, n)``: camera errors by the unknowns."""
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
         parts += [_residuals_of_distances(each, state, by) for each in self._distances]
         parts += [_residuals_of_condition(index, condition, state, by) for index, condition in self._conditions]
         return concatenate_residuals(parts) if parts else None
 
-    def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
+    def _of_landmarks(self, state: State, by: FloatArray) -> Rows:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
             off = found.pixels_px - self._pixels
@@ -427,9 +415,9 @@ class Problem:
         if np.any(blind):
             values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
             px = np.where(np.isnan(px), np.inf, px)
-        return Residuals(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
+        return Rows(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
 
-    def _of_priors(self, state: State) -> Residuals:
+    def _of_priors(self, state: State) -> Rows:
         to_angles = self.unknowns.to_angles(state)
         values, rows = [], []
         for name, prior in self._priors:
@@ -439,7 +427,7 @@ class Problem:
             values.append(off / prior.std)
             rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
         count = len(values)
-        return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+        return Rows(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
 
 
 def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
@@ -447,19 +435,7 @@ def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
     return np.asarray((many.reshape(-1, len(by)) @ by).reshape(*many.shape[:-1], -1))
 
 
-def concatenate_residuals(parts: list[Residuals]) -> Residuals:
-    """Concatenate residuals."""
-    if len(parts) == 1:
-        return parts[0]
-    return Residuals(
-        np.concatenate([part.values for part in parts]),
-        np.concatenate([part.by_unknowns for part in parts]),
-        np.concatenate([part.owner for part in parts]),
-        np.concatenate([part.px for part in parts]),
-    )
-
-
-def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) -> Residuals:
+def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) -> Rows:
     off_m, by_shared, variance = distances.residuals(state)
     std_m = np.sqrt(variance * (1 + 1e-12))
     values, by_shared = off_m / std_m, by_shared / std_m[:, None]
@@ -467,20 +443,20 @@ def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) 
     is_out_of_sight = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
     if np.any(is_out_of_sight):
         by_shared[is_out_of_sight], values[is_out_of_sight], px[is_out_of_sight] = 0.0, OUT_OF_SIGHT, np.inf
-    return Residuals(values, by_shared @ by, distances.owner, px)
+    return Rows(values, by_shared @ by, distances.owner, px)
 
 
-def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
+def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Rows:
     found = condition(state)
     count = len(found.off)
     is_out_of_sight = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.by_shared))
     owner = np.full(count, index)
     if is_out_of_sight:
         nothing = np.zeros((count, by.shape[1]))
-        return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
+        return Rows(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
     root = _whitening(found.cov)
     values = root @ found.off
-    return Residuals(values, root @ found.by_shared @ by, owner, found.std_px * values)
+    return Rows(values, root @ found.by_shared @ by, owner, found.std_px * values)
 
 
 def _whitening(cov: FloatArray) -> FloatArray:

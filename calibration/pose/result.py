@@ -26,9 +26,9 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
-from calibration.descent import Rows, used_rows
+from calibration.descent import Rows, covariance_of, used_rows
 from calibration.pose.residuals import Problem
-from calibration.pose.solve import Solution, covariance_of, solve
+from calibration.pose.solve import Solution, solve
 from calibration.pose.state import (
     GROUPS,
     State,

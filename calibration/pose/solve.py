@@ -16,8 +16,8 @@ from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
 from aerodft.geometry import camera_attitude, from_rotation_vector, inverse, matrix, rays_from_pixels
 from aerodft.model import FloatArray, ProjectionModel
-from calibration.descent import Descent, Loss, Rows, RowsT_co, StateT, Task, descend, used_rows
-from calibration.pose.residuals import Problem, Residuals
+from calibration.descent import Descent, Loss, Rows, StateT, Task, covariance_of, descend, used_rows
+from calibration.pose.residuals import Problem
 from calibration.pose.state import State
 
 _MIN_LANDMARKS = 3  # for a closed form; three landmarks give up to four poses
@@ -29,7 +29,7 @@ _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
 _ZOOMS = (1.0, 0.5, 0.7, 1.4, 2.0)
 _ANGLES = ("tilt", "roll", "heading")
-End: TypeAlias = Descent[State, Residuals]
+End: TypeAlias = Descent[State]
 
 ROBUST: Final = 3.0
 """Scale of the robust loss, in standard deviations, while outliers are looked for."""
@@ -43,7 +43,6 @@ _OUTLIER_PENALTY, _SCALE_PENALTY = 17.0, 6.0
 _MAX_STARTS, _GOOD_FIT_STDS, _MAX_SUBSETS, _MAX_ROUNDS = 4, 3.0, 60, 10
 _MAX_READMITTED = 8  # more wrong outliers would show in the scatter of the inliers
 _SUBSET_SIZE, _HOPELESS_STDS = 4, 50.0
-_MIN_EIGENVALUE = 1e-13  # beside a largest eigenvalue of about 1
 _PRIOR_DOF: Final = 2.0
 """Degrees of freedom that a stated std is worth: 95 of 100 stated stds are right to a factor of 2.5."""
 
@@ -171,7 +170,7 @@ def _above_landmarks(problem: Problem, state: State) -> State:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fit(Generic[StateT, RowsT_co]):
+class Fit(Generic[StateT]):
     """The best fit.
 
     Attributes:
@@ -187,7 +186,7 @@ class Fit(Generic[StateT, RowsT_co]):
     """
 
     state: StateT
-    residuals: RowsT_co
+    residuals: Rows
     kept: np.ndarray
     covariance: FloatArray
     chi2: float
@@ -202,7 +201,7 @@ class Fit(Generic[StateT, RowsT_co]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solution(Fit[State, Residuals]):
+class Solution(Fit[State]):
     """The best fit of one camera.
 
     Attributes:
@@ -233,8 +232,8 @@ def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Sol
 
 
 def without_outliers(
-    problem: Task[StateT, RowsT_co], robust: Descent[StateT, RowsT_co], observations: int, unknowns: int
-) -> tuple[Descent[StateT, RowsT_co], np.ndarray]:
+    problem: Task[StateT], robust: Descent[StateT], observations: int, unknowns: int
+) -> tuple[Descent[StateT], np.ndarray]:
     """The fit to the inliers, and whether each observation ``(k,)`` is one.
 
     Args:
@@ -257,8 +256,8 @@ def without_outliers(
 
 
 def _readmit_outliers(
-    problem: Task[StateT, RowsT_co], best: Descent[StateT, RowsT_co], kept: np.ndarray
-) -> tuple[Descent[StateT, RowsT_co], np.ndarray]:
+    problem: Task[StateT], best: Descent[StateT], kept: np.ndarray
+) -> tuple[Descent[StateT], np.ndarray]:
     """Readmit outliers, nearest first, where larger stds are more likely than so many outliers.
 
     Among few observations some agree by chance, so that the others look like outliers.
@@ -327,13 +326,13 @@ def _has_fit(ends: list[End]) -> bool:
     return bool(ends) and _fits(min(ends, key=lambda end: end.cost).residuals)
 
 
-def _is_hopeless(residuals: Residuals) -> bool:
+def _is_hopeless(residuals: Rows) -> bool:
     """Whether most of the evidence is too far off for an alternative to a fit."""
     squares, rows = _by_owner(residuals)
     return bool(len(squares)) and float(np.median(squares / rows)) > _HOPELESS_STDS**2
 
 
-def _fits(residuals: Residuals) -> bool:
+def _fits(residuals: Rows) -> bool:
     """Whether the residuals are good enough to try no other start."""
     squares, rows = _by_owner(residuals)
     return bool(np.all(squares <= _GOOD_FIT_STDS**2 * rows * 2)) if len(squares) else True
@@ -425,14 +424,3 @@ def _is_different(names: tuple[str, ...], one: State, other: State, stds: FloatA
     is_angle = np.array([name in ("roll", "heading") for name in names])
     differences[is_angle] = (differences[is_angle] + np.pi) % (2 * np.pi) - np.pi
     return bool(np.any(np.abs(differences) > _MIN_DISTANCE_STDS * stds + _COST_TOLERANCE))
-
-
-def covariance_of(normal: FloatArray) -> FloatArray:
-    """Inverse of a normal matrix; infinite if it is numerically singular."""
-    size = np.sqrt(np.diag(normal))
-    if not np.all(size > 0):
-        return np.full_like(normal, np.inf)
-    scaled = normal / np.outer(size, size)
-    if np.linalg.eigvalsh(scaled)[0] < _MIN_EIGENVALUE:
-        return np.full_like(normal, np.inf)
-    return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from aerodft.model import EvidenceSet, ProjectionModel
-from calibration.descent import Loss, descend
-from calibration.pose import ROBUST, Problem, Residuals, Unknowns
+from calibration.descent import Loss, Rows, descend
+from calibration.pose import ROBUST, Problem, Unknowns
 from tests.truth.calibration_sets import Task, drawn, landmarks, lengths, ranges, together
 
 OWNER = np.array([0, 0, 1, 2, 2, 2, -1])
@@ -16,7 +16,7 @@ KEPT = np.array([True, False, True])
 
 def rows(values):
     values = np.asarray(values, dtype=np.float64)
-    return Residuals(values, np.eye(len(values)), OWNER, values)
+    return Rows(values, np.eye(len(values)), OWNER, values)
 
 
 @pytest.mark.parametrize("scale", [None, 3.0])

@@ -227,9 +227,9 @@ def problem_and_guess():
 def dense(residuals):
     """The whole Jacobian."""
     count = residuals.by_unknowns.shape[1] - OWN
-    jac = np.zeros((len(residuals.values), count + OWN * len(residuals.rows)))
+    jac = np.zeros((len(residuals.values), count + OWN * len(residuals.images)))
     jac[:, :count] = residuals.by_unknowns[:, :count]
-    for index, rows in enumerate(residuals.rows):
+    for index, rows in enumerate(residuals.images):
         jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.by_unknowns[rows, count:]
     return jac
 

@@ -271,7 +271,8 @@ class LiveCalibrator:
         self._model = BiasModel.from_settings(live, telemetry, pipeline.time_std_s, start)
         self._filter = BiasFilter(self._model, pipeline.camera, live.landmarks, live.outlier_fraction)
         self._gate = -2.0 * math.log1p(-live.gate_probability)  # the quantile of chi-square with two degrees of freedom
-        self._id = _identity(pipeline.config_id, start)
+        depends_on = f"{pipeline.config_id or ''} {start.id if start else ''}"  # beside the observations
+        self._id = f"live:{hashlib.sha256(depends_on.encode()).hexdigest()[:16]}"
         self._has_start = start is not None
         self._updates = self._refused = self._restarts = 0
         self._recent: deque[bool] = deque(maxlen=_RECENT)
@@ -399,12 +400,6 @@ class LiveCalibrator:
             bias=BiasValues(**self._model.by_name(sample, biases)),
             std=BiasValues(**self._model.by_name(sample, np.sqrt(np.diag(cov)))),
         )
-
-
-def _identity(config_id: str | None, start: Calibration | None) -> str:
-    """Names what the estimates depend on beside the observations."""
-    text = f"{config_id or ''} {start.id if start else ''}"
-    return f"live:{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 def _unusable(sample: PoseSample) -> str | None:

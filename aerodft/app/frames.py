@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -145,7 +145,7 @@ def _nearest(reel: ImageReel, at_ns: Sequence[int]) -> Iterator[Measured]:
     wanted = sorted(at_ns)
     first: Measured | None = None
     last: Measured | None = None
-    for before, after in pairwise(_with_end(reel.images())):
+    for before, after in pairwise(chain(reel.images(), (None,))):
         if before is None:
             break
         first, last = first or before, before
@@ -166,8 +166,3 @@ def _nearest(reel: ImageReel, at_ns: Sequence[int]) -> Iterator[Measured]:
 
 def _seconds(reel: ImageReel, measured: Measured) -> float:
     return (measured[0].stamp_ns - reel.zero_ns) / SECOND_NS
-
-
-def _with_end(images: Iterator[Measured]) -> Iterator[Measured | None]:
-    yield from images
-    yield None

@@ -291,10 +291,11 @@ class Replay:
         player.on_time = lambda log_ns: progress(log_ns - self._first_ns, span_ns)
         if on_pause is not None:
             player.on_pause = lambda log_ns: on_pause(log_ns, log_ns - self._zero_ns)
-        player.play(lambda: timeline(self._recordings, self._from_ns, self._to_ns, self._is_wanted))
 
-    def _is_wanted(self, recording: AnyRecording, channel: Channel) -> bool:
-        return is_published(recording, channel) or (self._sender is not None and holds_mavlink(recording, channel))
+        def is_wanted(recording: AnyRecording, channel: Channel) -> bool:
+            return is_published(recording, channel) or (self._sender is not None and holds_mavlink(recording, channel))
+
+        player.play(lambda: timeline(self._recordings, self._from_ns, self._to_ns, is_wanted))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -488,7 +488,14 @@ def document(report: DiagnosisReport) -> dict[str, Any]:
         "duration_s": report.duration_s,
         "streams": [_stream(stream) for stream in report.streams],
         "heights": [_source(source) for source in report.heights],
-        "attitudes": [_attitude(report, source) for source in report.attitudes],
+        "attitudes": [
+            {
+                **_source(source),
+                **_frame(report.frames.get(source.name)),
+                "feedback": {None: None, True: "demand", False: "measured"}[report.demands.get(source.name)],
+            }
+            for source in report.attitudes
+        ],
         "vehicle_attitude": _source(report.vehicle_attitude) if report.vehicle_attitude else None,
         "clock": clock_document(report.clock_health, report.clock),
         "height_differences": report.height_pairs.documents(),
@@ -523,12 +530,6 @@ def _stream(stream: Stream) -> dict[str, Any]:
         "first_ns": str(stream.first_ns),
         "last_ns": str(stream.last_ns),
     }
-
-
-def _attitude(report: DiagnosisReport, source: SourceSummary) -> dict[str, Any]:
-    is_demand = report.demands.get(source.name)
-    feedback = {None: None, True: "demand", False: "measured"}[is_demand]
-    return {**_source(source), **_frame(report.frames.get(source.name)), "feedback": feedback}
 
 
 def _source(source: SourceSummary) -> dict[str, Any]:

@@ -243,15 +243,11 @@ class HeightPairs:
                 for names, pair in disagreeing.items()
                 if outlier in names
             }
-            if len(others) > 1 and self._are_consistent(list(others)):
-                rest = {names: pair for names, pair in disagreeing.items() if outlier not in names}
-                return [_outlier_sentence(outlier, others, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
+            pairs = [pair for names, pair in self._pairs.items() if set(names) <= set(others)]
+        if len(others) > 1 and pairs and not any(pair.disagrees for pair in pairs):
+            rest = {names: pair for names, pair in disagreeing.items() if outlier not in names}
+            return [_outlier_sentence(outlier, others, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
         return _sentences(disagreeing, home_above_plane_m)
-
-    def _are_consistent(self, names: list[str]) -> bool:
-        """Whether these sources were compared, and agree."""
-        pairs = [pair for pair_names, pair in self._pairs.items() if set(pair_names) <= set(names)]
-        return bool(pairs) and not any(pair.disagrees for pair in pairs)
 
 
 def _sentences(disagreeing: dict[tuple[str, str], HeightPair], home_above_plane_m: float) -> list[str]:

@@ -420,17 +420,13 @@ def _answer_to(link: MavlinkLink, batches: Iterator[Batches], request: MessageRe
             continue
         if attempts == _ATTEMPTS or now_ns - first_ns > _ATTEMPTS * _PATIENCE_NS:
             break
-        sender = _sender_of(request, senders)
+        of_system = (sender for (system, _), sender in senders.items() if system == request.system)
+        # Somebody else of its system may pass it on.
+        sender = senders.get((request.system, request.component)) or next(of_system, None)
         if sender is not None:
             link.send(sender, request.command(attempts))
             attempts, due_ns = attempts + 1, now_ns + _PATIENCE_NS
     return _NO_ANSWER
-
-
-def _sender_of(request: MessageRequest, senders: _Senders) -> str | None:
-    """Where who is asked sends from, else somebody of its system, who may pass it on; None where nobody was heard."""
-    of_system = (sender for (system, _), sender in senders.items() if system == request.system)
-    return senders.get((request.system, request.component)) or next(of_system, None)
 
 
 def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:

@@ -1,7 +1,7 @@
 """What landmarks that disagree with the rest have in common: another height datum, a shift, each other's pixels."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -40,7 +40,12 @@ def common_error(found: EvidenceFile, result: Result) -> InputError | None:
     landmarks = [isinstance(each, Landmark) for each in found.known.evidence]
     if not result.weakest.is_determined or np.count_nonzero(kept & landmarks) < _MIN_KEPT:
         return None
-    strays = list(_strays(found, result))
+    misfit = max(result.solution.misfit, 1.0)
+    strays = [
+        _Stray(evidence, stated, max(_NEAR_PX, _NEAR_STDS * misfit * evidence.std_px))
+        for evidence, stated, is_kept in zip(found.known.evidence, found.stated, kept, strict=True)
+        if not is_kept and isinstance(evidence, Landmark) and None not in evidence.position_m
+    ]
     if not strays:
         return None
     return _raised(found, state, strays) or _shifted(found, state, strays) or _swapped(found, state, strays)
@@ -66,13 +71,6 @@ def unseen_error(found: EvidenceFile, result: Result) -> InputError | None:
             hint="correct its pixel or its place, or remove it",
         )
     return None
-
-
-def _strays(found: EvidenceFile, result: Result) -> Iterator[_Stray]:
-    misfit = max(result.solution.misfit, 1.0)
-    for evidence, stated, is_kept in zip(found.known.evidence, found.stated, result.solution.kept, strict=True):
-        if not is_kept and isinstance(evidence, Landmark) and None not in evidence.position_m:
-            yield _Stray(evidence, stated, max(_NEAR_PX, _NEAR_STDS * misfit * evidence.std_px))
 
 
 def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> InputError | None:

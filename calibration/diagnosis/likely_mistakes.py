@@ -88,7 +88,9 @@ def likely_mistake(attempt: Attempt) -> AerodftError | None:
     if swapped is not None:
         return swapped
     solution = attempt.result.solution
-    if solution.misfit <= _DOUBT and np.all(solution.kept) and not _is_pulled(attempt.result):
+    priors = solution.residuals.values[solution.residuals.owner < 0]
+    is_pulled = bool(np.any(np.abs(priors) > _PRIOR_STDS))
+    if solution.misfit <= _DOUBT and np.all(solution.kept) and not is_pulled:
         return None
     searches: tuple[Callable[[Attempt], AerodftError | None], ...] = (
         _missing_unknowns,
@@ -102,12 +104,6 @@ def likely_mistake(attempt: Attempt) -> AerodftError | None:
             return error
     rejected = np.count_nonzero(~solution.kept)
     return unseen_error(attempt.evidence, attempt.result) if rejected <= _MAX_UNSEEN * len(solution.kept) else None
-
-
-def _is_pulled(result: Result) -> bool:
-    """Whether a prior is far from where the observations put it."""
-    residuals = result.solution.residuals
-    return bool(np.any(np.abs(residuals.values[residuals.owner < 0]) > _PRIOR_STDS))
 
 
 def _swapped_columns(attempt: Attempt) -> InputError | None:

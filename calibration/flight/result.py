@@ -248,7 +248,9 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, reque
     is_undetermined = shares[0] > LIMIT * solution.sigma_scale  # by the scene; else it is the stds' fault
     limit = LIMIT * (solution.sigma_scale if is_undetermined else 1.0)
     weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
-    return describe_weakness(names, weak, float(shares[0]), _advice)
+    return describe_weakness(
+        names, weak, float(shares[0]), lambda parts: next((say for of, say in _ADD if of == parts), _MORE)
+    )
 
 
 def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
@@ -257,13 +259,6 @@ def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
     known = [place for place in places if place is not None]
     below = float(np.median(known)) - solution.state.base.elevation_m if known else 0.0
     return max(abs(float(np.median(heights)) - below), 1e-3)
-
-
-def _advice(names: set[str]) -> str:
-    for wanted, advice in _ADD:
-        if wanted == names:
-            return advice
-    return _MORE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

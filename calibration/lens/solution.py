@@ -179,12 +179,11 @@ def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View
     if not np.any(stray):
         return views, bundle
     kept = np.split(~stray, corners.starts[1:])
-    views = tuple(_only(view, mask) for view, mask in zip(views, kept, strict=True))
+    views = tuple(
+        replace(view, ids=view.ids[mask], pixels_px=view.pixels_px[mask], points_m=view.points_m[mask])
+        for view, mask in zip(views, kept, strict=True)
+    )
     return views, _solved_again(views, bundle)
-
-
-def _only(view: View, kept: np.ndarray) -> View:
-    return replace(view, ids=view.ids[kept], pixels_px=view.pixels_px[kept], points_m=view.points_m[kept])
 
 
 def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:

@@ -76,7 +76,7 @@ def pairing(first: ComparisonInput, second: ComparisonInput, by: PairBy, max_sta
     if by is PairBy.IMAGE or (by is PairBy.AUTO and same):
         return Pairing(by=PairBy.IMAGE, is_same_input=same, max_gap_ns=max_gap_ns, clocks=clocks)
     stamps = Pairing(by=PairBy.STAMP, is_same_input=same, max_gap_ns=max_gap_ns)
-    if by is PairBy.STAMP or _any_pair(stamps, first, second):
+    if by is PairBy.STAMP or any(len(stamps.pairs(*each)[0]) for each in _common(first, second)):
         return stamps
     images = Pairing(by=PairBy.IMAGE, is_same_input=False, max_gap_ns=max_gap_ns)
     return images if _is_shifted(images, first, second) else stamps
@@ -106,10 +106,6 @@ def _are_same_images(first: ComparisonInput, second: ComparisonInput, clocks: tu
         moved_ns = clocks[1].utc_ns(clocks[0].stamp_ns(stamp))
         strays += arrival != other_arrival and abs(moved_ns - other_stamp) > _SAME_NS
     return bool(common) and strays <= _MOST_STRAYS * len(common)
-
-
-def _any_pair(how: Pairing, first: ComparisonInput, second: ComparisonInput) -> bool:
-    return any(len(how.pairs(*each)[0]) for each in _common(first, second))
 
 
 def _is_shifted(how: Pairing, first: ComparisonInput, second: ComparisonInput) -> bool:

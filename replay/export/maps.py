@@ -198,7 +198,10 @@ def write_geopackage(path: Path, features: Iterable[MapFeature], crs: MapCrs) ->
             connection.executescript(_GEOPACKAGE)
             connection.execute("BEGIN")
             layers: dict[str, _Layer] = {}
-            _define(connection, crs)
+            for each in {_WGS84_ID, crs.code} - {_LOCAL_ID}:  # WGS84 is in every GeoPackage
+                system = CRS.from_epsg(each)
+                row = (system.name, each, "EPSG", each, system.to_wkt("WKT1_GDAL"), None)
+                connection.execute("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", row)
             for feature in features:
                 if feature.layer not in layers:
                     layers[feature.layer] = _Layer(connection, feature, crs.code)
@@ -233,14 +236,6 @@ CREATE TABLE layer_styles (id INTEGER PRIMARY KEY AUTOINCREMENT, f_table_catalog
   update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ', 'now')));
 INSERT INTO gpkg_contents (table_name, data_type, identifier) VALUES ('layer_styles', 'attributes', 'layer_styles');
 """
-
-
-def _define(connection: sqlite3.Connection, crs: MapCrs) -> None:
-    """Enter the systems; WGS84 is in every GeoPackage."""
-    for each in {_WGS84_ID, crs.code} - {_LOCAL_ID}:
-        system = CRS.from_epsg(each)
-        row = (system.name, each, "EPSG", each, system.to_wkt("WKT1_GDAL"), None)
-        connection.execute("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", row)
 
 
 class _Layer:

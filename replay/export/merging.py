@@ -141,7 +141,9 @@ def _metadata_and_attachments(
         for opcode, offset, length in _extra_records(segment.path):
             try:
                 if opcode == Opcode.ATTACHMENT:
-                    attachments.append(_embedded_attachment(segment.path, offset, length))
+                    begin = _read_bytes(segment.path, offset, min(length, ATTACHMENT_HEAD_BYTES))
+                    head = attachment_head(begin, length)
+                    attachments.append(FileAttachment(head.about, segment.path, offset + head.data_at, head.data_bytes))
                 elif length <= _MOST_METADATA_BYTES:  # a larger one is nobody's configuration
                     record = Metadata.read(ReadDataStream(BytesIO(_read_bytes(segment.path, offset, length))))
                     if record.name == COUNT_NAME:  # of chunks that are not in the file
@@ -166,16 +168,6 @@ def _sidecar_files(recording: Recording) -> Iterator[FileAttachment]:
             at_ns = recording.start_ns
             about = Attachment(create_time=at_ns, log_time=at_ns, name=path.name, media_type=kind, data=b"")
             yield FileAttachment(about, path, 0, path.stat().st_size)
-
-
-def _embedded_attachment(path: Path, offset: int, length: int) -> FileAttachment:
-    """A file's attachment, from its record.
-
-    Raises:
-        ValueError: It is damaged; others as the library has them.
-    """
-    head = attachment_head(_read_bytes(path, offset, min(length, ATTACHMENT_HEAD_BYTES)), length)
-    return FileAttachment(head.about, path, offset + head.data_at, head.data_bytes)
 
 
 def _read_bytes(path: Path, offset: int, length: int) -> bytes:

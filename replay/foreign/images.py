@@ -52,7 +52,9 @@ def read_encoded_image(channel: Channel, data: bytes) -> EncodedImage:
         ValueError: There is none in it.
     """
     if kind_of(channel) not in {Kind.IMAGES, Kind.VIDEO}:
-        return _plain_file(data)
+        if not data.startswith(_STILL_MAGICS):
+            raise ValueError("neither a known schema nor a JPEG or PNG")
+        return _encoded_image(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
     if channel.encoding == PROTOBUF:
         return _of_protobuf(channel, data)
     if channel.encoding == JSON:
@@ -65,13 +67,6 @@ def read_encoded_image(channel: Channel, data: bytes) -> EncodedImage:
         return _encoded_image(stamp_ns, fields.raw(), name)
     stamp_ns, _ = fields.time_ns(), fields.text()
     return _encoded_image(stamp_ns, fields.raw(), fields.text())
-
-
-def _plain_file(data: bytes) -> EncodedImage:
-    """A message that is nothing but the image's file."""
-    if not data.startswith(_STILL_MAGICS):
-        raise ValueError("neither a known schema nor a JPEG or PNG")
-    return _encoded_image(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
 
 
 def _of_protobuf(channel: Channel, data: bytes) -> EncodedImage:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from PIL import Image as PillowImage
@@ -30,10 +30,6 @@ from replay.foreign.formats import JSON, Kind, kind_of
 from replay.foreign.frames import FrameReader
 from replay.foreign.images import EncodedImage, read_camera, read_encoded_image
 from replay.recordings import Recording, channels_of, is_mcap, messages_of, segment_order
-
-if TYPE_CHECKING:
-    import av
-
 
 _SHOWN: Final = 12
 _TO_THE_VEHICLE: Final = ("in", "to", "sink")
@@ -487,7 +483,7 @@ class _Decoder:
                 frame = self._video.decode(encoded.data)
                 if frame is None:
                     return None
-                pixels, size_px = self._pixels(frame), (frame.width, frame.height)
+                pixels, size_px = FramePixels(frame) if self._decode else None, (frame.width, frame.height)
         self._size_px = size_px
         return Image(
             index=index,
@@ -498,9 +494,6 @@ class _Decoder:
             height_px=size_px[1],
             pixels=pixels,
         )
-
-    def _pixels(self, frame: "av.VideoFrame") -> FramePixels | None:
-        return FramePixels(frame) if self._decode else None
 
 
 def _size_of(data: bytes) -> tuple[int, int]:

@@ -27,7 +27,7 @@ from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SC
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, encode_image
 from aerodft.adapters.wire.keys import Keys, key_part
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
-from aerodft.adapters.wire.payload import Json, load_bounded_json, load_payload
+from aerodft.adapters.wire.payload import load_bounded_json, load_payload
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
 from aerodft.adapters.wire.status import STATUS_SCHEMA
 from aerodft.conventions import SECOND_NS
@@ -270,7 +270,7 @@ class Republisher:
         message, keys = item.message, keys_of(item.recording)
         schema = message.channel.schema
         if schema in _STAMPED:
-            load_payload(message.data, schema, _stamp_of)  # refuses what is none
+            load_payload(message.data, schema, lambda payload: int(payload["stamp_ns"]))  # refuses what is none
         if schema == IMAGE_SCHEMA:
             self._image_stamps[id(item.recording)] = (message.sequence, shifted(message.data, shift_ns))
         elif schema == JPEG_SCHEMA:
@@ -343,10 +343,6 @@ class Republisher:
     def _put_jpeg(self, key: str, jpeg: bytes, stamps: bytes | None) -> None:
         self._publishers.put(key, jpeg, zenoh.Encoding.IMAGE_JPEG, stamps)
         self.published.images += 1
-
-
-def _stamp_of(payload: Json) -> int:
-    return int(payload["stamp_ns"])
 
 
 def _wait_until(is_so: Callable[[], bool], timeout_s: float) -> bool:

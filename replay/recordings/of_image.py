@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Final
 
-from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ReadMessage
 from aerodft.adapters.recording.write import image_sequence
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
@@ -64,8 +63,4 @@ def measurements_of(recording: Recording, image: Image) -> Iterator[bytes]:
 
 
 def _poses(recording: Recording, from_ns: int | None, to_ns: int | None) -> Iterator[ReadMessage]:
-    return recording.messages(from_ns=from_ns, to_ns=to_ns, wanted=_is_pose)
-
-
-def _is_pose(channel: Channel) -> bool:
-    return channel.schema == POSE_SCHEMA
+    return recording.messages(from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.schema == POSE_SCHEMA)

@@ -228,7 +228,12 @@ class Recording:
 
     def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
         """The images and video packets of the image segments, log times in ``[from_ns, to_ns)``."""
-        return messages_of(self.images, from_ns=from_ns, to_ns=to_ns, wanted=_is_image)
+        return messages_of(
+            self.images,
+            from_ns=from_ns,
+            to_ns=to_ns,
+            wanted=lambda channel: channel.schema in ENCODED_IMAGE_SCHEMAS,
+        )
 
     def measurements(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[bytes]:
         """The payloads of all measurements, in the order in which they were made; of log times in ``[from_ns, to_ns)``.
@@ -280,10 +285,6 @@ def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]
 def _number(segment: SegmentScan) -> int:
     digits = segment.path.stem.rpartition("_")[2]
     return int(digits) if digits.isdecimal() else -2
-
-
-def _is_image(channel: Channel) -> bool:
-    return channel.schema in ENCODED_IMAGE_SCHEMAS
 
 
 def _segment_paths(folder: Path, stem: str) -> list[Path]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aerodft.adapters.config.station import ImageInput, Rate, StationConfig, river_probes
+from aerodft.adapters.config.station import Rate, StationConfig, river_probes
 from aerodft.adapters.images import read_camera_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
@@ -17,7 +17,7 @@ from aerodft.model import Camera, Image, PixelSource, PoseSample, Status
 from aerodft.service import CameraMotionSettings, ObserverCounts, ObserverSchedule, Pipeline
 
 if TYPE_CHECKING:
-    from calibration.markers import CameraPlace, MarkerObserver
+    from calibration.markers import CameraPlace
 
 _log = logging.getLogger(__name__)
 
@@ -83,7 +83,10 @@ def build_observers(
 
         observer = MarkerObserver(markers.survey, camera, markers.ignore, partial(_place_near, pipeline))
         schedules["markers"] = ObserverSchedule(observer, markers.every_s)
-        notes["markers"] = partial(_marker_notes, observer)
+        notes["markers"] = lambda: {
+            "not_surveyed": _by_text(observer.strangers),
+            "wrong_size": _by_text(observer.false),
+        }
     if (objects := station.objects) is not None and objects.detect:
         from aerodft.vision.objects import MovingObjects, MovingOverGround  # noqa: PLC0415
 
@@ -102,15 +105,12 @@ def build_observers(
         from aerodft.vision.plane_lock import TrackedProbes  # noqa: PLC0415
 
         schedules["tracked"] = ObserverSchedule(TrackedProbes(camera, tracked, pose_of, ground))
-    if schedules and not _has_images(station.images.source, may_record=may_record):
+    source = station.images.source
+    if schedules and (isinstance(source, Rate) or (source is None and not may_record)):
         first = next(iter(schedules))
         got = f"none to look into for {_CONFIGURED_BY.get(first, f'[{first}]')}"
         raise ConfigError("images", where=where, got=got, expected="a stream or a device; for import a video or stills")
     return ImageObservers(schedules, notes)
-
-
-def _has_images(source: ImageInput | None, *, may_record: bool) -> bool:
-    return not isinstance(source, Rate) and (may_record or source is not None)
 
 
 def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> ObserverSchedule:
@@ -139,10 +139,6 @@ def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> O
             expected=f"at least {LEAST_CORNERS}",
         )
     return ObserverSchedule(points, settings.every_s)
-
-
-def _marker_notes(observer: "MarkerObserver") -> dict[str, object]:
-    return {"not_surveyed": _by_text(observer.strangers), "wrong_size": _by_text(observer.false)}
 
 
 def _by_text(counts: Mapping[int, int]) -> dict[str, int]:

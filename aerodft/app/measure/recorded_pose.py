@@ -32,10 +32,10 @@ class _PoseOnly:
         self._stamp_ns = stamp_ns
 
     def events(self) -> Iterator[Event]:
-        return (event for event in self._source.events() if isinstance(event, RawBlock) or self._teaches(event))
-
-    def _teaches(self, event: Event) -> bool:
-        return isinstance(event, Observation) and event.name in self._taught_by and event.stamp_ns < self._stamp_ns
+        for event in self._source.events():
+            is_lesson = isinstance(event, Observation) and event.name in self._taught_by
+            if isinstance(event, RawBlock) or (is_lesson and event.stamp_ns < self._stamp_ns):
+                yield event
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

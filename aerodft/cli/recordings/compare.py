@@ -118,17 +118,14 @@ def _sentences(comparison: "Comparison") -> list[str]:
         sentences.append(
             "nothing is paired: --pair image takes the same index, --max-stamp-gap more time between stamps"
         )
+    verdict = "different" if comparison.differs else "equal within the tolerance"
+    if comparison.is_identical:
+        verdict = "identical to the byte"
     sentences.append(
         f"{total.paired} in both, {total.only_first} in the first alone,"
-        f" {total.only_second} in the second alone: {_verdict(comparison)}"
+        f" {total.only_second} in the second alone: {verdict}"
     )
     return sentences
-
-
-def _verdict(comparison: "Comparison") -> str:
-    if comparison.is_identical:
-        return "identical to the byte"
-    return "different" if comparison.differs else "equal within the tolerance"
 
 
 def _cells(difference: "Difference") -> tuple[str, ...]:

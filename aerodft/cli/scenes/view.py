@@ -32,7 +32,10 @@ def view(
       aerodft view bridge.jpg --camera camera.toml
       aerodft view bridge.jpg --camera camera.toml --height 10.5 --tilt 67 --std height=0.1,tilt=0.2
     """
-    shown = _recording(source, scene) if source.is_dir() or _is_recording(source) else _fixed(source, scene)
+    from replay.recordings import is_mcap
+
+    is_recording = source.is_dir() or (source.exists() and is_mcap(source))
+    shown = _recording(source, scene) if is_recording else _fixed(source, scene)
 
     shown.station_file = station
     with suppress(KeyboardInterrupt), page.page_of(shown, scene.stds.px) as address:
@@ -42,12 +45,6 @@ def view(
 
             webbrowser.open(address)
         wait_in_main_thread(threading.Event())
-
-
-def _is_recording(source: Path) -> bool:
-    from replay.recordings import is_mcap
-
-    return source.exists() and is_mcap(source)
 
 
 def _recording(source: Path, scene: PoseOptions) -> "View":

@@ -230,7 +230,7 @@ class SteadyPoints:
         pixels = image.pixels()
         if self._held is None and (reference := self._first.offer(pixels)) is not None:
             self._held = _HeldReference(self._camera, reference)
-        then_px, now_px = self._held.look(local_contrast(pixels)) if self._held is not None else _no_pairs()
+        then_px, now_px = self._held.look(local_contrast(pixels)) if self._held is not None else [np.zeros((0, 2))] * 2
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
         return (Observation.in_image(image, FIXED_POINTS, tuple((u, v) for u, v in flat)),)
 
@@ -294,7 +294,3 @@ class _HeldReference:
 
     def _view_after(self, wxyz: FloatArray) -> TurnedReference:
         return view_after(self._camera, self._reference.grey, self._points_px, wxyz)
-
-
-def _no_pairs() -> _Pairs:
-    return np.zeros((0, 2)), np.zeros((0, 2))

@@ -98,7 +98,11 @@ class ObjectTracks:
         inside = [at for at in placed if at is not None]
         shared = shared_covariance(setup.camera, pose, setup.elevation_std_m)
         found = [(self._track_request(at), _track_answer(at, sample, pose, shared)) for at in inside]
-        pairs = [pair for pair in combinations(inside, 2) if _apart_m(pair) <= self._settings.distances_within_m]
+        pairs = [
+            (one, other)
+            for one, other in combinations(inside, 2)
+            if np.linalg.norm((other.enu_m - one.enu_m)[:2]) <= self._settings.distances_within_m
+        ]
         found += [(self._pair_request(pair), _distance_answer(pair, sample, pose, shared)) for pair in pairs]
         return self._answers(setup, sample, image, found)
 
@@ -184,10 +188,6 @@ def _distance_answer(
     cov_enu = first.own_cov_m2 + first.by_shared @ shared @ first.by_shared.T
     numbers = _places(sample, pose, np.stack([first.enu_m, second.enu_m]), cov_enu)
     return _column("m", sample, hidden, numbers, (distance, std))
-
-
-def _apart_m(pair: tuple[_PlacedTrack, _PlacedTrack]) -> float:
-    return float(np.linalg.norm((pair[1].enu_m - pair[0].enu_m)[:2]))
 
 
 def _column(

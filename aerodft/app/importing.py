@@ -116,22 +116,34 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
     station = refreshed(station) if calibration is None else with_calibration(station, Path(calibration))
     log = None if log is None else Path(log)
-    has_recording = log is not None and is_mcap(log)
-    if (log is None) != (station.pipeline.telemetry is None) and not has_recording:
-        have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
-        raise InputError(f"the configuration has {have}", where=where, expected=need)
+    _check_log(station, log, where)
     with named_in(Path(where)):
         if sync or (sync is None and station.images.is_auto):
             station = refreshed(aligned_station(station, log, where, progress))
         else:
             station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
+    files = (*station.observations.files, *map(Path, observations))
+    return _recorded(station, log, files, Path(output), where, progress)
+
+
+def _check_log(station: StationConfig, log: Path | None, where: str) -> None:
+    """Refuse telemetry that a station does not read, and none where it reads some; a recording may be of images."""
+    if (log is None) != (station.pipeline.telemetry is None) and not (log is not None and is_mcap(log)):
+        have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
+        raise InputError(f"the configuration has {have}", where=where, expected=need)
+
+
+def _recorded(
+    station: StationConfig, log: Path | None, files: Sequence[Path], output: Path, where: str, progress: Progress
+) -> RunResult:
+    """Run a station over its log and images into a recording; ``where`` names its file."""
+    with named_in(Path(where)):
         statistics, pipeline = RunStatistics(), build_pipeline(station)
-        observers = build_observers(station, pipeline, where, may_record=has_recording)
-        files = (*station.observations.files, *map(Path, observations))
+        observers = build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
         flight = open_flight(station, log, files, observers.schedules)
-    recorder = build_recorder(station, Path(output), started_ns=flight.first_ns, lossless=True)
+    recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     run_outputs = open_outputs(station.outputs, outputs_run(station, pipeline))
-    with closing_recorder(recorder, Path(output)), run_outputs as outputs:
+    with closing_recorder(recorder, output), run_outputs as outputs:
         first_ns, span_ns = flight.first_ns, flight.last_ns - flight.first_ns
         progress(0, span_ns)
         feed = MergedFeed(flight.sources, station.pipeline.tick_ns)

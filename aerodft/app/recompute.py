@@ -28,7 +28,6 @@ from aerodft.app.assembly import (
     run,
     stations_of,
 )
-from aerodft.app.incomplete_input import incomplete_input
 from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
@@ -92,13 +91,13 @@ def recompute(
         >>> again.statistics.images, again.statistics.poses["ok"], again.lost
         (30, 27, 0)
     """
-    output = Path(output)
-    job = open_recomputation(
-        Path(recording),
-        None if config is None else Path(config),
-        None if calibration is None else Path(calibration),
-        redetect=redetect,
-    )
+    own = None if config is None else Path(config)
+    known = None if calibration is None else Path(calibration)
+    return _recorded(open_recomputation(Path(recording), own, known, redetect=redetect), Path(output), progress)
+
+
+def _recorded(job: "Recomputation", output: Path, progress: Progress) -> RecomputeResult:
+    """Run a recomputation into a new recording."""
     old, statistics, provenance = job.recording, RunStatistics(), _provenance_of(job)
     texts = {PROVENANCE_NAME: tomli_w.dumps(provenance, multiline_strings=True)}
     recorder = build_recorder(job.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
@@ -115,7 +114,7 @@ def recompute(
         observers={} if redetection is None else job.observers.report(redetection.counts),
         warnings=() if redetection is None else _few_images(tuple(job.observers.by_name), redetection.moved.kept),
         provenance=provenance,
-        left_out=old.left_out(images=redetect),
+        left_out=old.left_out(images=redetection is not None),
         redetection=None if redetection is None else redetection.moved,
         image_segments=image_segments,
     )
@@ -336,7 +335,7 @@ def recompute_rows(
                 run(opened.feed, opened.pipeline, (sink, statistics))
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
-                left_out = incomplete_input(opened.recording.left_out())
+                left_out = opened.recording.left_out().sentence
                 rows.describe(dataset.statuses_text(statistics.measurements, left_out))
         return _outcome(job, State.DONE, statistics.measurements, left_out)
     except AerodftError as error:

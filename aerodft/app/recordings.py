@@ -20,7 +20,6 @@ from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.station import parse_station, resolved_toml
 from aerodft.adapters.recording.recover import Recovery, is_recording, recordings_in, recover_folder
 from aerodft.app.assembly import recorded_station
-from aerodft.app.incomplete_input import incomplete_input, left_out_document
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, located
 from aerodft.reports.river_folder import is_river_folder, read_river_folder
 from replay.compare import MAX_STAMP_GAP_S, Comparison, PairBy, compare_measurements, parse_tolerance
@@ -229,7 +228,7 @@ class ExportSummary:
 
     def to_dict(self) -> dict[str, object]:
         """The JSON document of ``aerodft export --json``."""
-        return {"file": str(self.file), "format": self.format, **self.counts, **left_out_document(self.left_out)}
+        return {"file": str(self.file), "format": self.format, **self.counts, **self.left_out.document()}
 
 
 def export(
@@ -324,7 +323,7 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
     else:
         opened = what if isinstance(what, StationRecording) else open_recording(what)
         found, best = recording_series.read_series(opened.reader), best_image(opened.reader)
-        lacks = incomplete_input(opened.reader.left_out(images=True))
+        lacks = opened.reader.left_out(images=True).sentence
         facts = page.RecordingFacts(
             path=opened.path,
             station=opened.station,

@@ -38,9 +38,7 @@ def end_with_gaps(left_out: "LeftOut") -> None:
         Exit: With 5, where there is such.
     """
     if left_out:
-        from aerodft.app.incomplete_input import incomplete_input
-
-        say(f"aerodft: {incomplete_input(left_out)}")
+        say(f"aerodft: {left_out.sentence}")
         raise typer.Exit(LOSS)
 
 

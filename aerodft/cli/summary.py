@@ -37,8 +37,6 @@ def report(
     """
     totals, statistics = result.totals, result.statistics
     if as_json:
-        from aerodft.app.incomplete_input import left_out_document
-
         document = {
             "recording": str(result.recording),
             "images": statistics.images,
@@ -47,7 +45,7 @@ def report(
             "measurements": dict(statistics.measurements),
             "reasons": statistics.reasons,
             "warnings": result.warnings,
-            **left_out_document(result.left_out),
+            **result.left_out.document(),
             "lost": result.lost,
             "recorded": totals.counts,
         }

@@ -23,6 +23,7 @@ from aerodft.adapters.recording.read import (
     recording_of,
     scan_segment,
 )
+from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.schemas import SCHEMAS
@@ -71,6 +72,40 @@ class LeftOut:
 
     def __bool__(self) -> bool:
         return bool(self.damaged_chunks or self.missing_segments or self.gaps)
+
+    @property
+    def sentence(self) -> str:
+        """What could not be read; empty where that is nothing."""
+        counts = {"damaged chunk": self.damaged_chunks, "missing segment": self.missing_segments}
+        found = [f"{count} {what}{'s' * (count > 1)}" for what, count in counts.items() if count]
+        times = [gap for gap in self.gaps if gap.from_ns is not None or gap.to_ns is not None]
+        if times:
+            more = f" and {len(times) - _SHOWN} more spans" if len(times) > _SHOWN else ""
+            found.append(f"what was between {', '.join(map(_span, times[:_SHOWN]))}{more}")
+        elif self.gaps and not found:
+            found.append("what nobody knows the time of")
+        return f"the recording is not whole, and so is what came of it: without {' and '.join(found)}" if found else ""
+
+    def document(self) -> dict[str, object]:
+        """Its counts and times for a JSON document; stamps as decimal strings."""
+        return {
+            "damaged_chunks": self.damaged_chunks,
+            "missing_segments": self.missing_segments,
+            "gaps": [
+                {
+                    "from_ns": None if gap.from_ns is None else str(gap.from_ns),
+                    "to_ns": None if gap.to_ns is None else str(gap.to_ns),
+                    "messages": gap.messages,
+                }
+                for gap in self.gaps
+            ],
+        }
+
+
+def _span(gap: Gap) -> str:
+    begin = "the beginning" if gap.from_ns is None else unix_ns_to_iso(gap.from_ns)
+    end = "the end" if gap.to_ns is None else unix_ns_to_iso(gap.to_ns)
+    return f"{begin} and {end}"
 
 
 class Recording:

@@ -199,7 +199,6 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         (62.3, 0.04)
         >>> found.save("bridge.toml")
     """
-    camera_file = None if isinstance(camera, Camera) else Path(camera)
     lens = camera if isinstance(camera, Camera) else load_camera(Path(camera))
     names = tuple(unknowns)
     check_unique(names)
@@ -212,28 +211,24 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         what = "`crs`, `plane_elevation_m` or `image` beside images of markers"
         raise UsageError(what, expected="crs and elevation_m in the file of markers")
     check_against(known, lens)
-    if known.flight is not None:
-        log = None if telemetry is None else Path(telemetry)
-        found = _solve_flight(known, known.flight, lens, names, model, log)
-    elif telemetry is None:
-        found = _solve_camera(known, lens, names, model)
-    else:
-        raise UsageError("`telemetry`", got="a file without [[image]]", expected="images whose poses are looked up")
-    if camera_file is not None:
-        of_camera = {"camera_file": camera_file.name}
-        if known.flight is None:
-            of_camera["camera_sha256"] = _sha256(camera_file)
-        found = replace(found, inputs=found.inputs | of_camera)
+    found = _solve(known, lens, names, model, None if telemetry is None else Path(telemetry))
+    if not isinstance(camera, Camera):
+        sha256 = {"camera_sha256": _sha256(Path(camera))} if known.flight is None else {}
+        found = replace(found, inputs=found.inputs | {"camera_file": Path(camera).name} | sha256)
     found = replace(found, accept_misfit=accept_misfit)
     if check and (error := found.refusal()):
         raise error
     return found
 
 
-def _solve_camera(
-    evidence: EvidenceFile, camera: Camera, names: tuple[str, ...], model: ProjectionModel
+def _solve(
+    evidence: EvidenceFile, camera: Camera, names: tuple[str, ...], model: ProjectionModel, telemetry: Path | None
 ) -> CalibrationResult:
-    """Pose and lens of a camera that stands still."""
+    """Pose and lens of a camera that stands still, or what telemetry is off by in all images of a flight."""
+    if evidence.flight is not None:
+        return _solve_flight(evidence, evidence.flight, camera, names, model, telemetry)
+    if telemetry is not None:
+        raise UsageError("`telemetry`", got="a file without [[image]]", expected="images whose poses are looked up")
     check_unknowns(names, evidence.known, camera, model)
     fit = solve_for(evidence.known, camera, names, model)
     return CalibrationResult(

@@ -160,8 +160,6 @@ def _say_pause(log_ns: int, passed_ns: int) -> None:
 
 def _report(names: list[str], result: "ReplayResult", *, as_json: bool) -> None:
     if as_json:
-        from aerodft.app.incomplete_input import left_out_document
-
         document = {
             "recording": names[0] if len(names) == 1 else names,
             "measurements": result.measurements,
@@ -170,7 +168,7 @@ def _report(names: list[str], result: "ReplayResult", *, as_json: bool) -> None:
             "damaged": result.damaged,
             "rounds": result.rounds,
             "subscribers": result.has_listeners,
-            **left_out_document(result.left_out),
+            **result.left_out.document(),
         }
         print_json(document if result.mavlink_frames is None else {**document, "mavlink_frames": result.mavlink_frames})
         return

@@ -10,7 +10,7 @@ from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_deg
 from aerodft.errors import AerodftError, NoAnswerError
 from aerodft.model import FloatArray, Landmark
 from calibration.flight import ImagesResult
-from calibration.pose import Result, State, angles_deg, correlations, display_unit
+from calibration.pose import ObservationResidual, Result, State, angles_deg, correlations, display_unit
 
 _UNLIKELY_P = 0.01
 _NOTICED = 1.2  # of what stds are multiplied with
@@ -80,17 +80,7 @@ def calibration_document(
         "p_value": solution.p_value,
         "misfit": solution.misfit,
         "sigma_scale": solution.sigma_scale,
-        "residuals": [
-            {
-                "name": left.name,
-                "px": _finite(left.px),
-                "sigma": _finite(left.sigma),
-                "ground_m": left.ground_m,
-                "loo_ground_m": left.loo_ground_m,
-                "outlier": left.is_outlier,
-            }
-            for left in result.left
-        ],
+        "residuals": list(map(_residual, result.left)),
         "outliers": [left.name for left in result.left if left.is_outlier],
         "observability": _observability(result, frame),
     }
@@ -113,6 +103,17 @@ def calibration_document(
         "crs": frame.crs,
         "model": str(model),
         "notes": calibration_notes(result, evidence),
+    }
+
+
+def _residual(left: ObservationResidual) -> dict[str, Any]:
+    return {
+        "name": left.name,
+        "px": _finite(left.px),
+        "sigma": _finite(left.sigma),
+        "ground_m": left.ground_m,
+        "loo_ground_m": left.loo_ground_m,
+        "outlier": left.is_outlier,
     }
 
 

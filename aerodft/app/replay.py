@@ -14,7 +14,7 @@ from aerodft.adapters.bus import StationQueries, session_on
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.telemetry.mavlink import LinkKind, open_transport, parse_address
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.adapters.wire.keys import DEFAULT_LISTEN
+from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurements
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.app.progress import Progress, no_progress
@@ -22,18 +22,15 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import Probe
 from aerodft.service.clocks import WallClock
+from replay.foreign import AnyRecording
 from replay.player import (
-    AnyRecording,
     Controls,
     MavlinkOut,
     Player,
     Republisher,
     TimelineMessage,
     check_mavlink,
-    holds_mavlink,
     is_published,
-    keys_of,
-    name_of,
     shifted,
     timeline,
 )
@@ -97,7 +94,7 @@ class _ReplayedQueries:
         ] = {}  # by station: log time and shift of the last message
         self._queries: dict[str, StationQueries] = {}
         for recording in reversed(recordings):
-            keys = keys_of(recording)
+            keys = Keys(recording.station)
             self._places[keys.root] = recording, 0, 0
             if keys.root not in self._queries:
                 self._queries[keys.root] = StationQueries(
@@ -109,14 +106,14 @@ class _ReplayedQueries:
 
     def send(self, item: TimelineMessage, shift_ns: int) -> None:
         """Take note of the time that is reached; where it goes back, what was measured is of another round."""
-        root = keys_of(item.recording).root
+        root = Keys(item.recording.station).root
         if item.log_ns < self._places[root][1]:
             self._queries[root].forget()
         self._places[root] = item.recording, item.log_ns, shift_ns
 
     def remember(self, recording: AnyRecording, probe: str, payload: bytes) -> None:
         """Take a measurement that is published into the history of its station."""
-        self._queries[keys_of(recording).root].remember(probe, payload)
+        self._queries[Keys(recording.station).root].remember(probe, payload)
 
     def close(self) -> None:
         """Answer nothing any more."""
@@ -144,7 +141,7 @@ class _ReplayedQueries:
         """
         if not isinstance(recording, Recording):
             hint = "`import` makes a recording of a station from it"
-            raise NoAnswerError("another tool's recording has no station to ask", where=name_of(recording), hint=hint)
+            raise NoAnswerError("another tool's recording has no station to ask", where=recording.name, hint=hint)
         found = self._runs.get(id(recording))
         if found is None:
             from aerodft.app.assembly import RecordedRun  # noqa: PLC0415 - a replay that nobody asks needs no pipeline
@@ -239,7 +236,7 @@ class Replay:
         if (from_ns is not None and from_ns > last_ns) or (to_ns is not None and to_ns <= first_ns):
             first, last = (f"{(each - zero_ns) / SECOND_NS:.1f}" for each in (first_ns, last_ns))
             expected = f"times within {first} to {last} s from its first image"
-            where = ", ".join(map(name_of, self._recordings))
+            where = ", ".join(each.name for each in self._recordings)
             raise NoAnswerError("the recording has nothing there", where=where, got=got, expected=expected)
         return max(from_ns or 0, first_ns), min(to_ns or last_ns, last_ns)
 
@@ -293,7 +290,7 @@ class Replay:
             player.on_pause = lambda log_ns: on_pause(log_ns, log_ns - self._zero_ns)
 
         def is_wanted(recording: AnyRecording, channel: Channel) -> bool:
-            return is_published(recording, channel) or (self._sender is not None and holds_mavlink(recording, channel))
+            return is_published(recording, channel) or (self._sender is not None and recording.holds_mavlink(channel))
 
         player.play(lambda: timeline(self._recordings, self._from_ns, self._to_ns, is_wanted))
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from itertools import pairwise
+from keyword import iskeyword
 from types import FrameType
 from typing import Annotated, Any, Final, NoReturn, cast
 
@@ -57,32 +58,12 @@ COMMANDS: Final = {
 }
 """Every command with its line of help."""
 
-_MODULE_OF: Final = {
-    "measure": "aerodft.cli.scenes.measure",
-    "explain": "aerodft.cli.scenes.explain",
-    "depth-map": "aerodft.cli.scenes.depth_map",
-    "serve": "aerodft.cli.flights.serve",
-    "init": "aerodft.cli.flights.init",
-    "import": "aerodft.cli.flights.import_",
-    "replay": "aerodft.cli.recordings.replay",
-    "recompute": "aerodft.cli.recordings.recompute",
-    "recover": "aerodft.cli.recordings.recover",
-    "compare": "aerodft.cli.recordings.compare",
-    "export": "aerodft.cli.recordings.export",
-    "plot": "aerodft.cli.recordings.plot",
-    "report": "aerodft.cli.recordings.report",
-    "view": "aerodft.cli.scenes.view",
-    "frames": "aerodft.cli.recordings.frames",
-    "sync": "aerodft.cli.flights.sync",
-    "calibrate-lens": "aerodft.cli.scenes.calibrate_lens",
-    "cameras": "aerodft.cli.scenes.cameras",
-    "river": "aerodft.cli.scenes.river",
-    "doctor": "aerodft.cli.flights.doctor",
-    "calibrate": "aerodft.cli.scenes.calibrate",
-    "paper": "aerodft.cli.paper",
-    "demo": "aerodft.cli.demo",
+_FOLDERS: Final = {
+    "flights": {"serve", "init", "import", "sync", "doctor"},
+    "recordings": {"replay", "recompute", "recover", "compare", "export", "plot", "report", "frames"},
+    "scenes": {"measure", "explain", "depth-map", "view", "calibrate-lens", "cameras", "river", "calibrate"},
 }
-"""The module of every command; its function bears the module's name."""
+"""Where commands are that are not beside this module; a command's module and function bear its name."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
@@ -179,8 +160,9 @@ class _GroupedCommand(TyperCommand):
 def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
-        module = _MODULE_OF[name]
-        function: Callable[..., None] = getattr(import_module(module), module.rpartition(".")[2])
+        word = name.replace("-", "_") + "_" * iskeyword(name)
+        folder = next((f"{folder}." for folder, names in _FOLDERS.items() if name in names), "")
+        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{folder}{word}"), word)
         return function
     return lambda: None
 

@@ -11,8 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from PIL import Image as PillowImage
@@ -20,16 +21,25 @@ from PIL import Image as PillowImage
 from aerodft.adapters.config.station import Topics
 from aerodft.adapters.images import FramePixels, PacketDecoder, StillPixels
 from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ReadMessage, SegmentScan, scan_segment
+from aerodft.adapters.recording.read import ChannelFilter, ReadMessage, SegmentScan, content_bytes, scan_segment
 from aerodft.adapters.telemetry.mavlink import FrameCounts, StreamFramer
 from aerodft.adapters.wire.payload import LATEST_NS
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
 from aerodft.service import ArrivalLimiter, first_arrival_ns
 from replay.foreign.formats import JSON, Kind, kind_of
 from replay.foreign.frames import FrameReader
 from replay.foreign.images import EncodedImage, read_camera, read_encoded_image
-from replay.recordings import Recording, channels_of, is_mcap, messages_of, segment_order
+from replay.recordings import (
+    Recording,
+    channels_of,
+    is_mcap,
+    is_within,
+    messages_by_time,
+    messages_of,
+    segment_order,
+)
 
 _SHOWN: Final = 12
 _TO_THE_VEHICLE: Final = ("in", "to", "sink")
@@ -38,6 +48,8 @@ _MOST_BYTES: Final = 1 << 16
 _LOOKS: Final = (3, 12, 48)  # so many messages are looked at together
 _MOST_LOOKED_THROUGH: Final = 500  # channels
 _ENOUGH: Final = 3
+_APART_NS: Final = SECOND_NS  # what recorders put off writing
+_MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
 _IMAGE_KINDS: Final = (Kind.IMAGES, Kind.VIDEO)
 _OWN_SCHEMAS: Final = "aerodft."
 
@@ -178,6 +190,29 @@ class ForeignRecording:
         self._stated = topics or Topics()
         self.images, self._camera = _image_topics(path, self.channels, self._stated)
 
+    @property
+    def name(self) -> str:
+        """Its path, for messages."""
+        return str(self.path)
+
+    @property
+    def station(self) -> str:
+        """What it is called on the bus: as its file is."""
+        return self.path.stem
+
+    def is_step(self, channel: Channel) -> bool:
+        """Whether a channel's messages begin a step of a replay: images do, where there are none any message."""
+        return self.images is None or channel.topic == self.images
+
+    def holds_mavlink(self, channel: Channel) -> bool:
+        """Whether a channel has the vehicle's MAVLink frames."""
+        return channel.topic in self.mavlink
+
+    def by_time(self, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter) -> Iterator[ReadMessage]:
+        """Messages of log times in ``[from_ns, to_ns)``, in order of time."""
+        streams = (_by_time(each, from_ns, to_ns, wanted) for each in self.segments)
+        return heapq.merge(*streams, key=lambda message: message.log_ns)
+
     @cached_property
     def zero_ns(self) -> int:
         """What people's seconds count from: the log time of the first image, without images the earliest one."""
@@ -238,6 +273,27 @@ class ForeignRecording:
             ) from error
 
 
+def _by_time(
+    segment: SegmentScan, from_ns: int | None, to_ns: int | None, is_wanted: ChannelFilter
+) -> Iterator[ReadMessage]:
+    """One file's messages by log time, also where a converter wrote one topic after the other."""
+    if all(one.end_ns <= other.start_ns + _APART_NS for one, other in pairwise(segment.chunks)):
+        return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
+    topics = {channel.topic for channel in channels_of(segment).values() if is_wanted(channel)}
+    if len(topics) * max(map(content_bytes, segment.chunks), default=0) > _MOST_HELD_BYTES:
+        warning = (
+            "%s: %d topics that lie one behind the other are more than can be held; in order of time as far as they are"
+        )
+        _log.warning(warning, segment.path, len(topics))
+        return (each for each in messages_by_time(segment, is_wanted) if is_within(each, from_ns, to_ns))
+
+    def stream(topic: str) -> Iterator[ReadMessage]:
+        return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.topic == topic)
+
+    streams = map(stream, sorted(topics))
+    return heapq.merge(*streams, key=lambda message: message.log_ns)
+
+
 def mcap_files(path: Path) -> list[Path]:
     """The MCAP files that a path means, in order.
 
@@ -286,6 +342,8 @@ def _is_own(path: Path) -> bool:
     channels = channels_of(segment).values()
     return any(channel.schema.startswith(_OWN_SCHEMAS) for channel in channels)
 
+
+AnyRecording: TypeAlias = Recording | ForeignRecording
 
 _BATCH: Final = 4096
 _BATCH_BYTES: Final = 1 << 18

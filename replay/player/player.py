@@ -1,18 +1,66 @@
 """Plays messages at a pace that people change while they watch: pause, single steps, loops."""
 
+import heapq
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
+from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording.read import ReadMessage
 from aerodft.conventions import SECOND_NS
 from aerodft.service import Clock
 from aerodft.service.clocks import PAUSE_NS
-from replay.player.merged_timeline import TimelineMessage
+from replay.foreign import AnyRecording
+from replay.recordings import Recording
+
+RecordingFilter: TypeAlias = Callable[[AnyRecording, Channel], bool]
 
 _SLICE_NS = SECOND_NS // 50  # how long a key may wait
 
 _log = logging.getLogger(__name__)
+
+
+class TimelineMessage(NamedTuple):
+    """One message of one recording.
+
+    Attributes:
+        log_ns: Its log time.
+        recording: Where it is from.
+        message: The message.
+        is_step: Whether a step ends before it: an image, or where there are none any message.
+    """
+
+    log_ns: int
+    recording: AnyRecording
+    message: ReadMessage
+    is_step: bool
+
+
+def timeline(
+    recordings: Sequence[AnyRecording], from_ns: int | None, to_ns: int | None, wanted: RecordingFilter
+) -> Iterator[TimelineMessage]:
+    """All messages with log times in ``[from_ns, to_ns)``; of equal ones the first recording's come first.
+
+    Args:
+        recordings: Each in its own order.
+        from_ns: None for the start.
+        to_ns: None for the end.
+        wanted: Whose messages; the images' stamps come in any case.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+
+    def messages_of(recording: AnyRecording) -> Iterator[TimelineMessage]:
+        def is_wanted(channel: Channel) -> bool:
+            is_image = isinstance(recording, Recording) or recording.images is not None
+            return (is_image and recording.is_step(channel)) or wanted(recording, channel)
+
+        for message in recording.by_time(from_ns, to_ns, is_wanted):
+            yield TimelineMessage(message.log_ns, recording, message, recording.is_step(message.channel))
+
+    return heapq.merge(*map(messages_of, recordings), key=lambda item: item.log_ns)
 
 
 class Outlet(Protocol):

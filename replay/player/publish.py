@@ -32,7 +32,7 @@ from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
 from aerodft.adapters.wire.status import STATUS_SCHEMA
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
-from aerodft.model import Image, StampClock, WireProtocol
+from aerodft.model import Image, StampClock
 from replay.foreign import (
     CDR,
     JSON,
@@ -40,13 +40,14 @@ from replay.foreign import (
     PROTOBUF,
     ROS1,
     SECONDS,
+    AnyRecording,
     ForeignRecording,
     FrameReader,
     Kind,
     kind_of,
     read_encoded_image,
 )
-from replay.player.merged_timeline import AnyRecording, TimelineMessage, name_of
+from replay.player.player import TimelineMessage
 from replay.recordings import ENCODED_IMAGE_SCHEMAS, JPEG_SCHEMA, VIDEO_SCHEMA, Recording, channels_of, jpeg_of
 
 Shift = Callable[[bytes, int], bytes]
@@ -205,11 +206,6 @@ def is_published(recording: AnyRecording, channel: Channel) -> bool:
     )
 
 
-def keys_of(recording: AnyRecording) -> Keys:
-    """The keys of the station that made a recording; another tool's is called as its file is."""
-    return Keys(recording.station if isinstance(recording, Recording) else recording.path.stem)
-
-
 class Republisher:
     """Publishes; an outlet of the player. A slow subscriber slows it down, nothing is dropped.
 
@@ -241,7 +237,7 @@ class Republisher:
 
     def wait_for_subscriber(self, recordings: Iterable[AnyRecording], timeout_s: float) -> bool:
         """Wait until somebody subscribes to anything of a recording's station; False after ``timeout_s``."""
-        publishers = [self._session.declare_publisher(f"{keys_of(each).root}/**") for each in recordings]
+        publishers = [self._session.declare_publisher(f"{Keys(each.station).root}/**") for each in recordings]
         try:
             return _wait_until(lambda: any(map(is_matched, publishers)), timeout_s)
         finally:
@@ -263,11 +259,11 @@ class Republisher:
         except InputError as error:
             if not self.published.damaged:
                 at = f"{item.message.channel.topic} at {item.log_ns} ns"
-                _log.warning("%s: damaged payloads are left out: %s: %s", name_of(item.recording), at, error)
+                _log.warning("%s: damaged payloads are left out: %s: %s", item.recording.name, at, error)
             self.published.damaged += 1
 
     def _send_own(self, item: TimelineMessage, shift_ns: int) -> None:
-        message, keys = item.message, keys_of(item.recording)
+        message, keys = item.message, Keys(item.recording.station)
         schema = message.channel.schema
         if schema in _STAMPED:
             load_payload(message.data, schema, lambda payload: int(payload["stamp_ns"]))  # refuses what is none
@@ -326,7 +322,7 @@ class Republisher:
             index=item.message.sequence, stamp_ns=stamp_ns, arrival_ns=item.log_ns + shift_ns, clock=StampClock.HOST
         )
         if picture.data.startswith(b"\xff\xd8"):
-            self._put_jpeg(keys_of(item.recording).image, picture.data, encode_image(image))
+            self._put_jpeg(Keys(item.recording.station).image, picture.data, encode_image(image))
 
     def _shift(self, channel: Channel) -> Shift | None:
         if channel.topic not in self._shifts:
@@ -451,13 +447,6 @@ class VideoStills:
         return encode_jpeg(Image(index=0, stamp_ns=at_ns, arrival_ns=at_ns, pixels=FramePixels(frame)), _QUALITY)
 
 
-def holds_mavlink(recording: AnyRecording, channel: Channel) -> bool:
-    """Whether a channel of a recording has MAVLink frames."""
-    if isinstance(recording, Recording):
-        return channel.encoding == WireProtocol.MAVLINK
-    return channel.topic in recording.mavlink
-
-
 def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:
     """Refuse recordings of which none has MAVLink.
 
@@ -466,11 +455,9 @@ def check_mavlink(recordings: tuple[AnyRecording, ...]) -> None:
     """
     for each in recordings:
         segments = each.data if isinstance(each, Recording) else each.segments
-        if any(holds_mavlink(each, channel) for one in segments for channel in channels_of(one).values()):
+        if any(each.holds_mavlink(channel) for one in segments for channel in channels_of(one).values()):
             return
-    raise NoAnswerError(
-        "no MAVLink to send", where=name_of(recordings[0]), expected="a recording with raw MAVLink frames"
-    )
+    raise NoAnswerError("no MAVLink to send", where=recordings[0].name, expected="a recording with raw MAVLink frames")
 
 
 class MavlinkOut:
@@ -490,7 +477,7 @@ class MavlinkOut:
 
     def send(self, item: TimelineMessage, shift_ns: int) -> None:  # noqa: ARG002 - frames are never changed
         """Send the frames of a message, where it has any."""
-        if not holds_mavlink(item.recording, item.message.channel):
+        if not item.recording.holds_mavlink(item.message.channel):
             return
         for frame in self._frames(item):
             self._transport.write(frame)

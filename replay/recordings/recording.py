@@ -1,5 +1,6 @@
 """A recording: a folder of MCAP segments with the configuration that it was made with, or one file with all of it."""
 
+import heapq
 import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,6 +30,7 @@ from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_S
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, located
+from aerodft.model import WireProtocol
 from aerodft.version import SOFTWARE
 from replay.recordings.segments import is_mcap, message_tables, messages_of, segment_order
 
@@ -269,6 +271,25 @@ class Recording:
             to_ns=to_ns,
             wanted=lambda channel: channel.schema in ENCODED_IMAGE_SCHEMAS,
         )
+
+    @property
+    def name(self) -> str:
+        """Its path, for messages."""
+        return str(self.folder)
+
+    def is_step(self, channel: Channel) -> bool:
+        """Whether a channel's messages begin a step of a replay: images' stamps do."""
+        return channel.schema == IMAGE_SCHEMA
+
+    def holds_mavlink(self, channel: Channel) -> bool:
+        """Whether a channel has MAVLink frames."""
+        return channel.encoding == WireProtocol.MAVLINK
+
+    def by_time(self, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter) -> Iterator[ReadMessage]:
+        """Data and images of log times in ``[from_ns, to_ns)``; a picture comes after its image's stamps."""
+        data = self.messages(from_ns=from_ns, to_ns=to_ns, wanted=wanted)
+        images = filter(lambda message: wanted(message.channel), self.image_messages(from_ns=from_ns, to_ns=to_ns))
+        return heapq.merge(data, images, key=lambda message: message.log_ns)
 
     def measurements(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[bytes]:
         """The payloads of all measurements, in the order in which they were made; of log times in ``[from_ns, to_ns)``.

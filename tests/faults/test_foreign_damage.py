@@ -10,8 +10,8 @@ from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import scan_segment
 from aerodft.errors import AerodftError
 from aerodft.model import Image, RawBlock
-from replay.foreign import ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
-from replay.player import AnyRecording, timeline
+from replay.foreign import AnyRecording, ForeignImages, ForeignRecording, ForeignTelemetry, open_recording
+from replay.player import timeline
 from tests.commands import run_aerodft
 from tests.nights import at_night
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign

@@ -2,9 +2,7 @@
 
 from typing import Annotated, Any
 
-import typer
-
-from aerodft.cli.scenes.image_options import UNCERTAINTY_PANEL, with_options_of
+from aerodft.cli.scenes.image_options import of_uncertainty, with_options_of
 from aerodft.cli.scenes.measure import measure
 
 
@@ -13,9 +11,8 @@ def explain(
     *,
     compare: Annotated[
         bool,
-        typer.Option(
+        of_uncertainty(
             "--compare",
-            rich_help_panel=UNCERTAINTY_PANEL,
             help="Both projection models side by side, and what lies between.",
         ),
     ] = False,

@@ -4,6 +4,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, cast
 
@@ -17,9 +18,9 @@ if TYPE_CHECKING:
     from aerodft.app.measure import CameraPose, ElevationModel, ImageProbe, MeasuredSurface, PoseStd, Slope
     from aerodft.dft import Request, Setup
 
-_POSE_PANEL: Final = "Camera and pose"
-_GROUND_PANEL: Final = "Ground"
-UNCERTAINTY_PANEL: Final = "Uncertainty and model"
+_of_pose: Final = partial(typer.Option, rich_help_panel="Camera and pose")
+_of_ground: Final = partial(typer.Option, rich_help_panel="Ground")
+of_uncertainty: Final = partial(typer.Option, rich_help_panel="Uncertainty and model")
 
 _ANGLES: Final = ("tilt", "pan", "roll")
 _POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
@@ -53,42 +54,29 @@ def with_options_of(other: Callable[..., None], *without: str) -> Callable[[Call
 class PoseOptions:
     """Camera and pose of one image, and how well they are known."""
 
-    camera: Annotated[Path | None, typer.Option(rich_help_panel=_POSE_PANEL, help="Camera file (TOML).")] = None
-    height: Annotated[
-        float | None,
-        typer.Option(rich_help_panel=_POSE_PANEL, help="Camera height above the ground right below it, m."),
-    ] = None
-    tilt: Annotated[
-        float | None,
-        typer.Option(rich_help_panel=_POSE_PANEL, help="Angle of the optical axis from straight down, deg."),
-    ] = None
-    roll: Annotated[
-        float, typer.Option(rich_help_panel=_POSE_PANEL, help="Positive with the camera's right side down, deg.")
-    ] = 0.0
-    heading: Annotated[float, typer.Option(rich_help_panel=_POSE_PANEL, help="Clockwise from true north, deg.")] = 0.0
-    lat: Annotated[float | None, typer.Option(rich_help_panel=_POSE_PANEL, help="Camera latitude, WGS84, deg.")] = None
-    lon: Annotated[float | None, typer.Option(rich_help_panel=_POSE_PANEL, help="Camera longitude, WGS84, deg.")] = None
+    camera: Annotated[Path | None, _of_pose(help="Camera file (TOML).")] = None
+    height: Annotated[float | None, _of_pose(help="Camera height above the ground right below it, m.")] = None
+    tilt: Annotated[float | None, _of_pose(help="Angle of the optical axis from straight down, deg.")] = None
+    roll: Annotated[float, _of_pose(help="Positive with the camera's right side down, deg.")] = 0.0
+    heading: Annotated[float, _of_pose(help="Clockwise from true north, deg.")] = 0.0
+    lat: Annotated[float | None, _of_pose(help="Camera latitude, WGS84, deg.")] = None
+    lon: Annotated[float | None, _of_pose(help="Camera longitude, WGS84, deg.")] = None
     calibration: Annotated[
         Path | None,
-        typer.Option(
-            rich_help_panel=_POSE_PANEL,
-            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them.",
+        _of_pose(
+            help="Take pose and lens of a calibration file; or, where it has biases, correct --height, ... by them."
         ),
     ] = None
     std: Annotated[
         str | None,
-        typer.Option(
-            rich_help_panel=UNCERTAINTY_PANEL,
+        of_uncertainty(
             help="Standard deviations: height,position,elevation,focal(px),px; tilt,pan,roll,heading,attitude. What is"
-            " not named is assumed, which is said; 0 says exact.",
+            " not named is assumed, which is said; 0 says exact."
         ),
     ] = None
     covariance: Annotated[
         Path | None,
-        typer.Option(
-            rich_help_panel=UNCERTAINTY_PANEL,
-            help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows.",
-        ),
+        of_uncertainty(help="6 x 6 covariance: position ENU (m), rotation in camera axes (rad); JSON rows."),
     ] = None
 
     @property
@@ -166,13 +154,8 @@ class PoseOptions:
 class SurfaceOptions(PoseOptions):
     """Camera and pose of one image, and the level surface that is measured in it."""
 
-    elevation: Annotated[
-        float,
-        typer.Option(rich_help_panel=_GROUND_PANEL, help="Height of what is measured above the ground, m."),
-    ] = 0.0
-    max_range: Annotated[float | None, typer.Option(rich_help_panel=_GROUND_PANEL, help="Maximum range in metres.")] = (
-        None
-    )
+    elevation: Annotated[float, _of_ground(help="Height of what is measured above the ground, m.")] = 0.0
+    max_range: Annotated[float | None, _of_ground(help="Maximum range in metres.")] = None
 
     @property
     def surface(self) -> "MeasuredSurface":
@@ -187,21 +170,11 @@ class GroundOptions:
     """Ground that is not level."""
 
     altitude: Annotated[
-        float | None,
-        typer.Option(rich_help_panel=_POSE_PANEL, help="With --terrain, instead of --height: above mean sea level, m."),
+        float | None, _of_pose(help="With --terrain, instead of --height: above mean sea level, m.")
     ] = None
-    slope: Annotated[
-        float | None,
-        typer.Option(rich_help_panel=_GROUND_PANEL, help="Ground that rises at this angle, through the foot, deg."),
-    ] = None
-    uphill: Annotated[
-        float | None,
-        typer.Option(rich_help_panel=_GROUND_PANEL, help="Where it rises, clockwise from true north, deg."),
-    ] = None
-    terrain: Annotated[
-        Path | None,
-        typer.Option(rich_help_panel=_GROUND_PANEL, help="Ground of an elevation model (GeoTIFF); needs --lat."),
-    ] = None
+    slope: Annotated[float | None, _of_ground(help="Ground that rises at this angle, through the foot, deg.")] = None
+    uphill: Annotated[float | None, _of_ground(help="Where it rises, clockwise from true north, deg.")] = None
+    terrain: Annotated[Path | None, _of_ground(help="Ground of an elevation model (GeoTIFF); needs --lat.")] = None
 
     def terms(self) -> "Slope | ElevationModel | None":
         """The ground's shape; None for level ground.

@@ -4,6 +4,7 @@ import logging
 import math
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -13,9 +14,9 @@ from aerodft.cli.option_groups import JsonOption, TopicOption, grouped
 from aerodft.cli.option_values import parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
-    UNCERTAINTY_PANEL,
     GroundOptions,
     SurfaceOptions,
+    of_uncertainty,
     parse_probes,
     refuse_beside,
     stated,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from aerodft.dft import Setup
 
 _LOG: Final = logging.getLogger(__name__)
-_RECORDED: Final = "Of a recording, instead of camera and pose"
+_of_recording: Final = partial(typer.Option, rich_help_panel="Of a recording, instead of camera and pose")
 _LEVEL_RAD: Final = math.radians(0.05)
 _FIRST_UTC_NS: Final = 10**17  # a time below it counts from the recording's start
 
@@ -37,21 +38,11 @@ _FIRST_UTC_NS: Final = 10**17  # a time below it counts from the recording's sta
 class RecordedOptions:
     """Where camera and pose are taken from, in place of options."""
 
-    recording: Annotated[
-        Path | None, typer.Option(rich_help_panel=_RECORDED, help="Take camera and pose from this recording.")
-    ] = None
-    at: Annotated[
-        str | None,
-        typer.Option(rich_help_panel=_RECORDED, help="Seconds from the first image, UTC ns, or ISO 8601."),
-    ] = None
+    recording: Annotated[Path | None, _of_recording(help="Take camera and pose from this recording.")] = None
+    at: Annotated[str | None, _of_recording(help="Seconds from the first image, UTC ns, or ISO 8601.")] = None
     config: Annotated[
         Path | None,
-        typer.Option(
-            "--config",
-            "-c",
-            rich_help_panel=_RECORDED,
-            help="With --recording: station configuration in place of its own.",
-        ),
+        _of_recording("--config", "-c", help="With --recording: station configuration in place of its own."),
     ] = None
     topic: TopicOption = None
 
@@ -100,9 +91,7 @@ def measure(
     ground: GroundOptions,
     recorded: RecordedOptions,
     mapped: DepthOptions,
-    model: Annotated[
-        ProjectionModel | None, typer.Option(rich_help_panel=UNCERTAINTY_PANEL, help="Projection model; else pinhole.")
-    ] = None,
+    model: Annotated[ProjectionModel | None, of_uncertainty(help="Projection model; else pinhole.")] = None,
     probe: Annotated[
         list[str] | None,
         typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),

@@ -136,7 +136,14 @@ class VideoAlignment:
         """The JSON document of ``aerodft sync --json`` (``aerodft.sync/1``), without files written."""
         found = self.solution
         offset_std_s, drift_std, lag_std_s = found.stds.tolist()
-        attitude_s = found.offset_s - found.lag_s
+        numbers: dict[str, float | list[float]] = {}
+        for name, unit, value, std in (
+            ("offset", "_s", found.offset_s, offset_std_s),
+            ("drift", "", found.drift, drift_std),
+            ("lag", "_s", found.lag_s, lag_std_s),
+            ("attitude_offset", "_s", found.offset_s - found.lag_s, found.attitude_std_s()),
+        ):
+            numbers |= {f"{name}{unit}": value, f"{name}_std{unit}": std, f"{name}_ci95{unit}": interval95(value, std)}
         return {
             "schema": "aerodft.sync/1",
             "status": "ok",
@@ -147,20 +154,9 @@ class VideoAlignment:
             "source": str(found.source),
             "reference": unix_ns_to_iso(found.reference_ns),
             "reference_ns": str(found.reference_ns),
-            "offset_s": found.offset_s,
-            "offset_std_s": offset_std_s,
-            "offset_ci95_s": interval95(found.offset_s, offset_std_s),
-            "drift": found.drift,
-            "drift_std": drift_std,
-            "drift_ci95": interval95(found.drift, drift_std),
-            "lag_s": found.lag_s,
-            "lag_std_s": lag_std_s,
-            "lag_ci95_s": interval95(found.lag_s, lag_std_s),
+            **numbers,
             "lag_told": found.is_lag_determined,
             "time_constant_s": found.time_constant_s,
-            "attitude_offset_s": attitude_s,
-            "attitude_offset_std_s": found.attitude_std_s(),
-            "attitude_offset_ci95_s": interval95(attitude_s, found.attitude_std_s()),
             "covariance": found.cov.tolist(),
             "peak_ratio": found.peak_ratio,
             "seconds": self.seconds,

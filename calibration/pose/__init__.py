@@ -1,6 +1,6 @@
 """A camera's pose and lens by least squares from evidence of a scene."""
 
-from calibration.pose.residuals import OUT_OF_SIGHT, Problem
+from calibration.pose.residuals import OUT_OF_SIGHT, Problem, ground_error_m
 from calibration.pose.result import (
     LIMIT,
     Observability,
@@ -14,7 +14,6 @@ from calibration.pose.result import (
     correlations,
     describe_weakness,
     display_unit,
-    ground_error_m,
     natural_size,
     possible_unknowns,
     residuals_of,

@@ -188,6 +188,20 @@ def _heading_by_rotation(state: State) -> FloatArray:
     return np.asarray(by_axis @ (-state.rotation @ skew(np.array([0.0, 0.0, 1.0]))))
 
 
+def ground_error_m(state: State, evidence: Evidence) -> float | None:
+    """Error of an observation's ground point or range; None where the pixel shows no ground."""
+    if isinstance(evidence, SlantRange):
+        off, _, _ = Distances({0: evidence}).residuals(state)
+    elif isinstance(evidence, GroundPoint):
+        off = _ground_point(evidence, state).off
+    elif isinstance(evidence, Landmark) and evidence.position_m[2] is not None:
+        off = _on_level(evidence, state).off
+    else:
+        return None
+    error_m = float(np.linalg.norm(off))
+    return error_m if math.isfinite(error_m) else None
+
+
 def _landmark(evidence: Landmark, state: State) -> ConditionResidual:
     """Residual of a landmark with an unknown component: distance of ray and line; in the dft model a level plane."""
     if None not in evidence.position_m or (state.model is ProjectionModel.DFT and evidence.position_m[2] is not None):

@@ -19,15 +19,13 @@ from aerodft.model import (
     EvidenceSet,
     FloatArray,
     GroundLines,
-    GroundPoint,
     Landmark,
     Prior,
     ProjectionModel,
-    SlantRange,
     Vertical,
 )
 from calibration.descent import Rows, covariance_of, used_rows
-from calibration.pose.residuals import Problem
+from calibration.pose.residuals import Problem, ground_error_m
 from calibration.pose.solve import Solution, solve
 from calibration.pose.state import (
     GROUPS,
@@ -234,36 +232,6 @@ def rms_px(evidence: tuple[Evidence, ...], left: tuple[ObservationResidual, ...]
         if isinstance(each, Landmark) and not one.is_outlier and math.isfinite(one.px)
     ]
     return math.sqrt(sum(squares) / len(squares)) if squares else None
-
-
-def ground_error_m(state: State, evidence: Evidence) -> float | None:
-    """Error of an observation's ground point or range; None where the pixel shows no ground."""
-    if not isinstance(evidence, Landmark | GroundPoint | SlantRange):
-        return None
-    elevation_m = state.elevation_m
-    if isinstance(evidence, Landmark):
-        if evidence.position_m[2] is None:
-            return None
-        elevation_m = evidence.position_m[2]
-    ground = state.ground_points(np.array([evidence.pixel]), elevation_m)
-    if ground.status[0]:
-        return None
-    return _distance(state, evidence, ground.points_enu_m[0])
-
-
-def _distance(state: State, evidence: Landmark | GroundPoint | SlantRange, point: FloatArray) -> float:
-    offset = point - state.position_m
-    if isinstance(evidence, SlantRange):
-        return abs(float(np.linalg.norm(offset)) - evidence.range_m)
-    if isinstance(evidence, GroundPoint):
-        heading = state.value("heading")
-        right, ahead = math.cos(heading), math.sin(heading)
-        position = (right * offset[0] - ahead * offset[1], ahead * offset[0] + right * offset[1])
-        return math.dist(position, evidence.xy_m)
-    east, north, _ = evidence.position_m
-    return math.hypot(
-        0.0 if east is None else float(point[0]) - east, 0.0 if north is None else float(point[1]) - north
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,8 +87,8 @@ class DepthOptions:
 
 @grouped
 def measure(
-    scene: SurfaceOptions,
     ground: GroundOptions,
+    scene: SurfaceOptions,
     recorded: RecordedOptions,
     mapped: DepthOptions,
     model: Annotated[ProjectionModel | None, of_uncertainty(help="Projection model; else pinhole.")] = None,

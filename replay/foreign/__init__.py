@@ -1,8 +1,7 @@
 """Other tools' recordings as input: MAVLink, images and cameras in any MCAP file."""
 
-from replay.foreign.formats import CDR, JSON, PROTOBUF, ROS1, Kind, kind_of
 from replay.foreign.frames import FrameReader
-from replay.foreign.images import NANOSECONDS, SECONDS, read_encoded_image
+from replay.foreign.messages import CDR, JSON, NANOSECONDS, PROTOBUF, ROS1, SECONDS, Kind, kind_of, read_encoded_image
 from replay.foreign.recordings import (
     AnyRecording,
     ForeignImages,

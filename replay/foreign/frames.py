@@ -23,7 +23,7 @@ from aerodft.adapters.telemetry.mavlink import (
 )
 from aerodft.adapters.wire.payload import load_bounded_json
 from aerodft.model import IntArray
-from replay.foreign.formats import JSON, ROS1, RosFields, type_of
+from replay.foreign.messages import JSON, ROS1, RosFields, type_of
 
 _BY_NAME: Final = {str(message.msgname): message for message in MESSAGES.values()}
 _FLOATS: Final = ("float", "double")

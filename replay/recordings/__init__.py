@@ -1,6 +1,5 @@
 """A recording as input again: its configuration, messages and pixels."""
 
-from replay.recordings.of_image import measurements_of, pose_at, pose_of
 from replay.recordings.pixels import PixelStore, jpeg_of
 from replay.recordings.recording import (
     ENCODED_IMAGE_SCHEMAS,
@@ -9,6 +8,9 @@ from replay.recordings.recording import (
     VIDEO_SCHEMA,
     LeftOut,
     Recording,
+    measurements_of,
+    pose_at,
+    pose_of,
 )
 from replay.recordings.redetection import Redetection, RedetectionStatistics
 from replay.recordings.segments import channels_of, is_mcap, is_within, messages_by_time, messages_of, segment_order

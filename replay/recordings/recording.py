@@ -24,13 +24,15 @@ from aerodft.adapters.recording.read import (
     recording_of,
     scan_segment,
 )
+from aerodft.adapters.recording.write import image_sequence
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
+from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, located
-from aerodft.model import WireProtocol
+from aerodft.model import Image, PoseSample, StampClock, WireProtocol
 from aerodft.version import SOFTWARE
 from replay.recordings.segments import is_mcap, message_tables, messages_of, segment_order
 
@@ -387,3 +389,58 @@ def _count_missing(folder: Path, stem: str, names: list[str]) -> int:
         more = f" and {len(gone) - _SHOWN} more" if len(gone) > _SHOWN else ""
         _log.warning("%s: without %s%s; read as far as it is there", folder, shown, more)
     return len(gone)
+
+
+_LATEST_NS: Final = 30 * SECOND_NS
+"""A pose is recorded at most so long after its image came: longer than any station waits for telemetry."""
+
+_USUAL_NS: Final = 3 * SECOND_NS
+"""What is measured in an image is recorded so soon, but for what waits longest for telemetry."""
+
+
+def pose_of(recording: Recording, image: Image) -> PoseSample | None:
+    """The pose of a recorded image; None where none was recorded.
+
+    Raises:
+        InputError: It is damaged.
+    """
+    from_ns, sequence = image.arrival_ns, image_sequence(image.index)
+    for message in _poses(recording, from_ns, from_ns + _LATEST_NS):
+        if message.sequence == sequence:
+            with located(recording.folder):
+                sample = decode_pose(message.data)
+            if image.clock is not StampClock.UTC or sample.stamp_ns == image.stamp_ns:
+                return sample
+    return None
+
+
+def pose_at(recording: Recording, stamp_ns: int) -> PoseSample | None:
+    """The pose that was recorded with a stamp (UTC); None where there is none.
+
+    Raises:
+        InputError: It is damaged.
+    """
+    stamp = f'"{stamp_ns}"'.encode()
+    for message in _poses(recording, None, None):
+        if stamp in message.data:
+            with located(recording.folder):
+                sample = decode_pose(message.data)
+            if sample.stamp_ns == stamp_ns:
+                return sample
+    return None
+
+
+def measurements_of(recording: Recording, image: Image) -> Iterator[bytes]:
+    """The recorded measurements of an image, as ``aerodft.measurement/1``, those of a probe that came later too.
+
+    Raises:
+        InputError: One is damaged.
+    """
+    from_ns, own = image.arrival_ns, b'"image":%d,' % image.index
+    for payload in recording.measurements(from_ns=from_ns, to_ns=from_ns + _USUAL_NS):
+        if own in payload:
+            yield payload
+
+
+def _poses(recording: Recording, from_ns: int | None, to_ns: int | None) -> Iterator[ReadMessage]:
+    return recording.messages(from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.schema == POSE_SCHEMA)

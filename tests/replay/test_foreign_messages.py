@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.recording import Channel
 from replay.foreign import FrameReader, Kind, frames, kind_of, read_encoded_image
-from replay.foreign.images import read_camera
+from replay.foreign.messages import read_camera
 
 STAMP_NS = 1_795_221_278_868_833_001
 JPEG = bytes.fromhex("ffd8ff00")

@@ -2,12 +2,16 @@
 
 from aerodft.app.assembly.image_observers import ImageObservers, build_observers
 from aerodft.app.assembly.pipeline import build_pipeline, build_recorder, closing_recorder, outputs_run, run
-from aerodft.app.assembly.recorded import (
+from aerodft.app.assembly.run_result import MeasurementSink, RunResult, RunStatistics
+from aerodft.app.assembly.sources import (
+    DEFAULT_RATE_HZ,
+    DelayedSource,
     RecordedRun,
     RecordedTelemetry,
+    check_size,
     open_telemetry_log,
     recorded_station,
+    reoffset,
+    size_checked,
     stations_of,
 )
-from aerodft.app.assembly.run_result import MeasurementSink, RunResult, RunStatistics
-from aerodft.app.assembly.sources import DEFAULT_RATE_HZ, DelayedSource, check_size, reoffset, size_checked

@@ -1,14 +1,23 @@
-"""A station's sources: delayed to where they arrive, checked, or stamped by another clock."""
+"""A station's sources, delayed, checked or restamped; and what is recorded as input again, with its station."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Final
 
-from aerodft.adapters.config.station import StationConfig
+import numpy as np
+
+from aerodft.adapters.config.station import StationConfig, Topics, load_station, parse_station, with_calibration
+from aerodft.adapters.outputs import Run
+from aerodft.adapters.telemetry import LogSource, open_log
+from aerodft.adapters.telemetry.mavlink import FrameCounts
+from aerodft.app.assembly.pipeline import build_pipeline, outputs_run
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model import VISION, Camera, Event, Image, Observation, RawBlock
-from aerodft.service import Source
+from aerodft.service import Batches, MergedFeed, Source
+from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
+from replay.recordings import LeftOut, Recording, RecordingSource, is_mcap
 
 DEFAULT_RATE_HZ: Final = 5.0
 """How often a station without images measures."""
@@ -110,3 +119,134 @@ def _has_camera(source: Source) -> bool:
     """Whether the images are a camera's, by the first of them."""
     first = next((event for event in source.events() if isinstance(event, Image)), None)
     return first is not None and first.width_px is not None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTelemetry:
+    """The telemetry of aerodft's own recording, whose frames were checked as they came."""
+
+    source: RecordingSource
+    recording: Recording
+    counts: FrameCounts = field(default_factory=FrameCounts)
+
+    def events(self) -> Iterator[Event]:
+        """The telemetry, in order of arrival."""
+        return (event for event in self.source.events() if isinstance(event, RawBlock))
+
+    def left_out(self) -> LeftOut:
+        """What the recording lacks."""
+        return self.recording.left_out()
+
+    def warnings(self) -> tuple[str, ...]:
+        """None: it was checked as it came."""
+        return ()
+
+
+def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSource, ForeignRecording | None]:
+    """Open a log or a recording by what it holds, whatever its name.
+
+    Args:
+        path: A log of any registered format, a recording, or another tool's MCAP file or folder.
+        topics: Which topic of another tool's recording is what.
+
+    Returns:
+        Its telemetry; and the recording, where another tool made it.
+
+    Raises:
+        InputError: The file cannot be read, or is no log and no recording.
+        NoAnswerError: The file holds nothing.
+    """
+    if not is_mcap(path):
+        return open_log(path), None
+    recording = open_recording(path, topics)
+    if isinstance(recording, ForeignRecording):
+        return ForeignTelemetry(recording), recording
+    return RecordedTelemetry(RecordingSource(recording), recording), None
+
+
+def recorded_station(recording: Recording) -> StationConfig:
+    """The configuration that a recording was made with.
+
+    Raises:
+        InputError: It has none, or one that this version cannot read.
+    """
+    text = recording.text("config.toml")
+    if text is None:
+        raise InputError(
+            "no config.toml beside the segments",
+            where=recording.folder,
+            hint="`recompute` takes one as `config`",
+        )
+    beside = recording.folder if recording.folder.is_dir() else recording.folder.parent
+    return parse_station(text.encode(), where=str(recording.folder / "config.toml"), folder=beside)
+
+
+def stations_of(
+    recording: Recording, config: Path | None, calibration: Path | None
+) -> tuple[StationConfig, StationConfig]:
+    """The configuration that a recording was made with, and the one to compute with.
+
+    Args:
+        recording: The recording.
+        config: File of the one to compute with; it stands for the recording's own too, where that has none. None to
+            compute with the recording's own.
+        calibration: File of the calibration to compute with; None for that of the configuration.
+
+    Raises:
+        InputError: There is no configuration, or the recorded images are not of its camera.
+    """
+    station = recorded_station(recording) if config is None else load_station(config)
+    is_own = config is None or recording.text("config.toml") is None
+    recorded = station if is_own else recorded_station(recording)
+    station = station if calibration is None else with_calibration(station, calibration)
+    images = (event for event in RecordingSource(recording).events() if isinstance(event, Image))
+    if (first := next(images, None)) is not None:  # one source has images of one size
+        check_size(first, station.pipeline.camera, recording.folder)
+    return recorded, station
+
+
+class RecordedRun:
+    """The run of a recording's station as it was at any time of it: measured anew from the inputs until then.
+
+    Args:
+        recording: The recording.
+
+    Attributes:
+        station: The configuration that it was made with.
+
+    Raises:
+        InputError: It has no configuration, or one that this version cannot read.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.station = recorded_station(recording)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._now_ns = 0
+        self._pipeline = build_pipeline(self.station)
+        self._batches = MergedFeed([RecordingSource(self._recording)], self.station.pipeline.tick_ns).batches()
+        self._later: Batches | None = None  # read, and of ticks that are not over
+
+    def at(self, now_ns: int) -> Run:
+        """The run when its clock said ``now_ns`` (UTC); where time goes back it begins anew.
+
+        Raises:
+            InputError: The recording is damaged there.
+        """
+        if now_ns < self._now_ns:
+            self._begin()
+        try:
+            while (batches := self._later or next(self._batches, None)) is not None:
+                count = int(np.searchsorted(batches.now_ns, now_ns, side="right"))
+                if count:
+                    self._pipeline.advance(batches[:count])
+                self._later = batches[count:] if count < len(batches) else None
+                if self._later is not None:
+                    break
+        except BaseException:
+            self._begin()  # and fails there again, instead of an answer without what comes behind it
+            raise
+        self._now_ns = now_ns
+        return outputs_run(self.station, self._pipeline)

@@ -1,7 +1,6 @@
 """Measuring in one image: camera, pose, ground and probes to measurements."""
 
-from aerodft.app.measure.measurements import ground_points, measure
-from aerodft.app.measure.probes import (
+from aerodft.app.measure.measurements import (
     PROBES,
     Area,
     Bearing,
@@ -13,6 +12,8 @@ from aerodft.app.measure.probes import (
     Range,
     RiverWidth,
     Width,
+    ground_points,
+    measure,
     requests_of,
 )
 from aerodft.app.measure.recorded_pose import Overrides, RecordedScenes, recorded_setup

@@ -7,6 +7,6 @@ from aerodft.reports.calibration.document import (
     displayed_covariance,
     displayed_values,
     values_of,
+    write_calibration_page,
 )
 from aerodft.reports.calibration.marks import Mark, rows_of
-from aerodft.reports.calibration.page import write_calibration_page

@@ -122,8 +122,9 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
             station = refreshed(aligned_station(station, log, where, progress))
         else:
             station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
-    files = (*station.observations.files, *map(Path, observations))
-    return _recorded(station, log, files, Path(output), where, progress)
+    return _recorded(
+        station, log, (*station.observations.files, *map(Path, observations)), Path(output), where, progress
+    )
 
 
 def _check_log(station: StationConfig, log: Path | None, where: str) -> None:

@@ -99,8 +99,7 @@ def read_input(path: Path) -> ComparisonInput:
     def rows() -> Iterator[_Row]:
         for payload in recording.measurements():
             digest.update(len(payload).to_bytes(8, "little") + payload)
-            item = parsed(payload)
-            yield _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item, path)
+            yield _row_of_payload(payload, path)
 
     with located(path):
         series = _series(rows(), path)
@@ -121,6 +120,11 @@ class _Row(NamedTuple):
     std: float
     status: str
     place: tuple[float, ...]
+
+
+def _row_of_payload(payload: bytes, where: Path) -> _Row:
+    item = parsed(payload)
+    return _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item, where)
 
 
 def _row(row: Item, where: Path) -> _Row:

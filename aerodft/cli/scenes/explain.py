@@ -2,7 +2,9 @@
 
 from typing import Annotated, Any
 
-from aerodft.cli.scenes.image_options import of_uncertainty, with_options_of
+import typer
+
+from aerodft.cli.scenes.image_options import with_options_of
 from aerodft.cli.scenes.measure import measure
 
 
@@ -11,8 +13,9 @@ def explain(
     *,
     compare: Annotated[
         bool,
-        of_uncertainty(
+        typer.Option(
             "--compare",
+            rich_help_panel="Uncertainty and model",
             help="Both projection models side by side, and what lies between.",
         ),
     ] = False,

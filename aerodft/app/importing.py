@@ -115,8 +115,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     source = _image_input(station.images.source, video, video_start_ns, images, rate_hz)
     station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
     station = refreshed(station) if calibration is None else with_calibration(station, Path(calibration))
-    log = None if log is None else Path(log)
-    _check_log(station, log, where)
+    log = _checked_log(station, log, where)
     with named_in(Path(where)):
         if sync or (sync is None and station.images.is_auto):
             station = refreshed(aligned_station(station, log, where, progress))
@@ -127,11 +126,13 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     )
 
 
-def _check_log(station: StationConfig, log: Path | None, where: str) -> None:
+def _checked_log(station: StationConfig, log: str | Path | None, where: str) -> Path | None:
     """Refuse telemetry that a station does not read, and none where it reads some; a recording may be of images."""
+    log = None if log is None else Path(log)
     if (log is None) != (station.pipeline.telemetry is None) and not (log is not None and is_mcap(log)):
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=where, expected=need)
+    return log
 
 
 def _recorded(

@@ -34,7 +34,7 @@ import resource, sys, time
 from pathlib import Path
 from replay.recordings.recording import Recording
 from replay.player.publish import is_published
-from replay.player.merged_timeline import timeline
+from replay.player.player import timeline
 def chars(): return int(open("/proc/self/io").read().split()[1])
 before, start_s = chars(), time.process_time()
 recording = Recording(Path(sys.argv[1]))

@@ -7,7 +7,7 @@ import pytest
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ReadMessage
 from replay.player import Controls, Player
-from replay.player.merged_timeline import TimelineMessage
+from replay.player.player import TimelineMessage
 from tests.clock import VirtualClock
 
 CHANNEL = Channel(topic="/t", encoding="json", schema="")

@@ -6,7 +6,7 @@ import pytest
 from mcap.writer import Writer
 
 from replay.foreign import ForeignRecording
-from replay.player import merged_timeline as module
+from replay.foreign import recordings as module
 from replay.player import timeline
 
 START_NS = 1_795_221_278_000_000_000

@@ -1,16 +1,22 @@
 """``aerodft explain``: where an uncertainty comes from, and how far the two projection models are apart."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from aerodft.cli.scenes.image_options import with_options_of
-from aerodft.cli.scenes.measure import measure
+from aerodft.cli.option_groups import JsonOption, grouped
+from aerodft.cli.scenes.image_options import GroundOptions, SurfaceOptions
+from aerodft.cli.scenes.measure import ModelOption, ProbeOption, RecordedOptions, answer
 
 
-@with_options_of(measure, "depth_map", "image", "step", "explain")
+@grouped
 def explain(
+    ground: GroundOptions,
+    scene: SurfaceOptions,
+    recorded: RecordedOptions,
     *,
+    model: ModelOption = None,
+    probe: ProbeOption = None,
     compare: Annotated[
         bool,
         typer.Option(
@@ -19,7 +25,7 @@ def explain(
             help="Both projection models side by side, and what lies between.",
         ),
     ] = False,
-    **shared: Any,  # noqa: ANN401 - the options of measure, which it checks
+    json: JsonOption = False,
 ) -> None:
     r"""Say where the uncertainty of a measurement comes from, and what would make it smaller.
 
@@ -29,4 +35,4 @@ def explain(
         --probe "range 1944,493"
       aerodft explain --recording demo/recording --at 5 --probe "distance 200,300 500,300" --compare
     """
-    measure(**shared, compare=compare, explain=not compare)
+    answer(ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)

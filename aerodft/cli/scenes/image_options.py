@@ -1,12 +1,11 @@
 """Camera, pose, ground, probes and their standard deviations, as options of the commands about one image."""
 
-import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -27,27 +26,6 @@ _POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
 _OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
 _PROBE_OPTIONS: Final = ("elevation", "name")
 _LEVEL: Final = ("roll", "heading")  # of which 0 says nothing
-
-
-def with_options_of(other: Callable[..., None], *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Have a command take the options of another one as keywords, beside its own and in their place.
-
-    Args:
-        other: The other command.
-        without: Its parameters that make no sense here.
-    """
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = dict(inspect.signature(command).parameters)
-        keywords = [name for name, each in own.items() if each.kind is inspect.Parameter.VAR_KEYWORD]
-        shared = inspect.signature(other).parameters
-        merged = {name: each for name, each in {**shared, **own}.items() if name not in {*without, *keywords}}
-        parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in merged.values()]
-        command.__annotations__ = {each.name: each.annotation for each in parameters}
-        cast("Any", command).__signature__ = inspect.Signature(parameters)  # what typer reads
-        return command
-
-    return decorate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
@@ -32,6 +32,13 @@ _LOG: Final = logging.getLogger(__name__)
 _of_recording: Final = partial(typer.Option, rich_help_panel="Of a recording, instead of camera and pose")
 _LEVEL_RAD: Final = math.radians(0.05)
 _FIRST_UTC_NS: Final = 10**17  # a time below it counts from the recording's start
+
+
+ModelOption: TypeAlias = Annotated[ProjectionModel | None, of_uncertainty(help="Projection model; else pinhole.")]
+ProbeOption: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,17 +92,17 @@ class DepthOptions:
     step: Annotated[float | None, typer.Option(hidden=True, help="As depth-map --step.")] = None
 
 
+_NO_MAP: Final = DepthOptions()
+
+
 @grouped
 def measure(
     ground: GroundOptions,
     scene: SurfaceOptions,
     recorded: RecordedOptions,
     mapped: DepthOptions,
-    model: Annotated[ProjectionModel | None, of_uncertainty(help="Projection model; else pinhole.")] = None,
-    probe: Annotated[
-        list[str] | None,
-        typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
-    ] = None,
+    model: ModelOption = None,
+    probe: ProbeOption = None,
     compare: Annotated[bool, typer.Option("--compare", hidden=True, help="As explain --compare.")] = False,
     explain: Annotated[bool, typer.Option("--explain", hidden=True, help="As the command explain.")] = False,
     json: JsonOption = False,
@@ -109,6 +116,29 @@ def measure(
       aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
+    answer(ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
+
+
+def answer(
+    ground: GroundOptions,
+    scene: SurfaceOptions,
+    recorded: RecordedOptions,
+    model: ProjectionModel | None,
+    probe: list[str] | None,
+    mapped: DepthOptions = _NO_MAP,
+    *,
+    compare: bool,
+    explain: bool,
+    as_json: bool,
+) -> None:
+    """What ``measure``, ``explain`` and ``depth-map`` say.
+
+    Raises:
+        UsageError: Options do not go together.
+        InputError: Something is impossible, or cannot be read.
+        NoAnswerError: There is no pose.
+        Exit: With 3 for a pixel outside the image, with 4 where nothing was measured.
+    """
     _check_together(
         {"--probe": probe, "--compare": compare, "--explain": explain},
         {"--depth-map": mapped.depth_map, "--image": mapped.image, "--step": mapped.step},
@@ -119,22 +149,22 @@ def measure(
     if found is not None:
         setup, sample = found
         setup = setup if model is None else replace(setup, model=model)
-        if not json:
+        if not as_json:
             say(_pose_sentence(sample))
     else:
         setup, sample = scene.scene(ground, model)
         sample = scene.stds.noted(sample)
     _check_model(setup, sample, model, scene.roll, compare=compare)
     if mapped.depth_map is not None:
-        _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=json)
+        _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)
         return
     requests = parse_probes(probe or [], scene.stds, scene.elevation)
     from aerodft.cli.scenes.measured import show_measurements, show_models
 
     if compare:
-        show_models(setup, sample, requests, as_json=json)
+        show_models(setup, sample, requests, as_json=as_json)
     else:
-        show_measurements(setup, sample, requests, explain=explain, as_json=json)
+        show_measurements(setup, sample, requests, explain=explain, as_json=as_json)
 
 
 def _check_together(probing: dict[str, object], mapping: dict[str, object]) -> None:

@@ -244,9 +244,9 @@ class HeightPairs:
                 if outlier in names
             }
             pairs = [pair for names, pair in self._pairs.items() if set(names) <= set(others)]
-        if len(others) > 1 and pairs and not any(pair.disagrees for pair in pairs):
-            rest = {names: pair for names, pair in disagreeing.items() if outlier not in names}
-            return [_outlier_sentence(outlier, others, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
+            if len(others) > 1 and pairs and not any(pair.disagrees for pair in pairs):
+                rest = {names: pair for names, pair in disagreeing.items() if outlier not in names}
+                return [_outlier_sentence(outlier, others, home_above_plane_m), *_sentences(rest, home_above_plane_m)]
         return _sentences(disagreeing, home_above_plane_m)
 
 

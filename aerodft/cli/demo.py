@@ -77,6 +77,7 @@ def demo(
     say(f"one flight has one bias, drawn from these stds: {spread}; its intervals hold the truth or miss it together.")
     say(f"look at {output}/annotated.png and widths.png; measurements.csv and .geojson open anywhere,")
     say(f"{output}/recording in Foxglove. Done in {time.monotonic() - began:.0f} s.")
+    say(f"to click widths of your own in its images: aerodft view {output}/recording --open")
     if json:
         print_json({"probes": probes, "identical": comparison.is_identical, "received": len(received)})
     if not comparison.is_identical:

@@ -133,8 +133,10 @@ export class Plots {
     let left = 6;
     for (const each of new Set(source || [])) {
       pen.fillStyle = this.colourOf({ source }, each);
-      pen.fillText(each, left, top + 72);
-      left += pen.measureText(each).width + 8;
+      pen.fillRect(left, top + 63, 9, 9);
+      pen.fillStyle = this.ink;
+      pen.fillText(each, left + 12, top + 72);
+      left += pen.measureText(each).width + 20;
     }
   }
 

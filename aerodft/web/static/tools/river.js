@@ -86,7 +86,9 @@ export class RiverLayer {
   }
 
   text(units) {
-    return this.found ? reachText(this.found, units) : "Looking for banks …";
+    if (!this.found) return "Looking for banks …";
+    const isCarried = this.hinted !== null && this.hinted !== this.image;
+    return reachText(this.found, units) + (isCarried ? ` With the strokes of image ${this.hinted + 1}, carried to this one.` : "");
   }
 
   drawProfile(canvas, ink, units) {

@@ -182,7 +182,7 @@ export class Picture {
     loupe.hidden = !pixel || !bitmap;
     if (loupe.hidden) return;
     const pen = loupe.getContext("2d"), half = loupe.width / 2, [u, v] = pixel, [x, y] = this.screenAt(pixel);
-    const isCovered = x > this.canvas.clientWidth - 1.5 * loupe.width && y < 1.5 * loupe.height;
+    const isCovered = x > this.canvas.clientWidth / 2 && y < 1.5 * loupe.height;
     loupe.classList.toggle("left", isCovered); // a finger or pointer would cover it
     pen.imageSmoothingEnabled = false;
     pen.fillStyle = "#000";

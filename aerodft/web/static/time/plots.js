@@ -1,8 +1,7 @@
 // Values over time, each with its 95 % band; a click or a drag shows the image of that time.
 
-const ROW_PX = 84, LEFT_PX = 170, RIGHT_PX = 12, FOOT_PX = 22, MOST_LIVE = 3000, MOST_DRAWN = 4000;
-const BAND = "#56b4e966", LINE = "#0072b2", BAD = "#d55e00", EVENT = "#cc79a7";
-const SOURCES = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"];
+const ROW_PX = 84, MOST_LEFT_PX = 170, RIGHT_PX = 12, FOOT_PX = 22, MOST_LIVE = 3000, MOST_DRAWN = 4000;
+const BAND = "#56b4e966", BAD = "#d55e00", EVENT = "#cc79a7", OTHER_SOURCES = ["#e69f00", "#009e73", "#cc79a7", "#d55e00"];
 const KNOWN = [ // of the pose: name, unit, and its keys in the series of a recording and in what is seen live
   ["height", "m", "height_m", "height_std_m", (pose) => [pose.height_agl_m, pose.std.height_agl_m]],
   ["tilt", "deg", "tilt_deg", "tilt_std_deg", (pose) => [pose.tilt_deg, pose.std.tilt_deg]],
@@ -67,9 +66,13 @@ export class Plots {
     return [first, Math.max(last, first + 1)];
   }
 
+  get left() { // of the lines: before them stand their titles
+    return Math.min(MOST_LEFT_PX, 0.3 * this.canvas.clientWidth);
+  }
+
   brush(x) {
-    const [first, last] = this.span, width = this.canvas.clientWidth - LEFT_PX - RIGHT_PX;
-    this.onTime(first + Math.min(Math.max((x - LEFT_PX) / width, 0), 1) * (last - first));
+    const [first, last] = this.span, width = this.canvas.clientWidth - this.left - RIGHT_PX;
+    this.onTime(first + Math.min(Math.max((x - this.left) / width, 0), 1) * (last - first));
   }
 
   // ---- drawing
@@ -80,9 +83,11 @@ export class Plots {
     canvas.style.height = `${height}px`;
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     canvas.height = Math.round(height * ratio);
-    const pen = this.pen = canvas.getContext("2d"), width = canvas.clientWidth - LEFT_PX - RIGHT_PX;
-    this.ink = getComputedStyle(document.body).color;
-    this.x = (seconds) => LEFT_PX + ((seconds - first) / (last - first)) * width;
+    const pen = this.pen = canvas.getContext("2d"), { left } = this, width = canvas.clientWidth - left - RIGHT_PX;
+    const style = getComputedStyle(document.body);
+    this.ink = style.color;
+    this.colours = [style.getPropertyValue("--accent"), ...OTHER_SOURCES];
+    this.x = (seconds) => left + ((seconds - first) / (last - first)) * width;
     pen.scale(ratio, ratio);
     pen.font = "13px system-ui, sans-serif";
     this.rows.forEach((row, number) => this.drawRow(row, number * ROW_PX));
@@ -97,9 +102,9 @@ export class Plots {
     const { pen } = this, end = `${last.toFixed(1)} s`;
     const near = this.events.find((each) => Math.abs(each.seconds - this.now) < (last - first) / 60);
     const text = near ? `${near.kind}: ${near.text}` : "95 % bands; orange below: no answer; purple: events";
-    pen.fillText(`${first.toFixed(1)} s`, LEFT_PX, y);
+    pen.fillText(`${first.toFixed(1)} s`, this.left, y);
     pen.fillText(end, this.x(last) - pen.measureText(end).width, y);
-    pen.fillText(text, LEFT_PX + 80, y, this.x(last) - LEFT_PX - 160);
+    pen.fillText(text, this.left + 60, y, this.x(last) - this.left - 130);
   }
 
   drawRow(row, top) {
@@ -112,7 +117,7 @@ export class Plots {
       for (const at of part) if (row.high[at] !== null) pen.lineTo(x(row.seconds[at]), y(row.high[at]));
       for (const at of [...part].reverse()) if (row.low[at] !== null) pen.lineTo(x(row.seconds[at]), y(row.low[at]));
       pen.fill();
-      pen.strokeStyle = row.source ? this.colourOf(row, row.source[part[0]]) : LINE;
+      pen.strokeStyle = row.source ? this.colourOf(row, row.source[part[0]]) : this.colours[0];
       pen.lineWidth = 1.5;
       pen.beginPath();
       for (const at of part) pen.lineTo(x(row.seconds[at]), y(row.value[at]));
@@ -125,7 +130,7 @@ export class Plots {
 
   drawTitle({ name, unit, seconds, value, status, source }, top, low, high) {
     const { pen } = this, digits = Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(high - low || 1))));
-    const at = lastBefore(seconds, this.now), isNear = at >= 0 && this.now - seconds[at] < 2, room = LEFT_PX - 12;
+    const at = lastBefore(seconds, this.now), isNear = at >= 0 && this.now - seconds[at] < 2, room = this.left - 12;
     pen.fillStyle = this.ink;
     pen.fillText(name, 6, top + 18, room);
     if (Number.isFinite(low)) pen.fillText(`${low.toFixed(digits)} … ${high.toFixed(digits)} ${unit}`, 6, top + 36, room);
@@ -141,7 +146,7 @@ export class Plots {
   }
 
   colourOf({ source }, one) {
-    return SOURCES[[...new Set(source)].indexOf(one) % SOURCES.length];
+    return this.colours[[...new Set(source)].indexOf(one) % this.colours.length];
   }
 }
 

@@ -1,4 +1,4 @@
-"""What stands on the ground, from its outline in the image: where it stands, and its top and sides (paper, Section 4).
+"""Foot, top and sides of an upright object from its outline in the image (paper, Section 4).
 
 An object is where its bottom-most point is, not where its centroid is. "Down" is the image of the vertical at the
 object: straight down the image only for a camera without roll, and for a steep view another direction in every corner.
@@ -14,16 +14,16 @@ from aerodft.geometry import matrix, pixels_from_rays, rays_from_pixels
 from aerodft.model import BoolArray, Camera, FloatArray, Pose, read_only
 
 EDGE_STD_PX: Final = 1.0
-"""Of where an outline has its edge, unless whoever found it says better."""
+"""Standard deviation of an outline's edge for detections that state none."""
 
-_STEP_PX: Final = 0.5  # at which an outline's sides are sampled
-_MOST_SAMPLES: Final = 200_000
-_FOOT_PX: Final = 1.0  # so far above the lowest point the outline still belongs to the foot ...
-_FOOT_SHARE: Final = 0.02  # ... or this share of its height: a pair of shoes side by side
-_ASIDE: Final = 0.5  # of a box's or a foot's width, its middle half: somewhere there is what it stands on
-_UNIFORM: Final = 1 / math.sqrt(12.0)
-_UPRIGHT: Final = read_only([0.0, 1.0])
-_TURN_RAD: Final = 1e-4
+_SAMPLE_STEP_PX: Final = 0.5  # spacing of the points along an outline
+_MAX_SAMPLES: Final = 200_000
+_FOOT_PX: Final = 1.0  # height of the foot band above the lowest point ...
+_FOOT_HEIGHT_SHARE: Final = 0.02  # ... or this share of the object's height: a pair of shoes side by side
+_FOOT_WIDTH_SHARE: Final = 0.5  # middle share of a box's or foot's width that holds the point where the object stands
+_UNIFORM_STD: Final = 1 / math.sqrt(12.0)  # of a uniform distribution of width 1
+_DOWN_WITHOUT_ROLL: Final = read_only([0.0, 1.0])
+_DIRECTION_STEP_RAD: Final = 1e-4  # of the numerical derivative of the image towards the nadir
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,18 +48,18 @@ class Standing:
 
 
 def down_in_image(camera: Camera, pose: Pose | None, outline_px: FloatArray) -> FloatArray | None:
-    """Where down is at an object, as a direction ``(2,)`` of length 1 in the image.
+    """Direction of the vertical, downwards, at an object: a unit vector ``(2,)`` in the image.
 
     Args:
         camera: The camera.
-        pose: Its pose; None for a camera that is upright as far as one knows.
+        pose: Its pose; None for a camera taken to be without roll.
         outline_px: ``(n, 2)``.
 
     Returns:
         None where there is no such direction: the object is right below the camera, or outside the lens model.
     """
     if pose is None:
-        return _UPRIGHT
+        return _DOWN_WITHOUT_ROLL
     low, high = np.min(outline_px, axis=0), np.max(outline_px, axis=0)
     ray = rays_from_pixels(camera, (low + high) / 2)
     if not np.all(np.isfinite(ray)):
@@ -69,11 +69,11 @@ def down_in_image(camera: Camera, pose: Pose | None, outline_px: FloatArray) -> 
     nadir_px = pixels_from_rays(camera, nadir) if nadir[2] > 0 else np.full(2, np.nan)
     if np.all((nadir_px >= low) & (nadir_px <= high)):
         return None
-    towards = nadir - (nadir @ ray) * ray
-    length = float(np.linalg.norm(towards))
-    if length < _TURN_RAD:
+    nadir_direction = nadir - (nadir @ ray) * ray
+    length = float(np.linalg.norm(nadir_direction))
+    if length < _DIRECTION_STEP_RAD:
         return None
-    ends = pixels_from_rays(camera, ray + np.array([[-0.5], [0.5]]) * _TURN_RAD * towards / length)
+    ends = pixels_from_rays(camera, ray + np.array([[-0.5], [0.5]]) * _DIRECTION_STEP_RAD * nadir_direction / length)
     step = ends[1] - ends[0]
     size = float(np.linalg.norm(step))
     return np.asarray(step / size) if math.isfinite(size) and size > 0 else None
@@ -82,32 +82,32 @@ def down_in_image(camera: Camera, pose: Pose | None, outline_px: FloatArray) -> 
 def standing_outline(
     camera: Camera, pose: Pose | None, outline_px: FloatArray, edge_std_px: float = EDGE_STD_PX
 ) -> Standing:
-    """An object from its outline.
+    """Locate an upright object from its outline.
 
-    What is lowest is what is seen closest to straight down, not what is farthest along some direction of the image.
+    The lowest point is the one seen closest to the nadir, not the farthest along some direction of the image.
 
     Args:
         camera: The camera.
-        pose: Its pose; None for a camera that is upright as far as one knows.
-        outline_px: ``(n, 2)`` corners of the closed outline, where the object ends: not centres of its last pixels.
-        edge_std_px: Of the outline.
+        pose: Its pose; None for a camera taken to be without roll.
+        outline_px: ``(n, 2)`` corners of the closed outline, at the object's border: not centres of its last pixels.
+        edge_std_px: Standard deviation of the outline's edge.
     """
     down = down_in_image(camera, pose, outline_px)
     if down is None:
-        return _seen_from_above(outline_px, edge_std_px)
-    points = _sampled(outline_px)
+        return _locate_below(outline_px, edge_std_px)
+    points = _sample_outline(outline_px)
     low, side, sides = points[:, 1], points[:, 0], None
     if pose is not None:
-        points, low, side, sides = _by_nadir(camera, pose, points, down)
+        points, low, side, sides = _nadir_coordinates(camera, pose, points, down)
     lowest, highest = float(np.max(low)), float(np.min(low))
-    near = max(_FOOT_PX, _FOOT_SHARE * (lowest - highest))
-    foot_px, spread = _middle(points, side, low >= lowest - near, low)
-    top_px, _ = _middle(points, side, low <= highest + near, -low)
+    near = max(_FOOT_PX, _FOOT_HEIGHT_SHARE * (lowest - highest))
+    foot_px, spread = _centre(points, side, low >= lowest - near, low)
+    top_px, _ = _centre(points, side, low <= highest + near, -low)
     if sides is None or not np.all(np.isfinite(sides)):
         sides = np.array([[side.min(), lowest], [side.max(), lowest]])
     return Standing(
         foot_px=foot_px,
-        foot_cov_px2=_covariance(down, edge_std_px, math.hypot(edge_std_px, spread)),
+        foot_cov_px2=_foot_covariance(down, edge_std_px, math.hypot(edge_std_px, spread)),
         top_px=top_px,
         sides_px=sides,
         edge_std_px=edge_std_px,
@@ -115,12 +115,12 @@ def standing_outline(
     )
 
 
-def _by_nadir(
+def _nadir_coordinates(
     camera: Camera, pose: Pose, points_px: FloatArray, down: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Pixels inside the lens model ``(m, 2)``, how low each is and how far to the right ``(m,)``, in about pixels.
+    """Pixels inside the lens model ``(m, 2)``, closeness to the nadir and offset to the right ``(m,)`` px.
 
-    Verticals have one azimuth each: those at both sides go down to where the lowest point is, ``(2, 2)`` pixels.
+    Verticals have one azimuth each: fourth are the ends ``(2, 2)`` px of both sides' at the lowest point's nadir angle.
     """
     rays = rays_from_pixels(camera, points_px)
     points, rays = points_px[np.isfinite(rays[:, 0])], rays[np.isfinite(rays[:, 0])]
@@ -129,19 +129,19 @@ def _by_nadir(
     off_nadir = np.arctan2(np.hypot(enu[:, 0], enu[:, 1]), -enu[:, 2])
     level = enu[:, :2] / np.linalg.norm(enu[:, :2], axis=-1, keepdims=True)
     middle = np.mean(level, axis=0)
-    aside = np.arctan2(level[:, 0] * middle[1] - level[:, 1] * middle[0], level @ middle)
+    azimuth_offset = np.arctan2(level[:, 0] * middle[1] - level[:, 1] * middle[0], level @ middle)
     lowest = float(np.min(off_nadir))
     scale = float(np.ptp(points @ down)) / max(float(np.ptp(off_nadir)), 1e-12)
-    ends = np.arctan2(middle[0], middle[1]) + np.array([np.min(aside), np.max(aside)])
+    ends = np.arctan2(middle[0], middle[1]) + np.array([np.min(azimuth_offset), np.max(azimuth_offset)])
     flat = np.sin(lowest) * np.stack([np.sin(ends), np.cos(ends)], axis=-1)
     sides = pixels_from_rays(camera, np.column_stack([flat, np.full(2, -np.cos(lowest))]) @ rotation)
-    return points, -off_nadir * scale, aside * scale * np.sin(lowest), sides
+    return points, -off_nadir * scale, azimuth_offset * scale * np.sin(lowest), sides
 
 
 def standing_box(
     box_px: tuple[float, float, float, float], down: FloatArray | None, edge_std_px: float = EDGE_STD_PX
 ) -> Standing:
-    """An object from the box around it, of which only the middle can be told: it is as upright as the vertical is.
+    """Locate an upright object from its bounding box, of which only the middle can be told.
 
     Args:
         box_px: Left, top, right and bottom limit.
@@ -150,60 +150,61 @@ def standing_box(
     """
     left, top, right, bottom = box_px
     if down is None:
-        return _seen_from_above(np.array([[left, top], [right, bottom]]), edge_std_px)
+        return _locate_below(np.array([[left, top], [right, bottom]]), edge_std_px)
     centre, half = np.array([left + right, top + bottom]) / 2, np.array([right - left, bottom - top]) / 2
-    across = _across(down)
-    reach_down, reach_aside = _exit(half, down), _exit(half, across)
-    foot = centre + reach_down * down
-    aside = math.hypot(edge_std_px, _ASIDE * 2 * reach_aside * _UNIFORM)
+    lateral = _right_of(down)
+    down_px, lateral_px = _border_distance(half, down), _border_distance(half, lateral)
+    foot = centre + down_px * down
+    lateral_std = math.hypot(edge_std_px, _FOOT_WIDTH_SHARE * 2 * lateral_px * _UNIFORM_STD)
     return Standing(
         foot_px=foot,
-        foot_cov_px2=_covariance(down, edge_std_px, aside),
-        top_px=centre - reach_down * down,
-        sides_px=np.array([foot - reach_aside * across, foot + reach_aside * across]),
+        foot_cov_px2=_foot_covariance(down, edge_std_px, lateral_std),
+        top_px=centre - down_px * down,
+        sides_px=np.array([foot - lateral_px * lateral, foot + lateral_px * lateral]),
         edge_std_px=edge_std_px,
-        aside_std_px=aside,
+        aside_std_px=lateral_std,
     )
 
 
-def _across(down: FloatArray) -> FloatArray:
-    """To the right where ``down (2,)`` is down."""
+def _right_of(down: FloatArray) -> FloatArray:
+    """Direction to the right of ``down (2,)``."""
     return np.array([down[1], -down[0]])
 
 
-def _covariance(down: FloatArray, along_px: float, aside_px: float) -> FloatArray:
-    across = _across(down)
-    return np.asarray(along_px**2 * np.outer(down, down) + aside_px**2 * np.outer(across, across))
+def _foot_covariance(down: FloatArray, vertical_px: float, lateral_px: float) -> FloatArray:
+    """Covariance ``(2, 2)`` of a foot from standard deviations along and across the vertical."""
+    right = _right_of(down)
+    return np.asarray(vertical_px**2 * np.outer(down, down) + lateral_px**2 * np.outer(right, right))
 
 
-def _exit(half: FloatArray, direction: FloatArray) -> float:
-    """How far it is from the middle of a box to its border."""
+def _border_distance(half: FloatArray, direction: FloatArray) -> float:
+    """Distance from the centre of a box to its border along a direction."""
     return float(np.min(half / np.maximum(np.abs(direction), 1e-12)))
 
 
-def _seen_from_above(outline_px: FloatArray, edge_std_px: float) -> Standing:
-    """What is right below the camera stands somewhere within its outline; it shows neither height nor sides."""
+def _locate_below(outline_px: FloatArray, edge_std_px: float) -> Standing:
+    """Locate an object right below the camera: within its outline, without height or sides."""
     low, high = np.min(outline_px, axis=0), np.max(outline_px, axis=0)
     centre = (low + high) / 2
-    spread = np.hypot(edge_std_px, (high - low) * _UNIFORM)
+    spread = np.hypot(edge_std_px, (high - low) * _UNIFORM_STD)
     sides = np.array([[low[0], centre[1]], [high[0], centre[1]]])
     return Standing(centre, np.diag(spread**2), centre, sides, float(np.max(spread)), float(np.max(spread)))
 
 
-def _sampled(outline_px: FloatArray) -> FloatArray:
-    """Points ``(m, 2)`` all along a closed outline, so that long sides count as much as short ones in a row."""
+def _sample_outline(outline_px: FloatArray) -> FloatArray:
+    """Sample a closed outline at equal steps ``(m, 2)``, so that long sides weigh as much as many short ones."""
     ends = np.roll(outline_px, -1, axis=0)
     lengths = np.linalg.norm(ends - outline_px, axis=-1)
-    step = max(_STEP_PX, float(np.sum(lengths)) / _MOST_SAMPLES)
+    step = max(_SAMPLE_STEP_PX, float(np.sum(lengths)) / _MAX_SAMPLES)
     counts = np.maximum(np.ceil(lengths / step).astype(np.int64), 1)
     starts = np.repeat(np.cumsum(counts) - counts, counts)
     share = ((np.arange(len(starts)) - starts) / np.repeat(counts, counts))[:, None]
     return np.asarray(np.repeat(outline_px, counts, axis=0) * (1 - share) + np.repeat(ends, counts, axis=0) * share)
 
 
-def _middle(points_px: FloatArray, side: FloatArray, chosen: BoolArray, low: FloatArray) -> tuple[FloatArray, float]:
-    """The middle of what is lowest of an outline, and how far aside of it anything of that is, as a std."""
-    rows = np.flatnonzero(chosen)
+def _centre(points_px: FloatArray, side: FloatArray, band: BoolArray, low: FloatArray) -> tuple[FloatArray, float]:
+    """Centre of a band of an outline, as low as its lowest point, and the lateral standard deviation."""
+    rows = np.flatnonzero(band)
     rows = rows[np.argsort(side[rows], kind="stable")]
     ends = points_px[rows[[0, -1]]]
     lowest = points_px[int(np.argmax(low))]
@@ -212,14 +213,13 @@ def _middle(points_px: FloatArray, side: FloatArray, chosen: BoolArray, low: Flo
     middle = np.mean(ends, axis=0)
     if length > 0:  # as low as the lowest point, between the ends
         middle = middle + (lowest - middle) @ along / length**2 * along
-    return middle, _ASIDE * length * _UNIFORM
+    return middle, _FOOT_WIDTH_SHARE * length * _UNIFORM_STD
 
 
 def corners_of(outline_px: FloatArray, most: int = 64) -> FloatArray:
-    """A closed outline ``(n, 2)`` with at most so many corners, its area nearly unchanged.
+    """Reduce a closed outline ``(n, 2)`` to at most ``most`` corners, its area nearly unchanged.
 
-    Left out is, one by one, the corner that spans the smallest triangle with its neighbours (Visvalingam and Whyatt
-    1993).
+    Removes one by one the corner of the smallest triangle with its neighbours (Visvalingam and Whyatt 1993).
     """
     corners = outline_px
     while len(corners) > most:

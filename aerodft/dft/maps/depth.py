@@ -35,15 +35,15 @@ from aerodft.model import Camera, FloatArray, Pose, read_only
 Z = 4  # plane of a depth map, behind those of ``dense``
 
 _LEVEL_PLANES, _PLANES = 4, 5  # of a map; a table of rays has four as well
-_AT_ONCE = 1 << 18  # pixels whose rays are found, or met with terrain, together: some 100 MB of double precision
-_STD_AT_ONCE = 1 << 17  # pixels whose ranges' derivatives are found together: some 100 MB
+_BLOCK_SIZE = 1 << 18  # pixels per block of rays and of intersections with terrain: some 100 MB of double precision
+_STD_BLOCK_SIZE = 1 << 17  # pixels per block of range derivatives: some 100 MB
 _UP = read_only([0.0, 0.0, 1.0])
-_GRAZING = 1e-6  # cosine of the incidence from which sampling distances stay finite; rays are no better known
+_MIN_COSINE = 1e-6  # of the incidence, so that sampling distances stay finite; rays are no better known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DepthMap:
-    """What every pixel of an image sees of the ground; NaN where it sees none.
+    """Range, ground coordinates and ground sampling distance of every pixel; NaN where it sees no ground.
 
     Attributes:
         planes: ``(4, height, width)`` float32: ``range_m``, ``x_m``, ``y_m`` and ``gsd_m``; where the ground is not
@@ -63,29 +63,29 @@ class DepthMap:
 
     @property
     def range_m(self) -> Float32Array:
-        """``(height, width)`` slant range from the camera."""
+        """Slant ranges ``(height, width)`` from the camera."""
         return self._plane(RANGE)
 
     @property
     def x_m(self) -> Float32Array:
-        """``(height, width)`` to the right, ground frame."""
+        """Ground frame X, to the right, ``(height, width)``."""
         return self._plane(X)
 
     @property
     def y_m(self) -> Float32Array:
-        """``(height, width)`` ahead, ground frame."""
+        """Ground frame Y, ahead, ``(height, width)``."""
         return self._plane(Y)
 
     @property
     def z_m(self) -> Float32Array:
-        """``(height, width)`` height above the elevation 0, as the camera's own; made anew for level ground."""
+        """Heights ``(height, width)`` above the elevation 0, as the camera's; a new array on level ground."""
         if len(self.planes) > Z:
             return self._plane(Z)
         return np.where(np.isnan(self.range_m), np.float32(math.nan), np.float32(self.elevation_m))
 
     @property
     def gsd_m(self) -> Float32Array:
-        """``(height, width)`` ground sampling distance: the square root of the ground's area in a pixel.
+        """Ground sampling distances ``(height, width)``: square root of the ground's area in a pixel.
 
         The area is that of the surface itself, not of the map: ``solid angle * range^2 / cos(incidence)``, with the
         incidence between the line of sight and the ground's normal. On level ground this is the geometric mean of the
@@ -99,7 +99,7 @@ class DepthMap:
         return plane
 
     def east_north_m(self) -> tuple[Float32Array, Float32Array]:
-        """East and north, ``(height, width)`` each; made anew at every call."""
+        """East and north ``(height, width)``, computed at every call."""
         sine, cosine = math.sin(self.heading_rad), math.cos(self.heading_rad)
         east, north = self.foot_en_m.tolist()
         x_m, y_m = self.x_m, self.y_m
@@ -114,7 +114,7 @@ def depth_map(
     ground: Ground | None = None,
     out: Float32Array | None = None,
 ) -> DepthMap:
-    """Meet the ray of every pixel with the ground; pinhole model.
+    """Intersect the rays of all pixels with the ground; pinhole model.
 
     The camera's rays are found once and kept; for a lens with distortion that takes seconds, what follows milliseconds
     on level and tilted ground. Terrain is met at up to a million pixels a second.
@@ -146,11 +146,11 @@ def depth_map(
     flat, curvature_per_m = planes.reshape(len(planes), -1), 0.0
     if ground is None or isinstance(ground, Plane):
         plane = measured_plane(ground, elevation_m)
-        _meet_plane(camera, pose, heading, plane, limit_m, flat)
+        _intersect_plane(camera, pose, heading, plane, limit_m, flat)
         if ground is not None:
-            _heights_on_plane(pose, heading, plane, flat)
+            _fill_plane_heights(pose, heading, plane, flat)
     else:
-        curvature_per_m = _meet_ground(camera, pose, heading, ground, elevation_m, limit_m, flat)
+        curvature_per_m = _intersect_ground(camera, pose, heading, ground, elevation_m, limit_m, flat)
     return DepthMap(
         planes=planes,
         foot_en_m=pose.position_enu_m[:2],
@@ -161,20 +161,20 @@ def depth_map(
 
 
 def measured_plane(ground: Plane | None, elevation_m: float) -> Plane:
-    """The plane ``elevation_m`` above ``ground``, along the vertical; without one the horizontal plane there."""
+    """Raise ``ground`` by ``elevation_m`` along the vertical; None stands for level ground at 0 m."""
     return Plane(_UP, elevation_m) if ground is None else ground.raised(elevation_m)
 
 
 def _ground_from_enu(heading_rad: float) -> FloatArray:
-    """``(2, 2)``: east and north to the ground frame's X and Y."""
+    """Rotation ``(2, 2)`` from east and north to the ground frame's X and Y."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
-def _meet_plane(
+def _intersect_plane(
     camera: Camera, pose: Pose, heading_rad: float, plane: Plane, limit_m: float, out: Float32Array
 ) -> None:
-    """Range, X, Y and sampling distance, into the first planes of ``out (planes, n)``.
+    """Write range, X, Y and sampling distance on a plane to the first planes of ``out (planes, n)``.
 
     With the plane's normal for the vertical the kernel of level ground meets any plane: only distances from the plane
     and angles with it count.
@@ -183,21 +183,21 @@ def _meet_plane(
     if above_m > 0:
         axes = np.zeros((3, 3))
         axes[:2, :2], axes[2] = _ground_from_enu(heading_rad), plane.normal_enu
-        turn = (axes @ matrix(pose.wxyz)).astype(np.float32)
-        meet_dense(ray_table(camera), turn, np.float32(above_m), np.float32(limit_m), out[:_LEVEL_PLANES])
+        ground_from_cam = (axes @ matrix(pose.wxyz)).astype(np.float32)
+        meet_dense(ray_table(camera), ground_from_cam, np.float32(above_m), np.float32(limit_m), out[:_LEVEL_PLANES])
     else:
         out[...] = np.nan
 
 
-def _heights_on_plane(pose: Pose, heading_rad: float, plane: Plane, out: Float32Array) -> None:
-    """Heights where X and Y are, into ``out (planes, n)``."""
+def _fill_plane_heights(pose: Pose, heading_rad: float, plane: Plane, out: Float32Array) -> None:
+    """Write the plane's heights at X and Y to ``out (planes, n)``."""
     by_x, by_y = (_ground_from_enu(heading_rad) @ (-plane.normal_enu[:2] / plane.normal_enu[2])).tolist()
     np.multiply(out[X], np.float32(by_x), out=out[Z])
     out[Z] += np.float32(by_y) * out[Y]
     out[Z] += np.float32(plane.height_at(pose.position_enu_m[:2]))
 
 
-def _meet_ground(
+def _intersect_ground(
     camera: Camera,
     pose: Pose,
     heading_rad: float,
@@ -206,20 +206,20 @@ def _meet_ground(
     limit_m: float,
     out: Float32Array,
 ) -> float:
-    """All planes of ``out (planes, n)``, pixels by the block; returns the ground's curvature (per m)."""
-    table, rotation, turn = ray_table(camera), matrix(pose.wxyz), _ground_from_enu(heading_rad)
+    """Write all planes of ``out (planes, n)``, by blocks of pixels; returns the ground's curvature (per m)."""
+    table, rotation, ground_from_enu = ray_table(camera), matrix(pose.wxyz), _ground_from_enu(heading_rad)
     curvature_per_m = 0.0
-    for first in range(0, table.shape[1], _AT_ONCE):
-        block = slice(first, first + _AT_ONCE)
+    for first in range(0, table.shape[1], _BLOCK_SIZE):
+        block = slice(first, first + _BLOCK_SIZE)
         rays_enu = table[: RAY_Z + 1, block].T @ rotation.T
         hits = ground.meet(pose.position_enu_m, rays_enu, elevation_m)
         away = hits.points_enu_m - pose.position_enu_m
         part = out[:, block]
         part[RANGE] = hits.range_m
-        part[X], part[Y] = turn @ away[:, :2].T
+        part[X], part[Y] = ground_from_enu @ away[:, :2].T
         part[Z] = hits.points_enu_m[:, 2]
         part[GSD] = (
-            table[PITCH, block] * hits.range_m / np.sqrt(np.maximum(_cos_incidence(rays_enu, away, hits), _GRAZING))
+            table[PITCH, block] * hits.range_m / np.sqrt(np.maximum(_cos_incidence(rays_enu, away, hits), _MIN_COSINE))
         )
         with np.errstate(invalid="ignore"):
             part[:, ~(hits.range_m <= limit_m)] = np.nan
@@ -228,7 +228,7 @@ def _meet_ground(
 
 
 def _cos_incidence(rays_enu: FloatArray, away_enu_m: FloatArray, hits: GroundHits) -> FloatArray:
-    """Between unit rays ``(n, 3)`` and the ground's normals, as they stand in the camera's axes on a curved earth."""
+    """Cosine between unit rays ``(n, 3)`` and the ground's normals in the camera's axes, on a curved earth."""
     normal = hits.normal_enu / hits.normal_enu[:, 2:]
     normal[:, :2] += 2 * hits.curvature_per_m * away_enu_m[:, :2]
     return np.asarray(-np.sum(normal * rays_enu, axis=-1) / np.linalg.norm(normal, axis=-1))
@@ -236,11 +236,11 @@ def _cos_incidence(rays_enu: FloatArray, away_enu_m: FloatArray, hits: GroundHit
 
 @lru_cache(maxsize=2)
 def ray_table(camera: Camera) -> Float32Array:
-    """``(4, n)`` unit rays in camera axes and square roots of the pixels' solid angles, row by row."""
+    """Unit rays in camera axes and square roots of the pixels' solid angles ``(4, n)``, row by row."""
     width, count = camera.width_px, camera.width_px * camera.height_px
     table = np.empty((_LEVEL_PLANES, count), dtype=np.float32)
-    for first in range(0, count, _AT_ONCE):
-        index = np.arange(first, min(first + _AT_ONCE, count))
+    for first in range(0, count, _BLOCK_SIZE):
+        index = np.arange(first, min(first + _BLOCK_SIZE, count))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # beyond the lens there is no ray
             rays = rays_with_jacobian(camera, np.stack([index % width, index // width], axis=-1).astype(np.float64))
             length = np.linalg.norm(rays.rays_cam, axis=-1)
@@ -252,7 +252,7 @@ def ray_table(camera: Camera) -> Float32Array:
 
 
 def range_std(camera: Camera, pose: Pose, plane: Plane, elevation_std_m: float = 0.0) -> Float32Array:
-    """Standard deviation of the slant range of every pixel, from pose, intrinsics and the ground's height.
+    """Propagate pose, intrinsics and ground height to the standard deviation of every pixel's slant range.
 
     First order, as the engine's for single pixels: above 5 % of the range it is too small on the far side. The pixel's
     middle itself is exact: who points to something in the image adds the error of pointing.
@@ -275,39 +275,39 @@ def range_std(camera: Camera, pose: Pose, plane: Plane, elevation_std_m: float =
     shared_cov = shared_covariance(camera, pose, elevation_std_m)
     if height_m > 0:
         table = ray_table(camera)
-        for first in range(0, len(std_m), _STD_AT_ONCE):
-            block = np.arange(first, min(first + _STD_AT_ONCE, len(std_m)))
+        for first in range(0, len(std_m), _STD_BLOCK_SIZE):
+            block = np.arange(first, min(first + _STD_BLOCK_SIZE, len(std_m)))
             rays_cam = table[: RAY_Z + 1, block].T.astype(np.float64)
             with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # no ray, level rays
-                jac = _range_by_pose(pose, plane, height_m, rays_cam, shared_cov.shape[-1])
+                jac = _range_jacobian_pose(pose, plane, height_m, rays_cam, shared_cov.shape[-1])
                 if np.any(shared_cov[INTRINSICS, INTRINSICS]):
                     pixels = np.stack([block % camera.width_px, block // camera.width_px], axis=-1).astype(np.float64)
-                    jac[:, INTRINSICS] = _range_by_intrinsics(camera, pose, plane, height_m, pixels)
+                    jac[:, INTRINSICS] = _range_jacobian_intrinsics(camera, pose, plane, height_m, pixels)
                 variance = np.sum((jac @ shared_cov) * jac, axis=-1)
                 meets = rays_cam @ (plane.normal_enu @ matrix(pose.wxyz)) < 0
                 std_m[block] = np.where(meets, np.sqrt(np.maximum(variance, 0.0)), np.nan)
     return std_m.reshape(camera.height_px, camera.width_px)
 
 
-def _range_by_pose(pose: Pose, plane: Plane, height_m: float, rays_cam: FloatArray, count: int) -> FloatArray:
-    """Derivatives ``(n, count)`` by what all pixels share, see ``projection``; zeros for the intrinsics."""
+def _range_jacobian_pose(pose: Pose, plane: Plane, height_m: float, rays_cam: FloatArray, count: int) -> FloatArray:
+    """Jacobian ``(n, count)`` by the shared errors, see ``projection``; zeros for the intrinsics."""
     normal_cam = plane.normal_enu @ matrix(pose.wxyz)
-    steep = -(rays_cam @ normal_cam)[:, None]
+    cos_incidence = -(rays_cam @ normal_cam)[:, None]
     jac = np.zeros((len(rays_cam), count))
-    jac[:, POSITION] = plane.normal_enu / steep
-    jac[:, ROTATION] = (height_m / steep**2) * np.cross(rays_cam, normal_cam)
-    jac[:, ELEVATION] = -plane.normal_enu[2] / steep[:, 0]
+    jac[:, POSITION] = plane.normal_enu / cos_incidence
+    jac[:, ROTATION] = (height_m / cos_incidence**2) * np.cross(rays_cam, normal_cam)
+    jac[:, ELEVATION] = -plane.normal_enu[2] / cos_incidence[:, 0]
     return jac
 
 
-def _range_by_intrinsics(
+def _range_jacobian_intrinsics(
     camera: Camera, pose: Pose, plane: Plane, height_m: float, pixels_px: FloatArray
 ) -> FloatArray:
-    """Derivatives ``(n, m)`` of the ranges of pixels ``(n, 2)`` by the intrinsics."""
+    """Jacobian ``(n, m)`` of the ranges of pixels ``(n, 2)`` by the intrinsics."""
     normal_cam = plane.normal_enu @ matrix(pose.wxyz)
     rays = rays_from_pixels(camera, pixels_px)
     length = np.linalg.norm(rays, axis=-1, keepdims=True)
     rays_cam = rays / length
-    steep = -(rays_cam @ normal_cam)[:, None]
-    by_ray = height_m / steep**2 * (normal_cam + steep * rays_cam) / length
+    cos_incidence = -(rays_cam @ normal_cam)[:, None]
+    by_ray = height_m / cos_incidence**2 * (normal_cam + cos_incidence * rays_cam) / length
     return np.asarray(np.einsum("ni,nij->nj", by_ray, rays_by_intrinsics(camera, pixels_px)))

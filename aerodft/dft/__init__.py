@@ -23,4 +23,4 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient, RayGeometry, upright_height
 from aerodft.dft.request import Request, Setup, link_requests, zoomed
-from aerodft.dft.silhouette import EDGE_STD_PX, Standing, corners_of, down_in_image, standing_box, standing_outline
+from aerodft.dft.silhouette import EDGE_STD_PX, Silhouette, down_in_image, locate_box, locate_outline, simplify_outline

@@ -27,16 +27,16 @@ _DIRECTION_STEP_RAD: Final = 1e-4  # of the numerical derivative of the image to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Standing:
-    """An upright object in the image, pixels.
+class Silhouette:
+    """Foot, top and sides of an upright object in the image.
 
     Attributes:
-        foot_px: ``(2,)`` where it stands.
+        foot_px: ``(2,)`` point where it stands.
         foot_cov_px2: ``(2, 2)``.
         top_px: ``(2,)``.
         sides_px: ``(2, 2)`` its left and right limits, level with the foot.
         edge_std_px: Of where the outline has its edge.
-        aside_std_px: Of the foot, across the vertical.
+        lateral_std_px: Of the foot, across the vertical.
     """
 
     foot_px: FloatArray
@@ -44,7 +44,7 @@ class Standing:
     top_px: FloatArray
     sides_px: FloatArray
     edge_std_px: float
-    aside_std_px: float
+    lateral_std_px: float
 
 
 def down_in_image(camera: Camera, pose: Pose | None, outline_px: FloatArray) -> FloatArray | None:
@@ -79,9 +79,9 @@ def down_in_image(camera: Camera, pose: Pose | None, outline_px: FloatArray) -> 
     return np.asarray(step / size) if math.isfinite(size) and size > 0 else None
 
 
-def standing_outline(
+def locate_outline(
     camera: Camera, pose: Pose | None, outline_px: FloatArray, edge_std_px: float = EDGE_STD_PX
-) -> Standing:
+) -> Silhouette:
     """Locate an upright object from its outline.
 
     The lowest point is the one seen closest to the nadir, not the farthest along some direction of the image.
@@ -105,13 +105,13 @@ def standing_outline(
     top_px, _ = _centre(points, side, low <= highest + near, -low)
     if sides is None or not np.all(np.isfinite(sides)):
         sides = np.array([[side.min(), lowest], [side.max(), lowest]])
-    return Standing(
+    return Silhouette(
         foot_px=foot_px,
         foot_cov_px2=_foot_covariance(down, edge_std_px, math.hypot(edge_std_px, spread)),
         top_px=top_px,
         sides_px=sides,
         edge_std_px=edge_std_px,
-        aside_std_px=math.hypot(edge_std_px, spread),
+        lateral_std_px=math.hypot(edge_std_px, spread),
     )
 
 
@@ -138,9 +138,9 @@ def _nadir_coordinates(
     return points, -off_nadir * scale, azimuth_offset * scale * np.sin(lowest), sides
 
 
-def standing_box(
+def locate_box(
     box_px: tuple[float, float, float, float], down: FloatArray | None, edge_std_px: float = EDGE_STD_PX
-) -> Standing:
+) -> Silhouette:
     """Locate an upright object from its bounding box, of which only the middle can be told.
 
     Args:
@@ -156,13 +156,13 @@ def standing_box(
     down_px, lateral_px = _border_distance(half, down), _border_distance(half, lateral)
     foot = centre + down_px * down
     lateral_std = math.hypot(edge_std_px, _FOOT_WIDTH_SHARE * 2 * lateral_px * _UNIFORM_STD)
-    return Standing(
+    return Silhouette(
         foot_px=foot,
         foot_cov_px2=_foot_covariance(down, edge_std_px, lateral_std),
         top_px=centre - down_px * down,
         sides_px=np.array([foot - lateral_px * lateral, foot + lateral_px * lateral]),
         edge_std_px=edge_std_px,
-        aside_std_px=lateral_std,
+        lateral_std_px=lateral_std,
     )
 
 
@@ -182,13 +182,13 @@ def _border_distance(half: FloatArray, direction: FloatArray) -> float:
     return float(np.min(half / np.maximum(np.abs(direction), 1e-12)))
 
 
-def _locate_below(outline_px: FloatArray, edge_std_px: float) -> Standing:
+def _locate_below(outline_px: FloatArray, edge_std_px: float) -> Silhouette:
     """Locate an object right below the camera: within its outline, without height or sides."""
     low, high = np.min(outline_px, axis=0), np.max(outline_px, axis=0)
     centre = (low + high) / 2
     spread = np.hypot(edge_std_px, (high - low) * _UNIFORM_STD)
     sides = np.array([[low[0], centre[1]], [high[0], centre[1]]])
-    return Standing(centre, np.diag(spread**2), centre, sides, float(np.max(spread)), float(np.max(spread)))
+    return Silhouette(centre, np.diag(spread**2), centre, sides, float(np.max(spread)), float(np.max(spread)))
 
 
 def _sample_outline(outline_px: FloatArray) -> FloatArray:
@@ -216,7 +216,7 @@ def _centre(points_px: FloatArray, side: FloatArray, band: BoolArray, low: Float
     return middle, _FOOT_WIDTH_SHARE * length * _UNIFORM_STD
 
 
-def corners_of(outline_px: FloatArray, most: int = 64) -> FloatArray:
+def simplify_outline(outline_px: FloatArray, most: int = 64) -> FloatArray:
     """Reduce a closed outline ``(n, 2)`` to at most ``most`` corners, its area nearly unchanged.
 
     Removes one by one the corner of the smallest triangle with its neighbours (Visvalingam and Whyatt 1993).

@@ -4,7 +4,7 @@ from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
 from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader
 from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
-from aerodft.service.outline_requests import standing_of
+from aerodft.service.outline_requests import locate_observation
 from aerodft.service.pipeline import Counts, Pipeline
 from aerodft.service.ports import (
     Clock,

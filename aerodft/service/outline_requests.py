@@ -13,11 +13,11 @@ from aerodft.dft import (
     MeasurementColumn,
     Request,
     Setup,
-    Standing,
-    corners_of,
+    Silhouette,
     down_in_image,
-    standing_box,
-    standing_outline,
+    locate_box,
+    locate_outline,
+    simplify_outline,
     zoomed,
 )
 from aerodft.model import (
@@ -89,21 +89,21 @@ def request_of(probe: Probe, observations: Sequence[Observation], setup: Setup, 
         return Request(probe=probe, pixels=pixels, std_px=observation.std_px or probe.std_px)
     std_px = observation.std_px or probe.std_px or EDGE_STD_PX
     if probe.kind == ProbeKind.AREA:
-        corners = corners_of(np.array(observation.contour))
+        corners = simplify_outline(np.array(observation.contour))
         return Request(probe=probe, pixels=_pairs(corners), std_px=std_px)
     zoomed_setup, sample = zoomed(setup, poses[0])
-    standing = standing_of(observation, zoomed_setup.camera, sample.pose, std_px)
-    points, std_px = _PIXELS_OF[probe.kind].pixels_and_std(standing)
+    silhouette = locate_observation(observation, zoomed_setup.camera, sample.pose, std_px)
+    points, std_px = _PIXELS_OF[probe.kind].pixels_and_std(silhouette)
     return Request(probe=probe, pixels=points, std_px=std_px)
 
 
-def standing_of(observation: Observation, camera: Camera, pose: Pose | None, edge_std_px: float) -> Standing:
-    """The object standing in an observation's box or contour."""
+def locate_observation(observation: Observation, camera: Camera, pose: Pose | None, edge_std_px: float) -> Silhouette:
+    """Locate the upright object of an observation from its box or contour."""
     if observation.box is not None:
         left, top, right, bottom = observation.box
         down = down_in_image(camera, pose, np.array([[left, top], [right, bottom]]))
-        return standing_box(observation.box, down, edge_std_px)
-    return standing_outline(camera, pose, np.array(observation.contour), edge_std_px)
+        return locate_box(observation.box, down, edge_std_px)
+    return locate_outline(camera, pose, np.array(observation.contour), edge_std_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +116,9 @@ class _ObjectPoints:
     errs_in_depth: bool = False
     errs_sideways: bool = False
 
-    def pixels_and_std(self, standing: Standing) -> tuple[Pixels, float]:
-        points = [standing.foot_px] * self.foot + [standing.top_px] * self.top + list(standing.sides_px) * self.sides
-        stds = [standing.edge_std_px] * self.errs_in_depth + [standing.aside_std_px] * self.errs_sideways
+    def pixels_and_std(self, seen: Silhouette) -> tuple[Pixels, float]:
+        points = [seen.foot_px] * self.foot + [seen.top_px] * self.top + list(seen.sides_px) * self.sides
+        stds = [seen.edge_std_px] * self.errs_in_depth + [seen.lateral_std_px] * self.errs_sideways
         return _pairs(np.array(points)), max(stds)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aerodft.dft.maps import Sampling, depth_map, top_view
-from aerodft.dft.maps.orthophoto import COARSEST
+from aerodft.dft.maps.orthophoto import MAX_GSD_RATIO
 from aerodft.geometry import ElevationGrid, Plane, Terrain, camera_pose, matrix
 from aerodft.model import Camera
 from aerodft.sim.render import Renderer, SensorModel
@@ -98,7 +98,7 @@ def test_the_step_is_the_images_own_unless_given():
     areas = [np.count_nonzero(view.pixels[..., 3]) * view.step_m**2 for view in (fine, coarse)]
     assert areas[0] == pytest.approx(float(np.sum(depth_map(CAMERA, pose).gsd_m.astype(float) ** 2)), rel=0.01)
     assert areas[1] == pytest.approx(areas[0], rel=0.02)
-    tiny = top_view(image, CAMERA, pose, Sampling(step_m=0.001, most_pixels=100_000))
+    tiny = top_view(image, CAMERA, pose, Sampling(step_m=0.001, max_pixels=100_000))
     assert 90_000 < tiny.pixels[..., 0].size < 103_000
 
 
@@ -106,7 +106,7 @@ def test_ground_near_the_horizon_is_left_out():
     image, pose = scene(80)
     view = top_view(image, CAMERA, pose)
     gsd = depth_map(CAMERA, pose).gsd_m
-    reach = np.nanmax(np.where(gsd <= COARSEST * np.nanmedian(gsd), depth_map(CAMERA, pose).range_m, np.nan))
+    reach = np.nanmax(np.where(gsd <= MAX_GSD_RATIO * np.nanmedian(gsd), depth_map(CAMERA, pose).range_m, np.nan))
     rows, columns = np.nonzero(view.pixels[..., 3])
     away = np.hypot(*(at_en_m(view, np.stack([columns, rows], axis=-1)) - pose.position_enu_m[:2]).T)
     assert np.hypot(away.max(), 40.0) <= reach

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aerodft.dft import corners_of, down_in_image, standing_box, standing_outline
+from aerodft.dft import down_in_image, locate_box, locate_outline, simplify_outline
 from aerodft.geometry import camera_pose, inverse, matrix, pixels_from_rays
 from aerodft.model import Camera, FloatArray, Pose
 from aerodft.vision.objects.moving import outlines_of
@@ -51,7 +51,7 @@ def board(pose: Pose, aside_m: float, height_m: float = 1.8, width_m: float = 0.
 @pytest.mark.parametrize("pose", POSES)
 def test_a_board_stands_where_its_foot_is_projected_to(pose: Pose, aside_m: float) -> None:
     corners, (foot, top) = board(pose, aside_m)
-    seen = standing_outline(CAMERA, pose, corners)
+    seen = locate_outline(CAMERA, pose, corners)
     assert np.linalg.norm(seen.foot_px - foot) < 2 * HALF_PIXEL
     assert np.linalg.norm(seen.top_px - top) < 4 * HALF_PIXEL, "seen from above, corners are farther from the nadir"
     assert np.linalg.norm(seen.foot_px - np.mean(corners, axis=0)) > 40 * HALF_PIXEL
@@ -61,7 +61,7 @@ def test_a_board_stands_where_its_foot_is_projected_to(pose: Pose, aside_m: floa
 
 def test_the_lowest_row_is_not_the_foot_where_the_camera_is_rolled() -> None:
     corners, (foot, _) = board(POSES[3], 0.0, width_m=0.1)  # rolled by 25 degrees
-    seen = standing_outline(CAMERA, POSES[3], corners)
+    seen = locate_outline(CAMERA, POSES[3], corners)
     high_and_wide = np.array([corners[:, 0].mean(), corners[:, 1].max()])
     assert np.linalg.norm(high_and_wide - foot) > 20 * HALF_PIXEL
     assert np.linalg.norm(seen.foot_px - foot) < HALF_PIXEL
@@ -74,7 +74,7 @@ def test_a_drawn_board_is_found_to_a_pixel_and_the_foot_s_covariance_covers_it(p
     mask = np.zeros((CAMERA.height_px, CAMERA.width_px), dtype=np.uint8)
     cv2.fillPoly(mask, [np.round(corners * 16).astype(np.int32)], 1, shift=4)
     (outline,) = outlines_of(mask > 0)
-    seen = standing_outline(CAMERA, pose, outline, edge_std_px=0.7)
+    seen = locate_outline(CAMERA, pose, outline, edge_std_px=0.7)
     off = seen.foot_px - foot
     assert np.linalg.norm(seen.top_px - top) < 5 * HALF_PIXEL
     down = down_in_image(CAMERA, pose, outline)
@@ -88,13 +88,13 @@ def test_a_box_around_a_thin_thing_gives_the_corner_that_it_stands_in(pose: Pose
     corners, (foot, top) = board(pose, 0.7, width_m=0.02)
     low, high = corners.min(axis=0), corners.max(axis=0)
     box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    seen = standing_box(box, down_in_image(CAMERA, pose, corners))
+    seen = locate_box(box, down_in_image(CAMERA, pose, corners))
     assert np.linalg.norm(seen.foot_px - foot) < 6 * HALF_PIXEL
     assert np.linalg.norm(seen.top_px - top) < 6 * HALF_PIXEL
 
 
 def test_a_box_in_an_upright_camera_stands_on_the_middle_of_its_lower_side() -> None:
-    seen = standing_box((100.0, 200.0, 140.0, 300.0), down_in_image(CAMERA, None, np.zeros((1, 2))))
+    seen = locate_box((100.0, 200.0, 140.0, 300.0), down_in_image(CAMERA, None, np.zeros((1, 2))))
     np.testing.assert_allclose(seen.foot_px, [120.0, 300.0], atol=1e-12)
     np.testing.assert_allclose(seen.top_px, [120.0, 200.0], atol=1e-12)
     np.testing.assert_allclose(seen.sides_px, [[100.0, 300.0], [140.0, 300.0]], atol=1e-12)
@@ -106,7 +106,7 @@ def test_right_below_the_camera_there_is_no_foot_and_the_std_says_so() -> None:
     pose = camera_pose(height_agl_m=6.0, tilt_rad=0.0)
     around = np.array([[600.0, 300.0], [700.0, 300.0], [700.0, 400.0], [600.0, 400.0]])
     assert down_in_image(CAMERA, pose, around) is None
-    seen = standing_outline(CAMERA, pose, around)
+    seen = locate_outline(CAMERA, pose, around)
     np.testing.assert_allclose(seen.foot_px, [650.0, 350.0])
     assert np.sqrt(seen.foot_cov_px2[0, 0]) > 25
 
@@ -114,7 +114,7 @@ def test_right_below_the_camera_there_is_no_foot_and_the_std_says_so() -> None:
 def test_fewer_corners_keep_the_area() -> None:
     angle = np.linspace(0.0, 2 * np.pi, 3000, endpoint=False)
     circle = 100.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    fewer = corners_of(circle)
+    fewer = simplify_outline(circle)
     assert len(fewer) == 64
     assert cv2.contourArea(fewer.astype(np.float32)) == pytest.approx(math.pi * 100.0**2, rel=0.003)
 

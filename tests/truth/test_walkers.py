@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft import Setup, standing_outline
+from aerodft.dft import Setup, locate_outline
 from aerodft.model import Image, Observation, PoseSample, ProbeKind, Status
 from aerodft.service import OBJECTS, ObjectSettings
 from aerodft.vision.objects import MovingObjects, ObjectTracks
@@ -29,7 +29,7 @@ def footing_errors_px(*, shadows: bool, sun_azimuth_deg: float, seed: int) -> li
             chest = yard.pixels_of(walker.foot_enu_m(time_s) + [0.0, 0.0, 1.1])
             inside = [o for o in outlines if np.all((o.min(axis=0) < chest) & (chest < o.max(axis=0)))]
             assert inside, f"a walker is not seen at {time_s} s"
-            errors.append(float(np.linalg.norm(standing_outline(yard.CAMERA, yard.POSE, inside[0]).foot_px - foot)))
+            errors.append(float(np.linalg.norm(locate_outline(yard.CAMERA, yard.POSE, inside[0]).foot_px - foot)))
     return errors
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from aerodft.dft import Setup, standing_outline
+from aerodft.dft import Setup, locate_outline
 from aerodft.model import FloatArray, Image, Measurement, ProbeKind, Status
 from aerodft.service import ObjectSettings
 from aerodft.sim.world import Post
@@ -59,7 +59,7 @@ def look_at(seen: flown.Seen, outlines: list[FloatArray], found: Followed) -> No
         mine = [each for each in outlines if np.all((each.min(axis=0) < chest_px) & (chest_px < each.max(axis=0)))]
         found.seen.append(bool(mine))
         if mine:
-            foot = standing_outline(flown.CAMERA, seen.pose, mine[0]).foot_px
+            foot = locate_outline(flown.CAMERA, seen.pose, mine[0]).foot_px
             found.foot_errors_px.append(float(np.linalg.norm(foot - foot_px)))
 
 

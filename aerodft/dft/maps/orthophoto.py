@@ -12,11 +12,11 @@ from aerodft.dft.maps.depth import DepthMap, depth_map
 from aerodft.geometry import Ground, matrix, pixels_from_rays
 from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, Pose
 
-COARSEST: Final = 4.0
-"""Ground that the image samples so many times more coarsely than the view, or its own median, is left out."""
+MAX_GSD_RATIO: Final = 4.0
+"""Largest ratio of sampling distance to the map's step, or to the image's median; coarser ground is left out."""
 
-MOST_PIXELS: Final = 32_000_000
-"""A view of more pixels gets larger steps, unless told otherwise."""
+MAX_PIXELS: Final = 32_000_000
+"""Default limit of a view's pixels; larger views get larger steps."""
 
 _MAX_SIDE = 32_000  # pixels; OpenCV's remap takes no longer sides
 _BLOCK_SIZE = 1 << 18  # pixels per resampled block: some 100 MB where they meet terrain
@@ -45,14 +45,14 @@ class Sampling:
 
     Attributes:
         step_m: Side of a pixel; None for the median of the image's own sampling distances. Larger where the view
-            would have more than ``most_pixels``.
-        max_range_m: Farther ground is left out; None for none but what is sampled ``COARSEST`` times too coarsely.
-        most_pixels: Of the view.
+            would have more than ``max_pixels``.
+        max_range_m: Farther ground is left out; None for none but what is sampled ``MAX_GSD_RATIO`` times too coarsely.
+        max_pixels: Of the view.
     """
 
     step_m: float | None = None
     max_range_m: float | None = None
-    most_pixels: int = MOST_PIXELS
+    max_pixels: int = MAX_PIXELS
 
     def __post_init__(self) -> None:
         if self.step_m is not None and not 0 < self.step_m < math.inf:
@@ -99,9 +99,9 @@ def top_view(
         return None
     median_gsd_m = float(np.nanmedian(seen.gsd_m))
     step = median_gsd_m if sampling.step_m is None else sampling.step_m
-    scene = _Scene(image, camera, pose, ground, elevation_m, seen, COARSEST * max(median_gsd_m, step))
+    scene = _Scene(image, camera, pose, ground, elevation_m, seen, MAX_GSD_RATIO * max(median_gsd_m, step))
     (west, south, east, north), max_range_m = scene.bounds()
-    step = max(step, math.sqrt((east - west) * (north - south) / sampling.most_pixels))
+    step = max(step, math.sqrt((east - west) * (north - south) / sampling.max_pixels))
     step = max(step, (east - west) / _MAX_SIDE, (north - south) / _MAX_SIDE)
     west, north = math.floor(west / step) * step, math.ceil(north / step) * step
     width, height = max(1, math.ceil((east - west) / step)), max(1, math.ceil((north - south) / step))

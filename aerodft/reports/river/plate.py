@@ -151,7 +151,7 @@ def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, vi
     plane, places = view.plane, found.transects.centres_en_m
     foot = view.pose.position_enu_m[:2]
     far_m = float(np.hypot(np.linalg.norm(places - foot, axis=-1).max() + found.line.width_m, plane.height_m))
-    sampling = Sampling(max_range_m=far_m, most_pixels=_MOST_VIEW_PX)
+    sampling = Sampling(max_range_m=far_m, max_pixels=_MOST_VIEW_PX)
     above = top_view(image, view.setup.camera, view.pose, sampling, elevation_m=view.setup.elevation_m)
     if above is not None:
         axes.imshow(cv2.cvtColor(above.pixels, cv2.COLOR_BGRA2RGBA), extent=_extent(above), interpolation="antialiased")

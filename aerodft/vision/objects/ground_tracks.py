@@ -28,7 +28,7 @@ from aerodft.dft import (
 )
 from aerodft.geometry import matrix, rays_from_pixels
 from aerodft.model import FloatArray, Observation, Pose
-from aerodft.service import ObjectSettings, standing_of
+from aerodft.service import ObjectSettings, locate_observation
 
 _TOP_STD_PX = 3.0
 _HEIGHT_SHARE = 0.05  # of its height: heads bow, and footprints differ by as much
@@ -130,7 +130,7 @@ def _footprint(setup: Setup, pose: Pose, observation: Observation) -> ObjectFoot
         ground = ground_at(setup, pose, foot[None])
         cov = np.eye(2) * std_px**2
         return _placed(setup, pose, ground, cov, (foot, foot, np.array([1.0, 0.0])))
-    seen = standing_of(observation, setup.camera, pose, std_px)
+    seen = locate_observation(observation, setup.camera, pose, std_px)
     ground = ground_at(setup, pose, np.stack([seen.foot_px, *seen.sides_px]))
     span = seen.sides_px[1] - seen.sides_px[0]
     width_px = float(np.linalg.norm(span))

@@ -155,11 +155,6 @@ def integers(*values: int | str) -> list[int]:
     return found
 
 
-def degrees_or_none(angle_rad: float | None) -> float | None:
-    """Radians to degrees; None stays None."""
-    return None if angle_rad is None else math.degrees(angle_rad)
-
-
 def number_or_nan(value: float | None) -> float:
     """A number where JSON had null for a non-finite one."""
     return math.nan if value is None else float(value)

@@ -24,7 +24,7 @@ def horizon_excess(tilt_rad: FloatLike, vfov_rad: FloatLike) -> FloatArray:
 
 
 def tilt_warning(tilt_rad: float, vfov_rad: float) -> str | None:
-    """Eq. 1 as a sentence for people: by how much it is broken and which tilt would do; None where it holds."""
+    """Eq. 1 as a message: the excess and the tilt that would satisfy it; None where it holds."""
     if tilt_is_valid(tilt_rad, vfov_rad):
         return None
     return (

@@ -1,4 +1,4 @@
-"""The paper's tables and figures, computed anew beside what it prints."""
+"""The paper's tables and figures, recomputed from its printed inputs."""
 
 from aerodft.dft.paper.printed import FIGURE_14_ERROR_M, MAX_DEPTH_M, TABLE_1, TABLE_2_HEIGHT_M, TABLE_2_TILT_RAD
 from aerodft.dft.paper.sensitivity import Percent, Sensitivity, SensitivityRow, table_3

@@ -1,4 +1,4 @@
-"""What the paper prints: its inputs and its results, as they stand in Tables 1 to 3 and in the text around them.
+"""Printed inputs and results of the paper: Tables 1 to 3 and the text around them.
 
 Y. Salih, M. T. Simsim, A. S. Malik: "Distance and Size Measurements of Objects in the Scene from a Single 2D Image".
 Percentages stay percentages: they are compared, digit by digit, with what is computed.

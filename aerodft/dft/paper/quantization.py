@@ -1,10 +1,10 @@
-"""Quantization error as Section 5.1 of the paper defines it: the largest change of depth among the 8 neighbours.
+"""Quantization error by Section 5.1 of the paper: the largest change of depth among the 8 neighbours.
 
 Depth is the slant range Z of Eq. 6 in the paper's own model (``aerodft.dft.equations``); pixels (i, j) as there.
 
-What has no neighbour on one side, and what has no depth:
+Missing neighbours and depths:
 
-- A neighbour outside the image does not count: nobody can pick it by mistake.
+- A neighbour outside the image does not count: it cannot be picked by mistake.
 - A neighbour at or above the horizon makes the error infinite: one pixel wrong, and the depth has no bound.
 - A pixel outside the image, or itself at or above the horizon, has no depth: its error is NaN.
 """
@@ -19,7 +19,7 @@ _NEIGHBOURS = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j
 
 
 def pixel_depth(camera: Camera, height_m: float, tilt_rad: float, pixels_px: FloatArray) -> FloatArray:
-    """Eq. 2 to 6: depth Z (m) of pixels ``(..., 2)``, in the image or not; NaN at and above the horizon.
+    """Depth Z (m) of pixels ``(..., 2)`` by Eq. 2 to 6, in the image or not; NaN at and above the horizon.
 
     Raises:
         ValueError: The height is not above 0.
@@ -34,7 +34,7 @@ def pixel_depth(camera: Camera, height_m: float, tilt_rad: float, pixels_px: Flo
 
 
 def quantization_error(camera: Camera, height_m: float, tilt_rad: float, pixels_px: FloatArray) -> FloatArray:
-    """The largest change of depth among each pixel's 8 neighbours.
+    """Largest change of depth among each pixel's 8 neighbours.
 
     Args:
         camera: Image size and fields of view; the paper's model knows nothing else of a camera.

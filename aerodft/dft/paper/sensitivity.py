@@ -1,4 +1,4 @@
-"""Table 3 of the paper: where its percentages come from, and the true derivatives of Eq. 4 to 6 beside them."""
+"""Table 3 of the paper: origin of its percentages, and the true derivatives of Eq. 4 to 6."""
 
 import math
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ PSI_RAD: Final = tuple(map(math.radians, (0.0, 30.0, 60.0, 85.0)))
 """Vertical angles at which the true figures are given; Table 3 names none."""
 
 PHI_RAD: Final = (0.0, TABLE_1[0].camera.hfov_rad / 2)
-"""Rotation angles likewise: the image's middle, and the border of the widest camera of Table 1."""
+"""Rotation angles of the true figures: the image's middle, and the border of the widest camera of Table 1."""
 
-_LEVEL, _DIAGONAL = 0.0, math.pi / 4
+_NADIR_RAD, _DIAGONAL_RAD = 0.0, math.pi / 4
 
 Percent = tuple[float, float, float]
 """Of X, Y and Z, in percent of the camera height."""
@@ -23,13 +23,13 @@ Percent = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensitivity:
-    """What an input's error does at one direction of view.
+    """Changes of X, Y and Z by an input's error at one direction of view.
 
     Attributes:
         psi_rad: Vertical angle.
         phi_rad: Rotation angle.
         derivative_percent: The derivative times the input's error.
-        change_percent: The change itself, with the error applied in full.
+        change_percent: The finite change, with the error applied in full.
     """
 
     psi_rad: float
@@ -57,12 +57,12 @@ class SensitivityRow:
 
 
 def table_3() -> tuple[SensitivityRow, ...]:
-    """Table 3, row by row."""
+    """Recompute Table 3, row by row."""
     return tuple(_row(printed) for printed in TABLE_3)
 
 
 def sensitivity(printed: PrintedSensitivity, psi_rad: float, phi_rad: float) -> Sensitivity:
-    """What the errors of a row of Table 3 do at one direction of view, by Eq. 4 to 6, for a camera 1 m high."""
+    """Changes by the errors of a row of Table 3 at one direction of view, Eq. 4 to 6, camera height 1 m."""
     y = math.tan(psi_rad)
     x = y * math.tan(phi_rad)
     z = math.sqrt(1 + x**2 + y**2)
@@ -87,8 +87,8 @@ def _point(height: float, psi_rad: float, phi_rad: float) -> np.ndarray:
 def _row(printed: PrintedSensitivity) -> SensitivityRow:
     # tan(dpsi) is the change of Y / h straight down only; h or phi act through Y = h, so at 45 deg only; and X changes
     # as much as Y only where tan(phi) = 1.
-    psi = _LEVEL if printed.delta_psi_rad else _DIAGONAL
-    phi = _LEVEL if printed.delta_phi_rad else _DIAGONAL
+    psi = _NADIR_RAD if printed.delta_psi_rad else _DIAGONAL_RAD
+    phi = _NADIR_RAD if printed.delta_phi_rad else _DIAGONAL_RAD
     holds_at = sensitivity(printed, psi, phi)
     return SensitivityRow(
         printed=printed,

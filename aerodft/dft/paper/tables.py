@@ -1,4 +1,4 @@
-"""Tables 1 and 2 and Figures 12 and 14 of the paper, computed anew from its printed inputs."""
+"""Tables 1 and 2 and Figures 12 and 14 of the paper, recomputed from its printed inputs."""
 
 import math
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class CameraRow:
         depth_at_printed_m: Z of the top row's middle at the printed pitch.
         corner_at_printed_m: Z of the top left corner at the printed pitch.
         error_m: Quantization error at Z = 150 m: of the top row's middle pixel at ``tilt_for_depth_rad``.
-        error_outward_m: The same, if there were one more row above the image.
+        error_outward_m: Quantization error towards one more row above the image.
         depth_of_text_error_m: Where, in the middle column, the error is the highest that the text gives; None where
             the text gives none, or the column stays below it.
     """
@@ -58,10 +58,10 @@ class DepthRow:
 
     Attributes:
         printed: The paper's row.
-        error_m: Truth minus estimate, as printed both.
-        error_percent: That in percent of the truth.
+        error_m: Printed truth minus printed estimate.
+        error_percent: ``error_m`` in percent of the truth.
         psi_rad: Vertical angle that gives the printed estimate by Eq. 4 and 6 with X = 0.
-        psi_at_border_rad: The same if the point were at the image's left or right border.
+        psi_at_border_rad: Vertical angle if the point were at the image's left or right border.
         row_px: Row j of ``psi_rad`` by Eq. 3.
         row_half_digit_px: How far half of the estimate's last printed digit moves the row.
         depth_m: Z at the nearest whole row.
@@ -122,7 +122,7 @@ def figure_14() -> ErrorCurve:
 
 
 def figure_14_text_depth() -> float:
-    """Depth (m) at which Figure 14's quantization error is what Section 5.2 says of the farthest point."""
+    """Depth (m) at which Figure 14's quantization error equals the value that Section 5.2 states."""
     return _depth_of_error(figure_14(), FIGURE_14_ERROR_M) or math.nan
 
 

@@ -1,4 +1,4 @@
-"""Widths between two banks, in one image and over a reach seen in many."""
+"""River widths between two banks, in one image and fused over the images of a reach."""
 
 from aerodft.dft.river.reach import ReachWidths, SeenWidths, fuse
 from aerodft.dft.river.widths import BankPair, RiverWidths, river_widths

@@ -1,7 +1,7 @@
-"""Widths between two banks each, of many places in one image, with everything that they have in common.
+"""River widths at many transects of one image, with their joint covariance.
 
-All widths share the pose, the lens and the water's elevation; how far the banks are seen off along their transects is
-each bank's own, but for what all banks of an image have in common.
+All widths share the errors of pose, lens and water elevation; an error of a bank along its transect is that bank's
+own, except for the part common to all banks of an image.
 """
 
 from dataclasses import dataclass
@@ -15,21 +15,20 @@ from aerodft.dft.projection import GroundPoints, project
 from aerodft.dft.request import Setup
 from aerodft.model import BoolArray, FloatArray, Pose
 
-_DRAWS: Final = 4000
+_DRAW_COUNT: Final = 4000
 _SEED: Final = 7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BankPair:
-    """What is seen of the two ends of each width.
+    """Bank pixels at the two ends of each width, with their errors.
 
     Attributes:
         pixels_px: ``(n, 2, 2)``: left, then right bank.
         across_px: ``(n, 2, 2)`` unit vectors along the transect in the image, from water to land.
-        std_px: ``(n, 2)`` along ``across_px``, each bank's own.
-        common_px: Standard deviation of what all banks are seen too far out, along ``across_px``.
-        otherwise_m: ``(n,)``: how much wider the river is by another reading of the image, one standard deviation: one
-            error for all of them.
+        std_px: ``(n, 2)`` standard deviation along ``across_px``, independent between banks.
+        common_px: Standard deviation of the outward error common to all banks, along ``across_px``.
+        alternative_width_delta_m: ``(n,)`` widening by another reading of the image, one std of one shared error.
     """
 
     pixels_px: FloatArray
@@ -45,8 +44,8 @@ class RiverWidths:
 
     Attributes:
         width_m: ``(n,)`` horizontal; NaN where an end has no ground.
-        shared: ``(n, s)``: how much each width changes by one standard deviation of each independent shared error, m.
-        own_m: ``(n,)`` standard deviation of what is each width's own.
+        shared: ``(n, s)`` change of each width by one standard deviation of each independent shared error, m.
+        own_m: ``(n,)`` standard deviation of each width's independent error.
         range_share: ``(n,)`` relative standard deviation of the less certain end's slant range.
         points_enu_m: ``(n, 2, 3)``.
     """
@@ -59,23 +58,23 @@ class RiverWidths:
 
     @property
     def std_m(self) -> FloatArray:
-        """``(n,)``."""
+        """Standard deviations ``(n,)``."""
         return np.asarray(np.sqrt(np.sum(self.shared**2, axis=-1) + self.own_m**2))
 
     @property
     def ci95_m(self) -> FloatArray:
-        """``(n, 2)``."""
+        """95 % intervals ``(n, 2)``, not below 0."""
         half = Z95 * self.std_m
         return np.stack([np.maximum(self.width_m - half, 0.0), self.width_m + half], axis=-1)
 
     @property
     def usable(self) -> BoolArray:
-        """``(n,)``: which widths have ground at both ends that is known well enough."""
+        """Which widths ``(n,)`` have ground at both ends, with a range that is known well enough."""
         with np.errstate(invalid="ignore"):
             return np.asarray(np.isfinite(self.width_m) & (self.range_share <= MAX_RELATIVE_RANGE_STD))
 
     def select(self, which: BoolArray) -> "RiverWidths":
-        """The widths at which ``which (n,)`` is true."""
+        """Select the widths where ``which (n,)`` is true."""
         return RiverWidths(
             self.width_m[which],
             self.shared[which],
@@ -85,57 +84,58 @@ class RiverWidths:
         )
 
     def covariance(self) -> FloatArray:
-        """``(n, n)``."""
+        """Joint covariance ``(n, n)``, m^2."""
         return self.shared @ self.shared.T + np.diag(self.own_m**2)
 
     def median(self, used: BoolArray) -> tuple[float, float, tuple[float, float]]:
         """Median of the used widths, its standard deviation and its 95 % interval, m.
 
-        What all widths have in common does not average out. The errors are drawn: a median has no useful derivative.
+        Shared errors do not average out. The errors are drawn: a median has no useful derivative.
         """
         width, shared, own = self.width_m[used], self.shared[used], self.own_m[used]
         generator = np.random.default_rng(_SEED)
-        errors = generator.standard_normal((_DRAWS, shared.shape[1])) @ shared.T
-        errors += generator.standard_normal((_DRAWS, len(width))) * own
-        drawn = np.median(width + errors, axis=-1)
+        errors = generator.standard_normal((_DRAW_COUNT, shared.shape[1])) @ shared.T
+        errors += generator.standard_normal((_DRAW_COUNT, len(width))) * own
+        medians = np.median(width + errors, axis=-1)
         middle = float(np.median(width))
-        low, high = (float(each) for each in np.quantile(drawn, [0.025, 0.975]))
-        return middle, float(np.std(drawn)), (max(low, 0.0), high)
+        low, high = (float(each) for each in np.quantile(medians, [0.025, 0.975]))
+        return middle, float(np.std(medians)), (max(low, 0.0), high)
 
 
 def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
-    """Widths between pairs of bank pixels; pinhole model, level water at ``setup.elevation_m``."""
+    """Measure widths between pairs of bank pixels; pinhole model, level water at ``setup.elevation_m``."""
     count = len(banks.pixels_px)
     ground = project(setup.camera, pose, banks.pixels_px, setup.elevation_m, setup.model)
     points = ground.points_enu_m
     with np.errstate(invalid="ignore", divide="ignore"):
-        apart = (points[:, 0] - points[:, 1]) * [1.0, 1.0, 0.0]
-        width = np.linalg.norm(apart, axis=-1)
-        unit = apart / width[:, None]
+        difference = (points[:, 0] - points[:, 1]) * [1.0, 1.0, 0.0]
+        width = np.linalg.norm(difference, axis=-1)
+        unit = difference / width[:, None]
     by_points = np.stack([unit, -unit], axis=1)
     by_shared = np.einsum("nki,nkis->ns", by_points, ground.jac_shared)
     by_offset = np.einsum("nki,nkij,nkj->nk", by_points, ground.jac_px, banks.across_px)
     own = np.sqrt(np.sum(np.square(by_offset * banks.std_px), axis=-1))
-    root = _root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
+    root = _symmetric_root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
     common = banks.common_px * by_offset.sum(axis=-1)
     shared = np.concatenate([by_shared @ root, common[:, None], banks.alternative_width_delta_m[:, None]], axis=-1)
-    return RiverWidths(width, shared, own, _range_share(ground, pose, root), points.reshape(count, 2, 3))
+    return RiverWidths(width, shared, own, _relative_range_std(ground, pose, root), points.reshape(count, 2, 3))
 
 
-def _root(covariance: FloatArray) -> FloatArray:
-    """The symmetric root ``(s, s)`` of a covariance, which may be singular.
+def _symmetric_root(covariance: FloatArray) -> FloatArray:
+    """Symmetric root ``(s, s)`` of a covariance, which may be singular.
 
-    Of covariances that are alike the roots are: an error that several images share is the same column in each.
+    Similar covariances have similar roots: an error that several images share is the same column in each.
     """
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
-def _range_share(ground: GroundPoints, pose: Pose, root: FloatArray) -> FloatArray:
-    geometry = ground.points_enu_m - pose.position_enu_m
+def _relative_range_std(ground: GroundPoints, pose: Pose, root: FloatArray) -> FloatArray:
+    """Relative standard deviation ``(n,)`` of the less certain end's slant range."""
+    sightlines = ground.points_enu_m - pose.position_enu_m
     with np.errstate(invalid="ignore", divide="ignore"):
-        range_m = np.linalg.norm(geometry, axis=-1)
-        moved = ground.jac_shared.copy()
-        moved[..., :3] -= np.eye(3)  # the camera's own motion is not seen from the ground point
-        by = np.einsum("nki,nkis->nks", geometry / range_m[..., None], moved) @ root
+        range_m = np.linalg.norm(sightlines, axis=-1)
+        jac_shared = ground.jac_shared.copy()
+        jac_shared[..., :3] -= np.eye(3)  # the camera's own motion is not seen from the ground point
+        by = np.einsum("nki,nkis->nks", sightlines / range_m[..., None], jac_shared) @ root
         return np.asarray(np.max(np.linalg.norm(by, axis=-1) / range_m, axis=-1))

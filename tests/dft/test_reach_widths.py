@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodft.dft.river import RiverWidths, SeenWidths, fuse
+from aerodft.dft.river import ImageWidths, RiverWidths, fuse_widths
 
 TRUE_M = np.linspace(18.0, 26.0, 25)
 OWN_M, SHARED_M = 0.12, 0.2
@@ -18,7 +18,7 @@ def seen(rng, *, shared, own_m=OWN_M, stated_m=OWN_M, wrong=0.0, rows=None):
     width = np.where(rng.random(len(rows)) < wrong, width * 1.3, width)
     points = np.zeros((len(rows), 2, 3))
     points[:, 0, 1], points[:, 1, 1], points[..., 0] = width / 2, -width / 2, rows[:, None]
-    return SeenWidths(rows, RiverWidths(width, slope, np.full(len(rows), stated_m), np.zeros(len(rows)), points))
+    return ImageWidths(rows, RiverWidths(width, slope, np.full(len(rows), stated_m), np.zeros(len(rows)), points))
 
 
 def flights(count, **more):
@@ -26,7 +26,7 @@ def flights(count, **more):
     for seed in range(count):
         rng = np.random.default_rng(seed)
         shared = rng.standard_normal(1)
-        yield fuse([seen(rng, shared=shared, **more) for _ in range(IMAGES)], len(TRUE_M))
+        yield fuse_widths([seen(rng, shared=shared, **more) for _ in range(IMAGES)], len(TRUE_M))
 
 
 @pytest.mark.parametrize("more", [{}, {"stated_m": OWN_M / 4}, {"wrong": 0.1}])
@@ -59,7 +59,7 @@ def test_images_that_are_larger_as_wholes_show_as_drift_and_count():
     rng = np.random.default_rng(3)
     tilts = rng.normal(0, 0.02, IMAGES)
     looks = [seen(rng, shared=np.array([tilt * TRUE_M.mean() / SHARED_M])) for tilt in tilts]
-    found = fuse(looks, len(TRUE_M))
+    found = fuse_widths(looks, len(TRUE_M))
     np.testing.assert_allclose(found.drift - found.drift.mean(), tilts - tilts.mean(), atol=0.004)
     whole = found.widths.shared[:, -1] / TRUE_M
     np.testing.assert_allclose(whole, np.std(tilts, ddof=1) / np.sqrt(IMAGES), rtol=0.2)
@@ -68,10 +68,10 @@ def test_images_that_are_larger_as_wholes_show_as_drift_and_count():
 def test_transects_that_no_image_shows_have_no_width():
     rng = np.random.default_rng(4)
     rows = np.arange(5, 15)
-    found = fuse([seen(rng, shared=np.zeros(1), rows=rows) for _ in range(2)], len(TRUE_M))
+    found = fuse_widths([seen(rng, shared=np.zeros(1), rows=rows) for _ in range(2)], len(TRUE_M))
     np.testing.assert_array_equal(np.isfinite(found.widths.width_m), np.isin(np.arange(len(TRUE_M)), rows))
     np.testing.assert_array_equal(found.images, 2 * np.isin(np.arange(len(TRUE_M)), rows))
     assert np.all(np.isnan(found.scatter_m))
-    empty = fuse([], 3)
+    empty = fuse_widths([], 3)
     assert not empty.images.any()
     assert np.all(np.isnan(empty.widths.width_m))

@@ -18,7 +18,7 @@ _MIN_RELATIVE_STD: Final = 1e-4  # of a width's own error: no bank is seen bette
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenWidths:
+class ImageWidths:
     """Widths that one image gives of a reach's transects.
 
     Attributes:
@@ -50,7 +50,7 @@ class ReachWidths:
     drift: FloatArray
 
 
-def fuse(seen: Sequence[SeenWidths], count: int) -> ReachWidths:
+def fuse_widths(seen: Sequence[ImageWidths], count: int) -> ReachWidths:
     """Fuse the widths of ``count`` transects over images.
 
     A transect's width is the mean weighted by each image's own error; weights follow a t distribution, so that an
@@ -73,7 +73,7 @@ def fuse(seen: Sequence[SeenWidths], count: int) -> ReachWidths:
         width_m=np.where(is_empty, np.nan, mean),
         shared=np.concatenate([shared, np.where(is_empty, 0.0, mean_drift_std * mean)[:, None]], axis=-1),
         own_m=np.where(is_empty, 0.0, own_std),
-        range_share=np.where(is_empty, np.inf, 0.0),
+        relative_range_std=np.where(is_empty, np.inf, 0.0),
         points_enu_m=np.where(is_empty[:, None, None], np.nan, points),
     )
     return ReachWidths(widths, images, table.scatter_m(mean), ratio, drift)
@@ -82,7 +82,7 @@ def fuse(seen: Sequence[SeenWidths], count: int) -> ReachWidths:
 class _WidthTable:
     """Widths of all images as rows ``(r,)``, with their transect and image."""
 
-    def __init__(self, seen: Sequence[SeenWidths], count: int) -> None:
+    def __init__(self, seen: Sequence[ImageWidths], count: int) -> None:
         self._count, self._image_count = count, len(seen)
         columns = max((each.widths.shared.shape[1] for each in seen), default=0)
         self.transect: IntArray = np.concatenate([np.empty(0, dtype=np.int64), *(each.transects for each in seen)])

@@ -46,14 +46,14 @@ class RiverWidths:
         width_m: ``(n,)`` horizontal; NaN where an end has no ground.
         shared: ``(n, s)`` change of each width by one standard deviation of each independent shared error, m.
         own_m: ``(n,)`` standard deviation of each width's independent error.
-        range_share: ``(n,)`` relative standard deviation of the less certain end's slant range.
+        relative_range_std: ``(n,)`` relative standard deviation of the less certain end's slant range.
         points_enu_m: ``(n, 2, 3)``.
     """
 
     width_m: FloatArray
     shared: FloatArray
     own_m: FloatArray
-    range_share: FloatArray
+    relative_range_std: FloatArray
     points_enu_m: FloatArray
 
     @property
@@ -71,7 +71,7 @@ class RiverWidths:
     def usable(self) -> BoolArray:
         """Which widths ``(n,)`` have ground at both ends, with a range that is known well enough."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.isfinite(self.width_m) & (self.range_share <= MAX_RELATIVE_RANGE_STD))
+            return np.asarray(np.isfinite(self.width_m) & (self.relative_range_std <= MAX_RELATIVE_RANGE_STD))
 
     def select(self, which: BoolArray) -> "RiverWidths":
         """Select the widths where ``which (n,)`` is true."""
@@ -79,7 +79,7 @@ class RiverWidths:
             self.width_m[which],
             self.shared[which],
             self.own_m[which],
-            self.range_share[which],
+            self.relative_range_std[which],
             self.points_enu_m[which],
         )
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from aerodft.dft import Setup
-from aerodft.dft.river import ReachWidths, RiverWidths, SeenWidths, fuse
+from aerodft.dft.river import ImageWidths, ReachWidths, RiverWidths, fuse_widths
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose, PoseSample
 from aerodft.vision.river.banks import Islands
 from aerodft.vision.river.centreline import Centreline, WaterMap, middle_line, sample_mask
@@ -236,7 +236,7 @@ def measure_reach(
         looks[row] = _looked_across(view, looks[row], line, question, rough)
         advance(len(views) + row + 1)
     stations = stations_along(line, question.spacing_m)
-    found = fuse([_usable(look) for look in looks], len(stations))
+    found = fuse_widths([_usable(look) for look in looks], len(stations))
     if not np.any(found.images):
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
     islands = common_islands([look for look in looks if isinstance(look, River)], len(stations))
@@ -269,11 +269,11 @@ def _looked_across(
     return river_across(image, view.setup, view.pose, question, look, line)
 
 
-def _usable(look: River | NoRiver) -> SeenWidths:
+def _usable(look: River | NoRiver) -> ImageWidths:
     if isinstance(look, NoRiver):
         nothing = RiverWidths(np.empty(0), np.empty((0, 0)), np.empty(0), np.empty(0), np.empty((0, 2, 3)))
-        return SeenWidths(np.empty(0, dtype=np.int64), nothing)
-    return SeenWidths(look.rows[look.used], look.widths.select(look.used))
+        return ImageWidths(np.empty(0, dtype=np.int64), nothing)
+    return ImageWidths(look.rows[look.used], look.widths.select(look.used))
 
 
 def _most_said(refusals: Sequence[NoRiver]) -> NoRiver:

@@ -309,7 +309,7 @@ class Recording:
 
 
 def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
-    """What is proven to be missing at the ends of segments, by what follows them.
+    """What is proven to be missing between segments, by what they and their neighbours count.
 
     Args:
         segments: Of one series, in order.
@@ -317,20 +317,31 @@ def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]
     """
     gaps = []
     for segment, following in pairwise(segments):
-        if segment.is_recovered or _number(following) != _number(segment) + 1:
-            continue  # what it lost was said; what is missing is named
+        if _number(following) != _number(segment) + 1:
+            continue  # what is missing is named
         start_ns = next((each.start_ns for each in segments[segments.index(following) :] if each.chunks), None)
+        if (lost := _lost_at_start(segment, following)) is not None:
+            gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=lost[0], messages=lost[1]))
+        if segment.is_recovered:  # what it lost was said
+            continue
         if segment.before is None or following.before is None or segment.recording != following.recording:
             if not segment.is_whole:
                 gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns))
             continue
         known = sum(gap.chunks or 0 for gap in segment.gaps)
-        missing = following.before[0] - segment.before[0] - len(segment.chunks) - known
+        after = segment.after or following.before
+        missing = after[0] - segment.before[0] - len(segment.chunks) - known
         if missing > 0 and not any(gap.chunks is None for gap in segment.gaps):
-            before = following.before[1] - segment.before[1]
+            before = after[1] - segment.before[1]
             messages = before - (segment.messages or 0) - sum(gap.messages or 0 for gap in segment.gaps)
             gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=missing, messages=messages))
-    if segments and segments[-1].goes_on:
+    return gaps + _gaps_at_end(segments, others)
+
+
+def _gaps_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
+    """What is proven to be missing behind the last segment, of the arguments of ``_gaps_between``."""
+    gaps = []
+    if segments and segments[-1].after is not None:
         gaps.append(Gap(from_ns=segments[-1].end_ns, to_ns=None))
     if segments and not segments[-1].is_whole and not segments[-1].is_recovered:
         end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
@@ -338,6 +349,15 @@ def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]
         if end_ns is not None and others_ns is not None and others_ns > end_ns + _MOST_UNSYNCED_NS:
             gaps.append(Gap(from_ns=end_ns, to_ns=others_ns))
     return gaps
+
+
+def _lost_at_start(segment: SegmentScan, following: SegmentScan) -> tuple[int, int] | None:
+    """Chunks and messages that the following segment lacks at its start; None where nobody knows of any."""
+    is_said = following.is_recovered or any(gap.from_ns is None for gap in following.gaps)
+    if is_said or segment.after is None or following.before is None or segment.recording != following.recording:
+        return None
+    chunks, messages = (held - counted for held, counted in zip(following.before, segment.after, strict=True))
+    return (chunks, messages) if chunks > 0 else None
 
 
 def _number(segment: SegmentScan) -> int:

@@ -219,6 +219,26 @@ def test_one_damaged_chunk_costs_itself_at_most(
     assert len(log_times(path)) == segment["messages"]
 
 
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("damage", ["flipped", *at_night("gone")])
+def test_a_lost_first_chunk_is_said_once(aerodft, flight: Path, tmp_path: Path, damage: str) -> None:
+    """Of its own segment: the one before it lacks nothing."""
+    path = flight / "data_001.mcap"
+    offset, length, messages = spans(flight, path.name)[0]
+    data = bytearray(path.read_bytes())
+    if damage == "flipped":
+        data[offset + length // 2] ^= 1
+    else:
+        del data[offset : spans(flight, path.name)[1][0]]
+    path.write_bytes(data)
+    done = aerodft("recover", flight, "--json")
+    losses = {each["name"]: each["losses"] for each in done.json["segments"] if each["losses"]}
+    assert (done.code, list(losses)) == (5, [path.name])
+    assert [loss["messages"] for loss in losses[path.name]] == [messages]
+    assert aerodft("recover", flight).code == 0
+    assert aerodft("export", flight, "-o", tmp_path / "b.csv").code == 0, "what is lost was said"
+
+
 @pytest.fixture
 def other(aerodft, desk, flight: Path, tmp_path: Path) -> Path:
     """Another recording of the same flight."""

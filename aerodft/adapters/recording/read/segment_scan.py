@@ -120,7 +120,8 @@ class SegmentScan:
         is_whole: Whether it ends as it should.
         is_recovered: Whether it was made whole and says what it lost then.
         before: How many chunks and messages the segments before it hold, by its own count; None where it has none.
-        goes_on: Whether it says that the series goes on in another segment.
+        after: How many chunks and messages the series holds before the next segment, by its own count; None where it
+            says of no next one.
         messages: How many messages it holds, by its indexes; None where it has none.
         gaps: What it is proven to lack, between its chunks.
         texts: The configuration that it carries: files by name; empty where it carries none.
@@ -136,7 +137,7 @@ class SegmentScan:
     is_whole: bool
     is_recovered: bool = False
     before: tuple[int, int] | None = None
-    goes_on: bool = False
+    after: tuple[int, int] | None = None
     messages: int | None = None
     gaps: tuple[Gap, ...] = ()
     channels: Channels = field(default_factory=Channels)
@@ -245,7 +246,7 @@ class _Scan:
         self._channels = Channels()
         self._about = _About()
         self._before: tuple[int, int] | None = None
-        self._is_followed = False  # by a count that no chunk has followed yet
+        self._after: tuple[int, int] | None = None  # by a count that no chunk has followed yet
         self._messages = 0  # by indexes
         self._gaps: list[_OpenGap] = []
         self._counted_lost = (0, 0)  # chunks and messages that are in gaps
@@ -281,7 +282,7 @@ class _Scan:
             is_whole=is_whole,
             is_recovered=self._about.is_recovered,
             before=self._before,
-            goes_on=is_whole and self._is_followed,
+            after=self._after if is_whole else None,
             messages=self._messages,
             gaps=tuple(self._closed(gap) for gap in self._gaps if gap.chunks != 0),
             channels=self._channels,
@@ -396,7 +397,7 @@ class _Scan:
 
     def _add(self, offset: int, length: int, start_ns: int, end_ns: int, *, is_bare: bool) -> None:
         self._settle()
-        self._is_followed = False
+        self._after = None
         self._places.append(
             ChunkLocation(
                 path=self._path, offset=offset, length=length, start_ns=start_ns, end_ns=end_ns, is_bare=is_bare
@@ -421,7 +422,7 @@ class _Scan:
 
     def _take_count(self, chunks: int, messages: int) -> None:
         """See by the count before a chunk whether something that was before it is missing."""
-        self._is_followed = True
+        self._after = chunks, messages
         if self._about.is_recovered:  # which said what is missing
             return
         if self._before is None:
@@ -527,7 +528,7 @@ def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | Non
             is_whole=True,
             is_recovered=about.is_recovered,
             before=_count_before(summary.chunks[0].chunk_start_offset, read) if summary.chunks else None,
-            goes_on=bool(summary.chunks) and _count_before(_end(summary.chunks[-1]) + COUNT_BYTES, read) is not None,
+            after=_count_before(_end(summary.chunks[-1]) + COUNT_BYTES, read) if summary.chunks else None,
             messages=summary.statistics.message_count,
             channels=summary.channels,
             is_indexed=True,

@@ -233,8 +233,9 @@ def _recover_series(
         before = later[0].before if is_next and later[0] is not None else None
         beside = [] if own is None else [scans[each] for _, each in paths if each != path and owners.get(each) == own]
         known = [each.channels for each in (scan, *beside) if each is not None]
+        previous = scans[paths[place - 1][1]] if place and paths[place - 1][0] == number - 1 else None
         end = _End(start_ns, before, others_ns, is_last=path == paths[-1][1], is_only=len(scans) == 1)
-        segment = _recover_segment(path, end, known)
+        segment = _recover_segment(path, previous, end, known)
         for missing in range(expected, number):
             loss = Loss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
             yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
@@ -262,17 +263,19 @@ class _End:
     is_only: bool
 
 
-def _recover_segment(path: Path, end: _End, known: Sequence[Channels]) -> SegmentRecovery:
+def _recover_segment(path: Path, previous: SegmentScan | None, end: _End, known: Sequence[Channels]) -> SegmentRecovery:
     """Make a segment whole.
 
     Args:
         path: The file.
+        previous: The segment with the number before; None where that cannot be read.
         end: What shows how much it held.
         known: Channels by what readers see of it, and by other segments, which have the same ids.
     """
     with _locked(path) as descriptor:
         found = _examine(descriptor, known)
         _tell_end(found, end)
+        _tell_start(found, previous)
         if found.is_sound:
             return _outcome(path, "sound", found)
         if not found.is_own and (found.chunks or found.library):
@@ -393,6 +396,16 @@ def _outcome(path: Path, state: str, found: "_SegmentReport") -> SegmentRecovery
     )
 
 
+def _tell_start(found: "_SegmentReport", previous: SegmentScan | None) -> None:
+    """Say what is missing at the start of a segment by what the one before it counted."""
+    if found.before is None or found.is_recovered or previous is None or previous.after is None:
+        return
+    missing = found.before[1] - previous.after[1]
+    if missing > 0:
+        found.is_sound = False
+        found.losses.insert(0, Loss(what=_GONE, from_ns=previous.end_ns, to_ns=found.start_ns, messages=missing))
+
+
 def _tell_end(found: "_SegmentReport", end: _End) -> None:
     """Say what is missing at the end of a segment by what was recorded after it."""
     inside, torn = (
@@ -403,8 +416,9 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
         found.is_sound, found.after = False, None
         found.losses.append(Loss(what=_NO_NEXT, from_ns=found.end_ns))
         return
-    if found.before is not None and end.before is not None and not found.is_recovered:
-        missing = end.before[1] - found.before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
+    after = found.after or end.before
+    if found.before is not None and after is not None and not found.is_recovered:
+        missing = after[1] - found.before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
         if missing <= 0:  # what is torn was written again into the next one
             found.losses = inside
         elif all(loss.messages is not None for loss in inside):

@@ -70,7 +70,7 @@ _STD_FIELDS: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "h
 _MAX_WIDTH_CHANGE, _QUICK_DRAWS = 0.25, 256  # relative; so many draws give a width within a tenth
 _SECOND_ORDER_LIMIT: Final = 0.1
 """Standard deviations: a smaller bound of the second-order term is negligible."""
-_NONLINEARITY_LIMIT: Final = 0.15
+_NONLINEARITY_LIMIT: Final = 0.1
 """Standard deviations: largest root mean square of draws minus first order for which first order is enough."""
 _MIN_SEGMENT_STDS: Final = 12
 """Standard deviations of a pixel: a segment of a smoothed line is longer, so that its direction is known."""

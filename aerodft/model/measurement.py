@@ -130,3 +130,12 @@ class Measurement:
     image: int | None = None
     calibration: str | None = None
     config: str | None = None
+
+    def __str__(self) -> str:
+        """In one line: the value with its 95 % interval, the place of a position, or why there is none."""
+        if self.status is not Status.OK:
+            return f"{self.name}: {self.status}: {'; '.join(self.reasons)}"
+        if self.value is None or self.ci95 is None:
+            places = ", ".join(f"({x:.3f}, {y:.3f}) m" for x, y, _ in self.ground_m or ())
+            return f"{self.name}: {places}"
+        return f"{self.name}: {self.value:.3f} {self.unit}, 95 % {self.ci95[0]:.3f} to {self.ci95[1]:.3f} {self.unit}"

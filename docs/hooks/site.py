@@ -29,7 +29,7 @@ ELSEWHERE = {
     "aerodft/model/status.py": "reference/statuses.md",
     "docs/schema": "reference/schemas.md",
     "configs/cameras": "reference/examples.md",
-    "docs/notebooks/paper.py": "notebooks/paper.md",
+    **{f"docs/notebooks/{path.name}": f"notebooks/{path.stem}.md" for path in notebooks.FOLDER.glob("*.py")},
 }
 """What a link to something that is no page becomes."""
 

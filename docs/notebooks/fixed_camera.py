@@ -58,7 +58,7 @@ probes = [
     ad.Height([(1138.7, 394.5), (1147.0, 262.9)], name="person"),
 ]
 for each in ad.measure(camera, None, probes, calibration="bridge.toml"):
-    print(f"{each.name}: {each.value:.2f} {each.unit}, 95 % {each.ci95[0]:.2f} to {each.ci95[1]:.2f}")
+    print(each)
 
 # %% [markdown]
 # ## What the landmarks are worth

@@ -47,6 +47,16 @@ def test_one_probe_gives_one_measurement_and_a_miss_says_why(camera):
     assert found.reasons
 
 
+def test_a_measurement_prints_as_one_line(camera):
+    found = ad.measure(camera, POSE, ad.Range((1944, 1296)))
+    low, high = found.ci95
+    assert str(found) == f"range-1: {found.value:.3f} m, 95 % {low:.3f} to {high:.3f} m"
+    refused = ad.measure(camera, POSE, ad.Range((1944, 1)), max_range_m=20)
+    assert str(refused) == f"range-1: {refused.status}: {'; '.join(refused.reasons)}"
+    x_m, y_m, _ = ad.measure(camera, POSE, ad.Position((1944, 1296))).ground_m[0]
+    assert str(ad.measure(camera, POSE, ad.Position((1944, 1296)))) == f"position-1: ({x_m:.3f}, {y_m:.3f}) m"
+
+
 def test_what_nobody_says_how_well_it_is_known_is_assumed_and_said(camera):
     found = ad.measure(camera, ad.CameraPose(height_m=10, tilt_deg=60), ad.Range((1944, 1500)))
     assert any("assumed: height 0.1 m, tilt 1 deg" in reason for reason in found.reasons)

@@ -40,6 +40,7 @@ class StationDraft:
         to_do: One sentence for each thing that is assumed, and that only the user can measure; what counts most first.
         log: The log that they are for; None for a link or a fixed camera.
         is_live: Whether telemetry or images come live.
+        needs_sync: Whether the video's start is known to seconds only: `sync` of `import_flight` then finds it.
     """
 
     station: Path
@@ -48,6 +49,7 @@ class StationDraft:
     to_do: tuple[str, ...]
     log: Path | None
     is_live: bool
+    needs_sync: bool
 
 
 @dataclass(slots=True)
@@ -69,6 +71,7 @@ class _Draft:
     lines: list[str] = field(default_factory=list)
     taken: list[str] = field(default_factory=list)
     to_do: list[str] = field(default_factory=list)
+    needs_sync: bool = False
 
 
 def draft_station(
@@ -130,6 +133,7 @@ def draft_station(
         to_do=tuple(draft.to_do),
         log=found.log,
         is_live=found.link is not None or (found.stream is not None and found.log is None),
+        needs_sync=draft.needs_sync,
     )
 
 
@@ -329,7 +333,8 @@ def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, fold
 
 def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> Iterator[str]:
     """When a video begins: as its container says, else with the log."""
-    sync = "`align` finds it to milliseconds"
+    sync = "`import_flight` with `sync` finds it to milliseconds where the camera turned, and so does `align`"
+    draft.needs_sync = report is not None
     info = video_info(video)
     start_ns = info.start_ns
     if start_ns is not None and report is not None and report.first_ns is not None and report.last_ns is not None:

@@ -67,4 +67,5 @@ def _next_command(draft: "StationDraft") -> str:
     if draft.is_live:
         return f"aerodft serve {draft.station}"
     log = "" if draft.log is None else f"{draft.log} "
-    return f"aerodft import {log}--config {draft.station} -o {draft.station.parent / 'recording'}"
+    sync = "--sync auto " if draft.needs_sync else ""
+    return f"aerodft import {log}--config {draft.station} {sync}-o {draft.station.parent / 'recording'}"

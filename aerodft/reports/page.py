@@ -93,7 +93,8 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
     """
     start, end = (_clock(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
     posed = found.poses.answered
-    lead = f"{len(found.probes)} quantities in {found.images} images; for {posed} of these the camera's pose is known."
+    quantities = "1 quantity" if len(found.probes) == 1 else f"{len(found.probes)} quantities"
+    lead = f"{quantities} in {found.images} images; for {posed} of these the camera's pose is known."
     parts = [
         _heading(f"Measurements of {facts.station or facts.path.name}", f"{start} to {end} UTC"),
         f'<p class="lead">{lead}</p>',
@@ -113,7 +114,7 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
     words = f"Bands are 95 % intervals; {len(probes)} of {len(found.probes)} quantities are drawn."
     parts += [
         _section("Over time", _drawing(over_time, words)),
-        _section("Values", _values(found.probes.values())),
+        _values(found.probes.values()),
         _section("What happened", _events(found)) if found.events else "",
         _section("What was stated and assumed", *_settings(facts.settings), _remarks(found)),
         _section("Provenance", _provenance(facts.path, found)),
@@ -154,7 +155,11 @@ def river_page(river: RiverFolder) -> str:
         parts.append(_section("The plate", _picture(_read(plate), "png", words)))
     parts.append(_section("The map", _drawing(_river_map(river), _river_place(river))))
     if used:
-        parts.append(_section("Along the river", _drawing(_profile(used), f"The band is the {BAND} of each width.")))
+        parts.append(
+            _section(
+                "Along the river", _drawing(_profile(document["transects"]), f"The band is the {BAND} of each width.")
+            )
+        )
     parts += [
         _section("Transects", _transects(document["transects"])),
         _section("What was assumed and what to know", _bullets(notes)),
@@ -189,9 +194,9 @@ def _bullets(sentences: Iterable[str]) -> str:
     return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in sentences)}</ul>"
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1) -> str:
-    """A table whose first columns are words, the others numbers."""
-    looks = [""] * words + [' class="n"'] * (len(head) - words)
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1, last_words: int = 0) -> str:
+    """A table whose first columns, and some of the last, are words, the others numbers."""
+    looks = [""] * words + [' class="n"'] * (len(head) - words - last_words) + [""] * last_words
 
     def line(tag: str, cells: Sequence[str]) -> str:
         return "".join(f"<{tag}{look}>{escape(cell)}</{tag}>" for look, cell in zip(looks, cells, strict=True))
@@ -209,7 +214,7 @@ def _picture(data: bytes, kind: str, words: str) -> str:
 def _drawing(figure: Figure, words: str) -> str:
     """A figure as SVG in the page: without what names addresses, which HTML does not need."""
     file = io.StringIO()
-    figure.savefig(file, format="svg", metadata={"Date": None})
+    figure.savefig(file, format="svg", metadata={"Date": None}, bbox_inches="tight")
     text = file.getvalue()
     head, rest = text[text.index("<svg") :].split(">", 1)
     label = f' role="img" aria-label="{escape(words)}"'
@@ -226,19 +231,19 @@ def _summary(probes: Iterable[Series]) -> str:
     rows = []
     for each in probes:
         value, half = typical(each)
-        digits, unit = digits_of(half), unit_of(each)
         known = each.numbers("value")[np.isfinite(each.numbers("value"))]
+        digits, unit = digits_of(half), unit_of(each) if len(known) else ""
         shown = [f"{number:.{digits}f}" for number in (value, half)] if len(known) else ["", ""]
         span = f"{known.min():.{digits}f} to {known.max():.{digits}f}" if len(known) else ""
         others = {name: each.statuses.count(name) for name in sorted({*each.statuses} - {Status.OK})}
         why = ", ".join(f"{count} {name}" for name, count in others.items())
         rows.append((each.name, each.kind, f"{each.answered} of {len(each.stamps_ns)}", *shown, span, unit, why))
-    head = ("quantity", "kind", "answered", "median", "± (95 %), typically", "least to largest", "unit", "no value")
-    return _table(head, rows, words=2)
+    head = ("quantity", "kind", "answered", "median", "± (95 %)", "least to largest", "unit", "without a value")
+    return _table(head, rows, words=2, last_words=2)
 
 
 def _values(probes: Iterable[Series]) -> str:
-    """The values of each probe over time, evenly thinned."""
+    """The section of the values of each probe over time, evenly thinned; nothing where there are none but places."""
     rows, thinned = [], False
     for each in probes:
         chosen = np.flatnonzero(np.isfinite(each.numbers("value")))
@@ -248,9 +253,11 @@ def _values(probes: Iterable[Series]) -> str:
             digits = digits_of((high - low) / 2)
             numbers = (f"{value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit_of(each))
             rows.append((each.name, time_utc(each.stamps_ns[row])[:-9].replace("T", " "), *numbers))
+    if not rows:
+        return ""
     note = f"At most {_MOST_ROWS} of each quantity, evenly spread; aerodft export writes all." if thinned else ""
     head = ("quantity", "UTC", "value", "95 % interval", "unit")
-    return _paragraph(note) * bool(note) + _table(head, rows, words=2)
+    return _section("Values", _paragraph(note) * bool(note) + _table(head, rows, words=2, last_words=1))
 
 
 def _events(found: RecordingSeries) -> str:
@@ -327,7 +334,7 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
     everything = [track, *(points for lines in shown.values() for points in lines)]
     if not sum(map(len, everything)):
         return None
-    figure = Figure(figsize=(8, 6.5), layout="constrained")
+    figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.add_subplot()
     axes.plot(*track.T, ".-", color=GREY, markersize=3, linewidth=0.8, label="camera")
     kinds = {each.name: each.kind for each in probes}
@@ -340,7 +347,7 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
                 style = "." if len(closed) < _ENDS else "-"
                 axes.plot(*closed.T, style, color=COLOURS[row % len(COLOURS)], markersize=3, alpha=0.6, label=label)
     as_map(axes, everything)
-    figure.legend(loc="outside right upper", frameon=False)
+    axes.legend(loc="upper left")
     return figure
 
 
@@ -376,7 +383,7 @@ def _local_m(river: RiverFolder) -> tuple[list[_Shape], tuple[float, float] | No
 @styled()
 def _river_map(river: RiverFolder) -> Figure:
     """Water, banks, transects and centreline."""
-    figure = Figure(figsize=(8, 6), layout="constrained")
+    figure = Figure(figsize=(9, 6), layout="constrained")
     axes, shapes = figure.add_subplot(), _local_m(river)[0]
     looks: dict[str, dict[str, Any]] = {
         "centreline": {"color": BLACK, "linestyle": "--", "linewidth": 0.9},
@@ -397,7 +404,7 @@ def _river_map(river: RiverFolder) -> Figure:
             said.add(name)
     if shapes:
         as_map(axes, [part for _, _, parts in shapes for part in parts])
-        figure.legend(loc="outside right upper", frameon=False)
+        axes.legend(loc="upper left")
     return figure
 
 
@@ -410,16 +417,17 @@ def _river_place(river: RiverFolder) -> str:
 
 
 @styled()
-def _profile(used: Sequence[Mapping[str, Any]]) -> Figure:
-    """Widths along the river with their 95 % intervals."""
+def _profile(transects: Sequence[Mapping[str, Any]]) -> Figure:
+    """Widths along the river with their 95 % intervals, with gaps where a transect has none."""
     figure = Figure(figsize=(9, 3.2), layout="constrained")
     axes = figure.add_subplot()
-    rows = np.array([(each["station_m"], each["width_m"], *each["ci95"]) for each in used], dtype=np.float64)
-    at, width, low, high = rows.T
+    columns = ("station_m", "width_m", "wetted_m")
+    at, width, wetted = np.array([[each[name] for each in transects] for name in columns], dtype=np.float64)
+    low, high = np.array([each["ci95"] or (None, None) for each in transects], dtype=np.float64).T
     draw_band(axes, at, low, high, BLUE, label=BAND)
     axes.plot(at, width, ".-", color=BLUE, markersize=3, linewidth=0.8, label="width")
-    if any((each["channels"] or 1) > 1 for each in used):
-        axes.plot(at, [each["wetted_m"] for each in used], ":", color=BLACK, label="wetted, without islands")
+    if any((each["channels"] or 1) > 1 for each in transects):
+        axes.plot(at, wetted, ":", color=BLACK, label="wetted, without islands")
     axes.set(xlabel="along the river (m)", ylabel="width (m)")
     axes.legend(loc="best")
     return figure

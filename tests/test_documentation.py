@@ -1,6 +1,7 @@
 """What the documentation says is true: its commands run, its output is theirs, its site knows every name."""
 
 import contextlib
+import html
 import importlib.util
 import io
 import json
@@ -13,10 +14,18 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import typer
 
+from aerodft.adapters.config.camera.calibration_file import CalibrationTable
+from aerodft.adapters.config.camera.camera_file import CameraTable
+from aerodft.adapters.config.evidence.evidence_tables import EvidenceTable
+from aerodft.adapters.config.evidence.images import FlightTable, ImageEntry
+from aerodft.adapters.config.evidence.markers import MarkersTable
 from aerodft.adapters.config.station.station_tables import ConfigTable
+from aerodft.adapters.outputs import OUTPUTS
 from aerodft.adapters.wire.keys import Keys
-from aerodft.cli.main import COMMANDS
+from aerodft.cli.main import COMMANDS, build_app
+from aerodft.dft import PROBE_KINDS
 from aerodft.model import Status
 from replay.export.table import COLUMNS
 from tests.commands import run_aerodft
@@ -26,6 +35,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?", re.MULTILINE | re.DOTALL)
 SLOW = ("demo/", "aerodft.sim", "aerodft serve", "sync", "dataset", "aerodft paper")
 PATIENCE_S = 900.0
+FILES = (ConfigTable, CameraTable, EvidenceTable, ImageEntry, FlightTable, MarkersTable, CalibrationTable)
+PUNCTUATION = "`'\"()[]{}<>,.;:!?|=*"
 IN_HERE = os.environ | {
     "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
     "COLUMNS": "132",
@@ -139,12 +150,34 @@ def test_pages_load_nothing_from_the_network(site):
     assert [page.name for page in pages if loaded.search(page.read_text(encoding="utf-8"))] == []
 
 
-def test_the_search_finds_every_name(site):
+def words_of(text, separator):
+    """What the site's search takes a text for: words without what is around them."""
+    plain = html.unescape(re.sub(r"<[^>]+>", " ", text)).lower()
+    return {word.strip(PUNCTUATION) for word in re.split(separator, plain)} - {""}
+
+
+def options():
+    """Every option of every command that its help shows."""
+    for name in COMMANDS:
+        command = typer.main.get_command(build_app([name])).commands[name]
+        yield from (option for each in command.params if not getattr(each, "hidden", False) for option in each.opts)
+
+
+def keys(model):
+    """Every key of a file, and of the tables within."""
+    schema = model.model_json_schema()
+    for table in (schema, *schema.get("$defs", {}).values()):
+        yield from table.get("properties", {})
+
+
+def test_the_search_finds_every_option_key_status_and_topic(site):
     index = json.loads((site / "search/search_index.json").read_text(encoding="utf-8"))
-    text = "\n".join(f"{entry['title']} {entry['text']}" for entry in index["docs"])
-    names = {*map(str, Status), *COLUMNS, *(f"aerodft {name}" for name in COMMANDS), "--redetect", "--max-stamp-gap"}
+    separator = index["config"]["separator"]
+    assert "stopWordFilter" not in index["config"]["pipeline"]  # --at, --from and --to are options
+    sections = [words_of(f"{entry['title']} {entry['text']}", separator) for entry in index["docs"]]
+    names = {*map(str, Status), *COLUMNS, *PROBE_KINDS, *(f"aerodft {name}" for name in COMMANDS)}
     names |= set(vars(Keys("{station}")).values()) - {"aerodft/{station}"}
-    names |= {
-        name for table in ConfigTable.model_json_schema()["$defs"].values() for name in table.get("properties", {})
-    }
-    assert [name for name in sorted(names) if name not in text] == []
+    names |= {name for name in options() if name.startswith("--")}
+    names |= {name for model in (*FILES, *(kind.MODEL for kind in OUTPUTS)) for name in keys(model)}
+    assert len(names) > 350
+    assert [name for name in sorted(names) if not any(words_of(name, separator) <= words for words in sections)] == []

@@ -1,4 +1,4 @@
-"""Biases of a flight's telemetry, from landmarks in many images."""
+"""Calibration of a flight's telemetry biases from landmarks in many images."""
 
 from calibration.flight.biases import BiasCalibrator, BiasedPoses, BiasModel, propagated, relocated, stds_of
 from calibration.flight.result import ImagesResult, calibrate_images

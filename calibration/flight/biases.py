@@ -1,9 +1,9 @@
-"""How a pose depends on the biases of its telemetry, how these come and go, and poses corrected by them.
+"""Telemetry biases: their prior and decay, poses corrected by them, and the Jacobians of these poses.
 
 The biases are the height's (one for each source, in the configured order), then tilt, pan, roll, heading, east, north
 and the time offset of the images. Each is a Gauss-Markov process: within minutes a random walk of the stated rate, in
-the long run what the telemetry's standard deviation says; so what a landmark taught fades when none is seen any more,
-and never into less certainty than there was without one.
+the long run of the telemetry's standard deviation. An estimate from landmarks so decays when none is seen any more, and
+never into less certainty than there was without one.
 """
 
 import math
@@ -31,10 +31,10 @@ from aerodft.service import LiveCalibration, TelemetrySettings
 
 _ANGLES: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _VALUES: Final = ("height_m", *_ANGLES, "east_m", "north_m", "time_s")
-_OTHERS: Final = 7
-"""So many biases stand behind those of the heights."""
+_OTHER_COUNT: Final = 7
+"""Number of biases behind those of the heights."""
 _HEADING, EAST, NORTH, TIME_OFFSET = range(-4, 0)
-TURNS: Final = slice(-_OTHERS, _HEADING)
+TURNS: Final = slice(-_OTHER_COUNT, _HEADING)
 """Tilt, pan and roll: a rotation vector about the camera's axes."""
 _DOWN: Final = np.array([0.0, 0.0, -1.0])
 ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll", "heading", "east", "north", "time")]
@@ -43,14 +43,14 @@ ORDER: Final = [BIASES.index(each) for each in ("height", "tilt", "pan", "roll",
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasModel:
-    """What is known of the biases before a landmark was seen.
+    """Prior of the biases, their decay rates and the noise of single images.
 
     Attributes:
         heights: The height sources, in the order of their biases.
         mean: ``(k,)``.
         cov: ``(k, k)``.
-        rate_per_s: ``(k,)`` at which what was learned is forgotten.
-        noise_std: ``(heights, 7)`` std of what is new in every image, by height source, in the order of ``PoseStd``.
+        rate_per_s: ``(k,)`` decay rates of the estimated biases.
+        noise_std: ``(heights, 7)`` std of every image's noise, by height source, in the order of ``PoseStd``.
         stated_std: ``(heights, 7)`` std that the configuration states; infinite for the time, which has no noise.
     """
 
@@ -65,7 +65,7 @@ class BiasModel:
     def from_settings(
         cls, live: LiveCalibration, telemetry: TelemetrySettings, time_std_s: float, start: Calibration | None
     ) -> "BiasModel":
-        """The model of a station; ``start`` is a calibration whose biases and covariance are where it begins."""
+        """Build the model of a station; ``start`` is a calibration whose biases and covariance it starts from."""
         heights, stated = telemetry.height.order, telemetry.attitude.lasting_std
         stated_heights = tuple(telemetry.height.std_m[source] for source in heights)
         share, noise, initial = live.noise_share, live.noise, live.initial
@@ -83,20 +83,20 @@ class BiasModel:
         mean = np.zeros(len(cov))
         if start is not None:
             mean, cov = _with_start(mean, cov, start)
-        least = {each: _or(getattr(noise, each), share * getattr(stated, each)) for each in ("horizontal_m", *_ANGLES)}
-        new = [PoseStd(height_agl_m=_or(noise.height_agl_m, share * std), **least) for std in stated_heights]
-        known = [replace(stated, height_agl_m=std, time_s=math.inf) for std in stated_heights]
+        floor = {each: _or(getattr(noise, each), share * getattr(stated, each)) for each in ("horizontal_m", *_ANGLES)}
+        image_stds = [PoseStd(height_agl_m=_or(noise.height_agl_m, share * std), **floor) for std in stated_heights]
+        stated_stds = [replace(stated, height_agl_m=std, time_s=math.inf) for std in stated_heights]
         return cls(
             heights=heights,
             mean=mean,
             cov=cov,
             rate_per_s=_rates(np.diag(cov), live, len(heights)),
-            noise_std=np.array([astuple(each) for each in new]),
-            stated_std=np.array([astuple(each) for each in known]),
+            noise_std=np.array([astuple(each) for each in image_stds]),
+            stated_std=np.array([astuple(each) for each in stated_stds]),
         )
 
     def height_column(self, sample: PoseSample) -> int:
-        """Which bias is that of a sample's height.
+        """Index of the bias of a sample's height.
 
         Raises:
             ValueError: Its source is not one of the configured ones.
@@ -104,37 +104,37 @@ class BiasModel:
         return self.heights.index(HeightSource(sample.height_source or ""))
 
     def biased(self, poses: PoseBatch) -> "BiasedPoses":
-        """Poses by telemetry alone, each with the bias of its own height."""
+        """Telemetry poses, each with the bias of its own height."""
         return BiasedPoses.from_poses(poses.pose, poses.by_variant(self.height_column))
 
     def noise_of(self, std: FloatArray, height_column: IntArray) -> FloatArray:
-        """``(n, 7)`` std of what is new in each image: the model's, and by how much a pose is worse than stated.
+        """Noise std ``(n, 7)`` of each image: the model's, plus the excess of the pose's std over the stated one.
 
         Args:
             std: ``(n, 7)`` as ``PoseBatch.std``.
-            height_column: ``(n,)`` which bias is that of each pose's height.
+            height_column: ``(n,)`` index of the bias of each pose's height.
         """
         return np.hypot(self.noise_std[height_column], excess(std, self.stated_std[height_column]))
 
     def drifted(self, elapsed_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """After times ``(...)``: what is left of what was learned, and the variances that are back, ``(..., k)``."""
+        """Remaining share of the estimates and regained variances ``(..., k)`` after times ``(...)``."""
         left = np.exp(-self.rate_per_s * elapsed_s[..., None])
         return left, np.diag(self.cov) * (1 - left**2)
 
     def by_name(self, sample: PoseSample, values: FloatArray) -> dict[str, float]:
-        """Numbers ``(k,)``, one a bias, by the names of ``model.calibration.BiasValues``."""
-        by_column = [float(values[self.height_column(sample)]), *values[-_OTHERS:].tolist()]
+        """Map values ``(k,)``, one a bias, to the names of ``model.calibration.BiasValues``."""
+        by_column = [float(values[self.height_column(sample)]), *values[-_OTHER_COUNT:].tolist()]
         return dict(zip(_VALUES, by_column, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BiasedPoses:
-    """Poses by telemetry alone, and how biases get into them: those of the heights, then the seven others.
+    """Telemetry poses and their dependence on the biases: those of the heights, then the seven others.
 
     Attributes:
         pose: The ``(...)`` poses.
-        height_column: ``(...)`` which of the biases is that of each pose's height.
-        slope: ``(..., 2)`` by how much each height follows east and north, as ``slope_of``.
+        height_column: ``(...)`` index of the bias of each pose's height.
+        slope: ``(..., 2)`` derivative of each height by east and north, as ``slope_of``.
     """
 
     pose: Pose
@@ -143,34 +143,34 @@ class BiasedPoses:
 
     @staticmethod
     def from_poses(pose: Pose, height_column: IntArray) -> "BiasedPoses":
-        """Poses ``(...)`` with the columns ``(...)`` of their heights' biases."""
+        """Poses ``(...)`` with the bias columns ``(...)`` of their heights."""
         return BiasedPoses(pose, height_column, slope_of(pose))
 
     def row(self, row: int) -> "BiasedPoses":
-        """One of ``(n,)`` poses."""
+        """Select one of ``(n,)`` poses."""
         return BiasedPoses(self.pose.rows(row), self.height_column[row], self.slope[row])
 
     def of_heights(self, values: FloatArray) -> FloatArray:
-        """``(..., 8)`` from ``values (..., k)``, one a bias: that of each pose's own height, then the seven others."""
+        """Select from ``values (..., k)``, one a bias, each pose's own height and the seven others: ``(..., 8)``."""
         own = np.take_along_axis(values, self.height_column[..., None], axis=-1)
-        return np.concatenate([own, values[..., -_OTHERS:]], axis=-1)
+        return np.concatenate([own, values[..., -_OTHER_COUNT:]], axis=-1)
 
     def corrected(self, biases: FloatArray, noise: FloatArray | None = None) -> Pose:
-        """The poses without ``biases (..., k)``, and where given without ``noise (6,)``, an error of each pose."""
+        """Correct the poses by ``biases (..., k)`` and, where given, by their own error ``noise (6,)``."""
         pose, east_north = self.pose, biases[..., EAST:TIME_OFFSET]
         about_vertical = biases[..., [_HEADING]] * _DOWN
         in_camera = from_rotation_vector(self._in_camera(biases))
         wxyz = multiply(from_rotation_vector(about_vertical), multiply(pose.wxyz, in_camera))
         up = np.take_along_axis(biases, self.height_column[..., None], axis=-1)
         up = up + np.sum(self.slope * east_north, axis=-1, keepdims=True)
-        moved = np.concatenate([east_north, up], axis=-1) + biases[..., [TIME_OFFSET]] * pose.velocity_enu_mps
-        position = pose.position_enu_m + moved
+        shift = np.concatenate([east_north, up], axis=-1) + biases[..., [TIME_OFFSET]] * pose.velocity_enu_mps
+        position = pose.position_enu_m + shift
         if noise is not None:
             position, wxyz = position + noise[:3], multiply(wxyz, from_rotation_vector(noise[3:]))
         return replace(pose, position_enu_m=position, wxyz=wxyz)
 
     def by_biases(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
-        """The corrected poses (position in ENU, rotation in camera axes) by the biases, ``(..., 6, k)``.
+        """Jacobian ``(..., 6, k)`` of the corrected poses (position in ENU, rotation in camera axes) by the biases.
 
         Args:
             biases: ``(..., k)`` that the poses are corrected by.
@@ -188,9 +188,9 @@ class BiasedPoses:
         return by
 
     def by_biases_of_corrected_stamps(self, biases: FloatArray, wxyz: FloatArray) -> FloatArray:
-        """Jacobian of poses by the biases, for poses that were looked up at corrected stamps: the time's bias is 0.
+        """Jacobian by the biases of poses interpolated at corrected stamps, without a time bias.
 
-        Their rates are about the axes before the turn.
+        Their rates are about the axes before the correction.
         """
         by = self.by_biases(biases, wxyz)
         before = matrix(from_rotation_vector(biases[..., TURNS]))
@@ -198,22 +198,22 @@ class BiasedPoses:
         return by
 
     def noise_covariance(self, wxyz: FloatArray, std: FloatArray) -> FloatArray:
-        """``(..., 6, 6)`` of the poses' errors that are new in one image.
+        """Covariance ``(..., 6, 6)`` of the noise of single images' poses.
 
         Args:
             wxyz: ``(..., 4)`` corrected attitudes.
             std: ``(..., 7)`` of these errors, in the order of ``PoseStd``, broadcast.
         """
-        follows = np.broadcast_to(np.eye(6), (*wxyz.shape[:-1], 6, 6)).copy()
-        follows[..., 2, :2] = self.slope
-        return propagated(follows, pose_covariance(wxyz, std))
+        jac = np.broadcast_to(np.eye(6), (*wxyz.shape[:-1], 6, 6)).copy()
+        jac[..., 2, :2] = self.slope
+        return propagated(jac, pose_covariance(wxyz, std))
 
     def _in_camera(self, biases: FloatArray) -> FloatArray:
         return biases[..., TURNS] + biases[..., [TIME_OFFSET]] * self.pose.rate_cam_radps
 
 
 def propagated(by: FloatArray, cov: FloatArray) -> FloatArray:
-    """Covariances ``(..., m, m)`` of what depends ``by (..., m, k)`` on errors of ``cov (..., k, k)``."""
+    """Propagate ``cov (..., k, k)`` through Jacobians ``by (..., m, k)`` to ``(..., m, m)``."""
     return np.asarray(by @ cov @ np.swapaxes(by, -1, -2))
 
 
@@ -228,9 +228,9 @@ def stds_of(variances: FloatArray) -> FloatArray:
 
 
 def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-    """A calibration's biases ``(8,)`` with their covariance and that with the lens: of the height, then the others.
+    """Biases ``(8,)`` of a calibration, height first, with their covariance and that with the lens.
 
-    Images' stamps are moved by the time offset before poses are looked up: what is left of it is around 0.
+    Images' stamps are moved by the time offset before poses are interpolated: the remaining time bias is around 0.
     """
     biases = np.array([getattr(replace(found.bias, time_s=0.0), name) for name in _VALUES])
     cov = None if found.bias_cov is None else found.bias_cov[np.ix_(ORDER, ORDER)]
@@ -238,7 +238,7 @@ def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatA
 
 
 def relocated(poses: PoseBatch) -> PoseBatch:
-    """Corrected poses with the latitude and longitude of where they are now."""
+    """Recompute latitude and longitude of corrected poses."""
     lat_lon_alt = poses.lat_lon_alt.copy()
     origins = list(dict.fromkeys(variant.origin for variant in poses.variants))
     own = poses.by_variant(lambda variant: origins.index(variant.origin))
@@ -254,39 +254,39 @@ def _or(value: float | None, default: float) -> float:
 
 
 def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
-    """What is new in standard deviations that are larger than the stated ones; 0 in all others."""
+    """Root of the excess of variances over the stated ones; 0 where there is none."""
     return np.asarray(np.sqrt(np.maximum(np.square(now) - np.square(stated), 0.0)))
 
 
 def _with_start(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[FloatArray, FloatArray]:
-    """Biases as a calibration has them: of whatever height is in use."""
+    """Mean and covariance of the biases from a calibration; its height bias is that of every source."""
     found, found_cov, _ = biases_of(start)
     by_found = np.zeros((len(mean), len(found)))
-    by_found[:-_OTHERS, 0] = 1.0
-    by_found[-_OTHERS:, 1:] = np.eye(_OTHERS)
+    by_found[:-_OTHER_COUNT, 0] = 1.0
+    by_found[-_OTHER_COUNT:, 1:] = np.eye(_OTHER_COUNT)
     if found_cov is None:
         return by_found @ found, cov
-    started = propagated(by_found, found_cov)
-    kept = np.zeros(len(mean))
-    gaps = [EAST, NORTH, TIME_OFFSET]
-    kept[gaps] = np.diag(started)[gaps] == 0
-    return by_found @ found, kept[:, None] * cov * kept + started
+    start_cov = propagated(by_found, found_cov)
+    is_unknown = np.zeros(len(mean))
+    columns = [EAST, NORTH, TIME_OFFSET]
+    is_unknown[columns] = np.diag(start_cov)[columns] == 0
+    return by_found @ found, is_unknown[:, None] * cov * is_unknown + start_cov
 
 
 def _rates(variances: FloatArray, live: LiveCalibration, heights: int) -> FloatArray:
-    """At which biases that walk at random by the stated drift are pulled back, to keep their variance."""
+    """Decay rates at which biases with a random walk of the stated drift keep their variance."""
     drift = live.drift
     others = (*(getattr(drift, each) for each in _ANGLES), drift.horizontal_m, drift.horizontal_m, 0.0)
-    walked = np.square([each or 0.0 for each in (*([drift.height_agl_m] * heights), *others)])
-    return np.divide(walked, 2 * variances, out=np.zeros_like(walked), where=variances > 0)
+    walk_variance = np.square([each or 0.0 for each in (*([drift.height_agl_m] * heights), *others)])
+    return np.divide(walk_variance, 2 * variances, out=np.zeros_like(walk_variance), where=variances > 0)
 
 
 def slope_of(pose: Pose) -> FloatArray:
-    """By how much heights follow east and north ``(..., 2)``: where these are counted from ground that is not level."""
-    along, place = pose.cov[..., 2, :2], pose.cov[..., :2, :2]
-    slope, slopes = np.zeros_like(along), np.any(along, axis=-1)
-    if np.any(slopes):
-        slope[slopes] = (along[slopes][:, None] @ np.linalg.pinv(place[slopes]))[:, 0]
+    """Derivatives of heights by east and north ``(..., 2)``, for heights above ground that is not level."""
+    cross_cov, position_cov = pose.cov[..., 2, :2], pose.cov[..., :2, :2]
+    slope, is_sloped = np.zeros_like(cross_cov), np.any(cross_cov, axis=-1)
+    if np.any(is_sloped):
+        slope[is_sloped] = (cross_cov[is_sloped][:, None] @ np.linalg.pinv(position_cov[is_sloped]))[:, 0]
     return slope
 
 
@@ -294,8 +294,8 @@ class BiasCalibrator:
     """Implements ``service.ports.Calibrator`` with the fixed biases of one calibration.
 
     The calibration's covariance takes the place of the telemetry's for height and attitude, and for place and time
-    where it has them: it says how well the corrected pose is known. The time offset itself moves the images' stamps,
-    before poses are looked up.
+    where it has them: it is the corrected pose's. The time offset itself moves the images' stamps, before poses are
+    interpolated.
     """
 
     def __init__(self, calibration: Calibration) -> None:
@@ -303,24 +303,24 @@ class BiasCalibrator:
         self._biases, self._cov, self._with_lens = biases_of(calibration)
 
     def known(self) -> None:
-        """Nothing but the calibration."""
+        """Return nothing: biases stay those of the calibration."""
 
     def refine(self, poses: PoseBatch, *_: object) -> PoseBatch:
-        """The corrected poses with the calibration's id; samples that are not ok pass unchanged."""
-        return poses.where(poses.is_ok, self._refined)
+        """Correct poses and mark them with the calibration's id; samples that are not ok pass unchanged."""
+        return poses.where(poses.is_ok, self._correct)
 
-    def _refined(self, poses: PoseBatch, _: IntArray) -> PoseBatch:
+    def _correct(self, poses: PoseBatch, _: IntArray) -> PoseBatch:
         biases = np.tile(self._biases, (len(poses), 1))
         biased = BiasedPoses.from_poses(poses.pose, np.zeros(len(poses), dtype=np.int64))
         pose, std = biased.corrected(biases), poses.std
         if self._cov is not None:
-            pose, std = self._known(biased, biases, pose, self._cov), self._stds(std, self._cov)
-        named = poses.map_variants(lambda sample: replace(sample, calibration=self._calibration.id))
-        refined = replace(named, pose=pose, std=std)
+            pose, std = self._with_covariance(biased, biases, pose, self._cov), self._corrected_std(std, self._cov)
+        marked = poses.map_variants(lambda sample: replace(sample, calibration=self._calibration.id))
+        refined = replace(marked, pose=pose, std=std)
         return relocated(refined) if np.any(self._biases[[EAST, NORTH]]) else refined
 
-    def _known(self, biased: BiasedPoses, biases: FloatArray, pose: Pose, bias_cov: FloatArray) -> Pose:
-        """The corrected poses with how well they are known."""
+    def _with_covariance(self, biased: BiasedPoses, biases: FloatArray, pose: Pose, bias_cov: FloatArray) -> Pose:
+        """Corrected poses with their covariance, including the calibration's."""
         by_bias = biased.by_biases_of_corrected_stamps(biases, pose.wxyz)
         noise = np.array(astuple(self._calibration.noise))
         cov = propagated(by_bias, bias_cov) + biased.noise_covariance(pose.wxyz, noise)
@@ -334,8 +334,8 @@ class BiasCalibrator:
             time_std_s=0.0 if bias_cov[TIME_OFFSET, TIME_OFFSET] else pose.time_std_s,
         )
 
-    def _stds(self, before: FloatArray, bias_cov: FloatArray) -> FloatArray:
-        """``(n, 7)`` as ``PoseBatch.std``: the telemetry's for place and time where the calibration has none."""
+    def _corrected_std(self, before: FloatArray, bias_cov: FloatArray) -> FloatArray:
+        """Std ``(n, 7)`` of ``PoseBatch.std``: telemetry's for place and time where the calibration has none."""
         known = stds_of(np.diag(bias_cov))
         std = np.tile(known, (len(before), 1))
         for column in (HORIZONTAL, TIME):

@@ -1,7 +1,7 @@
-"""Telemetry's biases from many images: the fit, what it leaves and can tell, and numbers for people and files.
+"""Calibration of telemetry biases from many images: fit, residuals, observability and reported values.
 
-What the images share is coupled by all of them, what is new in each by itself alone: that is eliminated from the normal
-equations (Schur's complement), so that the number of images costs time in proportion only.
+Shared unknowns are coupled by all images, each image's own errors by that image alone: these are eliminated from the
+normal equations (Schur complement), so that the time is proportional to the number of images.
 """
 
 from dataclasses import dataclass, replace
@@ -48,11 +48,11 @@ from calibration.pose import (
     without_outliers,
 )
 
-_WORTH: Final = 4.0
-"""A bias of which images tell less than half of this many of its prior's standard deviations is not told by them."""
+_BIAS_SIZE_STDS: Final = 4.0
+"""Size of a bias in its prior's standard deviations; images that leave more than half of it do not determine it."""
 
-_PLACES = {"height", "east", "north"}
-_ADD: Final = (
+_POSITION_BIASES = {"height", "east", "north"}
+_ADVICE: Final = (
     ({"time"}, "take images while the camera moves or turns, or leave time out"),
     ({"time", "heading"}, "take images while the camera turns the other way, or not at all"),
     ({"roll", "heading"}, "leave one of them out: straight down they turn about one axis"),
@@ -61,9 +61,9 @@ _ADD: Final = (
     ({"height", "elevation"}, "state elevation_m: only their difference is seen"),
     ({"height", "focal"}, "add images from another height"),
 )
-_MORE = "add images with other headings, heights and speeds, and landmarks all over them"
-_GROUND = ("elevation", "focal", "fx", "fy", "cx", "cy")
-_LENS_OF_THE_PAPER = ("elevation", "focal", "fx", "fy")
+_DEFAULT_ADVICE = "add images with other headings, heights and speeds, and landmarks all over them"
+_PINHOLE_UNKNOWNS = ("elevation", "focal", "fx", "fy", "cx", "cy")
+_DFT_UNKNOWNS = ("elevation", "focal", "fx", "fy")
 _DEG = 180.0 / np.pi
 _DISPLAY_UNITS = {
     "height": ("height_bias_m", 1.0),
@@ -78,12 +78,12 @@ _DISPLAY_UNITS = {
 
 
 class ImagesProblem:
-    """Images and unknowns, ready to be evaluated again and again.
+    """Residuals of many images by their unknowns.
 
     Args:
         views: The images.
-        unknowns: What is not known, and shared by all of them.
-        priors: Of these, by name.
+        unknowns: Unknowns that all images share.
+        priors: Their priors, by name.
         model: Projection model.
     """
 
@@ -94,29 +94,29 @@ class ImagesProblem:
         self.unknowns = unknowns
         self.priors = {name: priors[name] for name in unknowns.names if name in priors}
         self._problems = [Problem(EvidenceSet(evidence=view.evidence), Unknowns(()), model) for view in views]
-        self._firsts = np.cumsum([0, *(len(view.evidence) for view in views)]).tolist()
+        self._evidence_starts = np.cumsum([0, *(len(view.evidence) for view in views)]).tolist()
 
     @property
     def evidence(self) -> tuple[Evidence, ...]:
-        """The evidence of all images, one image after the other."""
+        """Evidence of all images, in their order."""
         return tuple(each for view in self.views for each in view.evidence)
 
     @property
     def image_of(self) -> tuple[int, ...]:
-        """Index of the image that each piece of evidence is from."""
+        """Index of the image of each piece of evidence."""
         return tuple(index for index, view in enumerate(self.views) for _ in view.evidence)
 
     @property
     def count(self) -> int:
-        """How many numbers are fitted."""
+        """Number of unknowns."""
         return len(self.unknowns.names) + OWN * len(self.views)
 
     def cameras(self, state: ImagesState) -> tuple[State, ...]:
-        """The camera of each image."""
+        """Camera of each image."""
         return tuple(self.unknowns.camera(state, index, view) for index, view in enumerate(self.views))
 
     def moved(self, state: ImagesState, step: FloatArray) -> ImagesState | None:
-        """The guess after a step; None where no camera can be, and where telemetry does not reach."""
+        """Apply a step; None for an impossible camera or a time outside the telemetry."""
         try:
             moved = self.unknowns.moved(state, step)
             cameras = self.cameras(moved)
@@ -125,24 +125,24 @@ class ImagesProblem:
         return moved if all(holds(camera) for camera in cameras for holds in BOUNDS.values()) else None
 
     def evaluate(self, state: ImagesState) -> Rows:
-        """All residuals of a guess."""
-        parts = [self._of_image(state, index) for index in range(len(self.views))]
-        ends = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
-        whole = concatenate_residuals([*parts, self._of_priors(state)])
+        """Residuals of all images and priors at a state."""
+        image_rows = [self._image_residuals(state, index) for index in range(len(self.views))]
+        ends = np.cumsum([0, *(len(part.values) for part in image_rows)]).tolist()
+        whole = concatenate_residuals([*image_rows, self._prior_residuals(state)])
         rows = tuple(map(slice, ends[:-1], ends[1:]))
         return replace(whole, images=rows, own=OWN)
 
-    def _of_image(self, state: ImagesState, index: int) -> Rows:
-        """Residuals of one image's observations, and of what is new in it."""
+    def _image_residuals(self, state: ImagesState, index: int) -> Rows:
+        """Residuals of one image's observations and of its own errors."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
-        new = Rows(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
+        own_rows = Rows(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
         found = self._problems[index].observed(camera, by)
         if found is None:
-            return new
-        return concatenate_residuals([replace(found, owner=found.owner + self._firsts[index]), new])
+            return own_rows
+        return concatenate_residuals([replace(found, owner=found.owner + self._evidence_starts[index]), own_rows])
 
-    def _of_priors(self, state: ImagesState) -> Rows:
+    def _prior_residuals(self, state: ImagesState) -> Rows:
         names, count = self.unknowns.names, len(self.priors)
         values = np.array([(state.value(name) - prior.value) / prior.std for name, prior in self.priors.items()])
         by = np.zeros((count, len(names) + OWN))
@@ -153,11 +153,11 @@ class ImagesProblem:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImagesSolution(Fit[ImagesState]):
-    """The best fit of what many images share; the covariance is that of the shared unknowns.
+    """Best fit of the shared unknowns, with their covariance.
 
     Attributes:
         cameras: The camera of each image.
-        normal: Normal equations of what was used.
+        normal: Normal equations of the observations used.
     """
 
     cameras: tuple[State, ...]
@@ -165,7 +165,7 @@ class ImagesSolution(Fit[ImagesState]):
 
 
 def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
-    """Fit what the images share; telemetry is near enough to the truth to start from."""
+    """Fit the shared unknowns; telemetry is near enough to the truth to start from."""
     robust = descend(problem, start, ROBUST)
     end, kept = without_outliers(problem, robust, len(problem.evidence), problem.count)
     weights = Loss(end.residuals.owner, None, kept).weights(end.residuals)
@@ -188,7 +188,7 @@ def solve_images(problem: ImagesProblem, start: ImagesState) -> ImagesSolution:
 
 
 def image_observation_residuals(problem: ImagesProblem, solution: ImagesSolution) -> tuple[ObservationResidual, ...]:
-    """All observations, in their order."""
+    """Residuals of all observations, in their order."""
     reduced, residuals = solution.normal.reduced(), solution.residuals
     ground_m: list[float | None] = []
     loo_ground_m: list[float | None] = []
@@ -196,29 +196,29 @@ def image_observation_residuals(problem: ImagesProblem, solution: ImagesSolution
         span = residuals.images[image]
         rows = np.flatnonzero(residuals.owner[span] == index) + span.start
         camera = solution.cameras[image]
-        without = _without(problem, solution, reduced, image, rows) if solution.kept[index] else camera
+        without = _leave_one_out_camera(problem, solution, reduced, image, rows) if solution.kept[index] else camera
         ground_m.append(ground_error_m(camera, evidence))
         loo_ground_m.append(None if without is None else ground_error_m(without, evidence))
     return residuals_of(problem.evidence, residuals, solution.kept, ground_m, loo_ground_m)
 
 
-def _without(
+def _leave_one_out_camera(
     problem: ImagesProblem, solution: ImagesSolution, reduced: FloatArray, image: int, rows: np.ndarray
 ) -> State | None:
-    """An image's camera one Newton step after an observation was taken away; None where the others determine none."""
+    """Camera of an image one Newton step after removal of an observation; None where it is undetermined."""
     normal, by, values = solution.normal, solution.residuals.by_unknowns[rows], solution.residuals.values[rows]
     count = len(normal.shared_slope)
     block, slope = normal.blocks[image : image + 1], normal.slopes[image : image + 1]
-    less, pull = block - by.T @ by, slope - by.T @ values
+    reduced_block, reduced_slope = block - by.T @ by, slope - by.T @ values
     before, _ = eliminate_image_unknowns(block, slope, count)
-    after, pulled = eliminate_image_unknowns(less, pull, count)
+    after, after_slope = eliminate_image_unknowns(reduced_block, reduced_slope, count)
     others = normal.slope[:count] - slope[0, :count]
-    inverted = covariance_of(reduced - before[0] + after[0])
-    if not np.all(np.isfinite(inverted)):
+    covariance = covariance_of(reduced - before[0] + after[0])
+    if not np.all(np.isfinite(covariance)):
         return None
-    shared = -inverted @ (others + pulled[0])
+    shared = -covariance @ (others + after_slope[0])
     own = np.zeros_like(solution.state.own)
-    own[image] = image_steps(less, pull, shared)[0]
+    own[image] = image_steps(reduced_block, reduced_slope, shared)[0]
     try:
         moved = problem.unknowns.moved(solution.state, np.append(shared, own.ravel()))
         return problem.unknowns.camera(moved, image, problem.views[image])
@@ -227,20 +227,20 @@ def _without(
 
 
 def images_observability(problem: ImagesProblem, solution: ImagesSolution, requested: frozenset[str]) -> Observability:
-    """What images and landmarks tell of what was asked, telemetry's word for it apart.
+    """Observability of the requested unknowns by images and landmarks, without telemetry's priors.
 
-    As ``calibration.pose`` judges one image, with two differences. What telemetry says of a bias that is asked for does
-    not count: with it everything would be known. And a bias has the size of what telemetry may be off by.
+    As ``calibration.pose`` judges one image, with two differences. Telemetry's prior of a requested bias is left out:
+    with it all would be known. And a bias has the size of telemetry's possible error.
     """
     names, state = problem.unknowns.names, solution.state
     information, sizes = solution.normal.reduced().copy(), np.empty(len(names))
-    above_m = _above_m(problem.evidence, solution)
+    above_m = _height_above_landmarks(problem.evidence, solution)
     for index, name in enumerate(names):
-        is_place = name in _PLACES or name not in BIASES
+        is_place = name in _POSITION_BIASES or name not in BIASES
         sizes[index] = natural_size(name, state.base, above_m) if is_place else 1.0
         prior = problem.priors.get(name)
         if prior is not None and name in BIASES:
-            sizes[index] = min(sizes[index], _WORTH * prior.std)
+            sizes[index] = min(sizes[index], _BIAS_SIZE_STDS * prior.std)
             information[index, index] -= prior.std**-2 if name in requested else 0.0
     values, directions = np.linalg.eigh(information * np.outer(sizes, sizes))
     with np.errstate(divide="ignore"):
@@ -249,11 +249,11 @@ def images_observability(problem: ImagesProblem, solution: ImagesSolution, reque
     limit = LIMIT * (solution.sigma_scale if is_undetermined else 1.0)
     weak = directions.T[shares > limit] if shares[0] > LIMIT else directions.T[:1]
     return describe_weakness(
-        names, weak, float(shares[0]), lambda parts: next((say for of, say in _ADD if of == parts), _MORE)
+        names, weak, float(shares[0]), lambda parts: next((say for of, say in _ADVICE if of == parts), _DEFAULT_ADVICE)
     )
 
 
-def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
+def _height_above_landmarks(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
     heights = [float(camera.position_m[2]) - camera.elevation_m for camera in solution.cameras]
     places = [each.position_m[2] for each in evidence if isinstance(each, Landmark)]
     known = [place for place in places if place is not None]
@@ -263,7 +263,7 @@ def _above_m(evidence: tuple[Evidence, ...], solution: ImagesSolution) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
-    """What a calibration of many images found."""
+    """Result of a calibration of many images."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -277,12 +277,12 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def display_units(self) -> dict[str, float]:
-        """Names of the unknowns with their units, and what their SI values are multiplied with."""
+        """Names of the unknowns with their units, and the factors of their SI values."""
         return dict(_DISPLAY_UNITS.get(name) or display_unit(name) for name in self.names)
 
     @property
     def named_values(self) -> dict[str, float]:
-        """Values by the names that people see, in the order of the unknowns; a height is above the ground."""
+        """Values by their reported names, in the order of the unknowns; a height is above the ground."""
         state = self.solution.state
         heights = {"height": state.value("height") - self.ground_m} if "height" in self.names else {}
         return {
@@ -292,17 +292,17 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def ground_m(self) -> float:
-        """Elevation of the ground above where it was said to be."""
+        """Estimated elevation of the ground above the stated one."""
         return self.solution.state.base.elevation_m
 
     @property
     def named_covariance(self) -> FloatArray:
-        """``(n, n)`` of the values, in SI units."""
+        """Covariance ``(n, n)`` of the values, in SI units."""
         return above_ground(self.names, self.solution.covariance)
 
     @property
     def bias_covariance(self) -> FloatArray:
-        """``(8, 8 + m)`` of the biases, as ``BIASES`` and above the ground, and with the intrinsics."""
+        """Covariance ``(8, 8 + m)`` of the biases, as ``BIASES`` and above the ground, and with the intrinsics."""
         to = self.problem.unknowns.to_shared(self.solution.state)
         if "elevation" in self.names:
             to[BIASES.index("height"), self.names.index("elevation")] = -1.0
@@ -310,7 +310,7 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 
     @property
     def camera(self) -> Camera:
-        """The camera with what was found of its lens, and how well."""
+        """Camera with the estimated intrinsics and their covariance."""
         to = self.problem.unknowns.to_shared(self.solution.state)[len(BIASES) :]
         return self.solution.state.base.camera.with_covariance(np.asarray(to @ self.solution.covariance @ to.T))
 
@@ -318,17 +318,17 @@ class ImagesResult(Outcome[ImagesProblem, ImagesSolution]):
 def shared_unknowns(
     names: tuple[str, ...], priors: dict[str, Prior], camera: Camera, model: ProjectionModel
 ) -> SharedUnknowns:
-    """What is solved for: what was asked, and everything that is known beforehand with a std.
+    """Unknowns to solve for: the requested ones, and all with a prior of non-zero std.
 
     Raises:
         ValueError: An unknown that there is not, or that excludes another.
     """
     is_paper = model is ProjectionModel.DFT
-    lens = _LENS_OF_THE_PAPER if is_paper else (*_GROUND, *possible_coefficients(camera))
+    lens = _DFT_UNKNOWNS if is_paper else (*_PINHOLE_UNKNOWNS, *possible_coefficients(camera))
     possible = (*(name for name in BIASES if not (is_paper and name == "roll")), *lens)
     requested = checked_unknowns(names, (*possible, "position"))
-    more = tuple(name for name, prior in priors.items() if prior.std > 0)
-    return SharedUnknowns(tuple(dict.fromkeys((*requested, *more))))
+    with_prior = tuple(name for name, prior in priors.items() if prior.std > 0)
+    return SharedUnknowns(tuple(dict.fromkeys((*requested, *with_prior))))
 
 
 def calibrate_images(
@@ -338,14 +338,14 @@ def calibrate_images(
     names: tuple[str, ...],
     model: ProjectionModel = ProjectionModel.PINHOLE,
 ) -> ImagesResult:
-    """Find what telemetry is off by in all images, and the lens.
+    """Estimate telemetry biases and the lens from many images.
 
     Args:
         views: The images.
-        priors: Of biases (around 0 where nobody knows better), lens and ground, by name. One with a std of 0 is exact,
-            or where to start from if it is asked for.
-        camera: The camera; what is not asked for is taken as exact.
-        names: What is asked for: some of ``BIASES``, ``position``, and lens and ground as ``calibration.pose``.
+        priors: Of biases (around 0 by default), lens and ground, by name. One with a std of 0 is exact, or the start if
+            it is requested.
+        camera: The camera; unknowns that are not requested are exact.
+        names: Requested unknowns: some of ``BIASES``, ``position``, and lens and ground as ``calibration.pose``.
         model: Projection model.
 
     Raises:
@@ -358,6 +358,6 @@ def calibrate_images(
     lens = {name: prior for name, prior in priors.items() if name not in BIASES}
     start = ImagesState(start_state(lens, camera, model), biases, np.zeros((len(views), OWN)))
     solution = solve_images(problem, start)
-    left = image_observation_residuals(problem, solution)
+    residuals = image_observation_residuals(problem, solution)
     weakest = images_observability(problem, solution, frozenset(expand_groups(names)))
-    return ImagesResult(problem, solution, left, rms_px(problem.evidence, left), weakest)
+    return ImagesResult(problem, solution, residuals, rms_px(problem.evidence, residuals), weakest)

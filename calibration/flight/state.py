@@ -1,7 +1,7 @@
-"""Many images of one camera, as a calibration moves them: what they share, and what is new in each of them.
+"""State of a calibration of many images: shared unknowns and the errors of single images.
 
-Telemetry says where the camera was around each image's stamp, and its stated standard deviations say what is shared
-and what is new.
+Telemetry gives the camera's track around each image's stamp; its stated standard deviations split into a shared error
+and a new one in each image.
 """
 
 import math
@@ -27,9 +27,9 @@ from aerodft.service import ErrorStd
 from calibration.flight.biases import ORDER, TIME_OFFSET, BiasedPoses, excess
 from calibration.pose import State, Unknowns
 
-_APART_S = 0.02  # over twice this, motion is seen as even: about an interval between two attitudes
-_OWN = ("horizontal_m", "horizontal_m", "height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad")
-_SHARED = {
+_MOTION_STEP_S = 0.02  # half step of the difference quotient of the motion: about an interval between two attitudes
+_STDS = ("horizontal_m", "horizontal_m", "height_agl_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+_SHARED_STDS = {
     "height": "height_agl_m",
     "tilt": "tilt_rad",
     "roll": "roll_rad",
@@ -46,7 +46,7 @@ _TIME = BIASES.index("time")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTrack:
-    """Poses before and after an image's stamp; in between, they are interpolated.
+    """Poses before and after an image's stamp, interpolated in between.
 
     Attributes:
         offset_s: ``(k,)`` ascending, from the stamp; 0 is among them or between them.
@@ -60,21 +60,21 @@ class PoseTrack:
 
     @classmethod
     def steady(cls, pose: Pose, reach_s: float) -> "PoseTrack":
-        """Even motion through a pose, for so long before and after it; with a reach of 0 the pose alone."""
+        """Motion at constant rates through a pose, ``reach_s`` before and after; the pose alone for a reach of 0."""
         offset_s = np.array([-reach_s, 0.0, reach_s] if reach_s > 0 else [0.0])
         turns = from_rotation_vector(offset_s[:, None] * pose.rate_cam_radps)
         position_m = pose.position_enu_m + offset_s[:, None] * pose.velocity_enu_mps
         return cls(offset_s, position_m, multiply(pose.wxyz, turns))
 
     def at(self, offset_s: float) -> Pose:
-        """The pose so long after the stamp, with its motion.
+        """Interpolate the pose at an offset from the stamp, with its motion.
 
         Raises:
             ValueError: Nothing is known of that time.
         """
         pose = self.pose(offset_s)
         first, last = float(self.offset_s[0]), float(self.offset_s[-1])
-        before, after = max(offset_s - _APART_S, first), min(offset_s + _APART_S, last)
+        before, after = max(offset_s - _MOTION_STEP_S, first), min(offset_s + _MOTION_STEP_S, last)
         if before == after:
             return pose
         start, end = self.pose(before), self.pose(after)
@@ -83,7 +83,7 @@ class PoseTrack:
         return replace(pose, velocity_enu_mps=velocity_enu_mps, rate_cam_radps=turn / (after - before))
 
     def pose(self, offset_s: float) -> Pose:
-        """The pose so long after the stamp, without its motion.
+        """Interpolate the pose at an offset from the stamp, without its motion.
 
         Raises:
             ValueError: Nothing is known of that time.
@@ -103,28 +103,28 @@ class PoseTrack:
 def shared_and_new(
     stds: Sequence[PoseStd], share: float, noise: ErrorStd
 ) -> tuple[dict[str, Prior], tuple[FloatArray, ...]]:
-    """Priors of the biases by name, and for each image the standard deviations ``(7,)`` of what is new in it.
+    """Split stated stds into priors of the biases by name and the noise ``(7,)`` of each image.
 
-    As in a live calibration: most of what is stated is one error for the whole flight. What an image is stated to be
-    worse than the best one is new in it.
+    As in a live calibration, most of a stated error is one for the whole flight. The excess of an image's std over the
+    best image's is noise of that image.
 
     Args:
-        stds: What is stated of each image.
-        share: Of each, what is new in every image.
-        noise: What is new in every image of single errors, in their own units.
+        stds: Stated standard deviations of each image.
+        share: Share of each std that is noise of every image.
+        noise: Noise of single errors that replaces their share, in their own units.
     """
-    best = {name: min(getattr(std, name) for std in stds) for name in set(_OWN)}
+    best = {name: min(getattr(std, name) for std in stds) for name in set(_STDS)}
     shared = math.sqrt(1 - share**2)
-    priors = {bias: Prior(value=0.0, std=shared * best[name]) for bias, name in _SHARED.items()}
+    priors = {bias: Prior(value=0.0, std=shared * best[name]) for bias, name in _SHARED_STDS.items()}
     stated = {name: getattr(noise, name) for name in best}
-    least = {name: share * best[name] if std is None else std for name, std in stated.items()}
+    floor = {name: share * best[name] if std is None else std for name, std in stated.items()}
     return priors, tuple(
-        np.array([math.hypot(least[name], excess(getattr(std, name), best[name])) for name in _OWN]) for std in stds
+        np.array([math.hypot(floor[name], excess(getattr(std, name), best[name])) for name in _STDS]) for std in stds
     )
 
 
 def typical_noise(noises: Sequence[FloatArray]) -> PoseStd:
-    """What is new in an image of which nobody says more: the middle of what was stated."""
+    """Median noise of the images, for an image of which no std is stated."""
     east, _, height, tilt, pan, roll, heading = np.median(noises, axis=0).tolist()
     return PoseStd(
         height_agl_m=height, horizontal_m=east, tilt_rad=tilt, pan_rad=pan, roll_rad=roll, heading_rad=heading
@@ -133,13 +133,13 @@ def typical_noise(noises: Sequence[FloatArray]) -> PoseStd:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One image.
+    """Evidence, telemetry track and noise of one image.
 
     Attributes:
         name: Of the image.
-        evidence: What is known in it.
-        track: Where telemetry says that the camera was.
-        noise: ``(7,)`` standard deviations of what is new in this image, m and rad; see ``OWN``.
+        evidence: Observations in it.
+        track: Telemetry poses around its stamp.
+        noise: ``(7,)`` standard deviations of this image's own errors, m and rad; see ``OWN``.
     """
 
     name: str
@@ -150,12 +150,12 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImagesState:
-    """One guess at everything.
+    """Estimate of lens, ground, biases and the images' own errors.
 
     Attributes:
         base: Lens and ground, which all images share; its pose means nothing.
         biases: ``(8,)`` as ``BIASES``: metres, radians, seconds.
-        own: ``(n, 7)`` what is new in each image, in its standard deviations; see ``OWN``.
+        own: ``(n, 7)`` own errors of each image, in its standard deviations; see ``OWN``.
     """
 
     base: State
@@ -163,13 +163,13 @@ class ImagesState:
     own: FloatArray
 
     def value(self, name: str) -> float:
-        """An unknown's value: metres, radians, seconds, pixels; distortion coefficients as they are."""
+        """Value of an unknown: metres, radians, seconds, pixels; distortion coefficients as they are."""
         return float(self.biases[BIASES.index(name)]) if name in BIASES else self.base.value(name)
 
 
 @dataclass(frozen=True, slots=True)
 class SharedUnknowns:
-    """What is solved for in all images at once.
+    """Unknowns that all images share.
 
     Attributes:
         names: Some of ``BIASES``, and of the lens and the ground, in the order of the solution.
@@ -179,11 +179,11 @@ class SharedUnknowns:
 
     @property
     def lens(self) -> Unknowns:
-        """Those of the lens and the ground."""
+        """Unknowns of the lens and the ground."""
         return Unknowns(tuple(name for name in self.names if name not in BIASES))
 
     def moved(self, state: ImagesState, step: FloatArray) -> ImagesState:
-        """The state after a step of the shared unknowns ``(n,)`` and then of what is new in each image.
+        """Apply a step of the shared unknowns ``(n,)``, followed by those of each image's own errors.
 
         Raises:
             ValueError: The step leads to an impossible camera.
@@ -199,7 +199,7 @@ class SharedUnknowns:
         )
 
     def to_shared(self, state: ImagesState) -> FloatArray:
-        """``(8 + m, n)``: biases and intrinsics by the shared unknowns."""
+        """Jacobian ``(8 + m, n)`` of biases and intrinsics by the shared unknowns."""
         count = len(BIASES)
         by = np.zeros((count + 4 + len(state.base.camera.distortion), len(self.names)))
         for column, name in enumerate(self.names):
@@ -209,7 +209,7 @@ class SharedUnknowns:
         return by
 
     def camera(self, state: ImagesState, index: int, view: View) -> State:
-        """The camera of one image.
+        """Camera of one image.
 
         Args:
             state: The guess.
@@ -222,20 +222,20 @@ class SharedUnknowns:
         return _image_camera(state, index, view, view.track.pose(float(state.biases[_TIME]))).camera
 
     def placed(self, state: ImagesState, index: int, view: View) -> tuple[State, FloatArray]:
-        """The camera of one image, and the errors of ``dft.projection`` by the unknowns.
+        """Camera of one image, and the Jacobian of the errors of ``dft.projection`` by the unknowns.
 
         Returns:
-            The camera; ``(s, n + 7)`` by the ``n`` shared unknowns and by what is new in the image.
+            The camera; ``(s, n + 7)`` by the ``n`` shared unknowns and by the image's own errors.
 
         Raises:
             ValueError: Telemetry says nothing of the time that its stamp was moved to.
         """
         found, count = _image_camera(state, index, view, view.track.at(float(state.biases[_TIME]))), len(self.names)
-        by_bias = found.biased.by_biases_of_corrected_stamps(_of_corrected_stamp(state), found.wxyz)
-        by_bias[ROTATION] = found.back @ by_bias[ROTATION]
+        by_bias = found.biased.by_biases_of_corrected_stamps(_biases_at_corrected_stamp(state), found.wxyz)
+        by_bias[ROTATION] = found.by_bias_rotation @ by_bias[ROTATION]
         by = np.zeros((INTRINSICS.start + 4 + len(state.base.camera.distortion), count + OWN))
-        chosen = [name for name in self.names if name in BIASES]
-        by[:6, self._columns(chosen)] = by_bias[:, [ORDER.index(BIASES.index(name)) for name in chosen]]
+        biases = [name for name in self.names if name in BIASES]
+        by[:6, self._columns(biases)] = by_bias[:, [ORDER.index(BIASES.index(name)) for name in biases]]
         if self.lens.names:
             by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(found.camera)
         by[:3, count : count + 3] = np.diag(view.noise[:3])
@@ -249,39 +249,39 @@ class SharedUnknowns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ImageCamera:
-    """A camera, and what its derivatives need.
+    """Camera of one image with the intermediate values of its Jacobian.
 
     Attributes:
         camera: The camera.
         biased: Its pose by telemetry.
-        wxyz: ``(4,)`` that attitude without biases, before what is new in this image.
-        down_cam: ``(3,)`` straight down, before what is new in this image.
-        back: ``(3, 3)`` its turn by one before what is new.
-        by_own: ``(3, 3)`` by the rotation vector of what is new.
+        wxyz: ``(4,)`` attitude without biases, before this image's own errors.
+        down_cam: ``(3,)`` straight down, before this image's own errors.
+        by_bias_rotation: ``(3, 3)`` Jacobian by a rotation before this image's own errors.
+        by_own: ``(3, 3)`` Jacobian by the rotation vector of its own errors.
     """
 
     camera: State
     biased: BiasedPoses
     wxyz: FloatArray
     down_cam: FloatArray
-    back: FloatArray
+    by_bias_rotation: FloatArray
     by_own: FloatArray
 
 
 def _image_camera(state: ImagesState, index: int, view: View, pose: Pose) -> _ImageCamera:
-    """The camera of an image where telemetry says ``pose``."""
+    """Correct a telemetry pose of an image to its camera."""
     own, biased = state.own[index] * view.noise, BiasedPoses.from_poses(pose, np.array(0))
-    corrected = biased.corrected(_of_corrected_stamp(state))
+    corrected = biased.corrected(_biases_at_corrected_stamp(state))
     down_cam = -matrix(corrected.wxyz)[2]
-    new = own[3:6] + own[6] * down_cam
-    last, by_own = from_rotation_vector(new), right_jacobian(new)
-    camera = replace(state.base, position_m=corrected.position_enu_m + own[:3], wxyz=multiply(corrected.wxyz, last))
-    back = matrix(last).T + own[6] * by_own @ skew(down_cam)
-    return _ImageCamera(camera, biased, corrected.wxyz, down_cam, back, by_own)
+    own_rotation = own[3:6] + own[6] * down_cam
+    rotation, by_own = from_rotation_vector(own_rotation), right_jacobian(own_rotation)
+    camera = replace(state.base, position_m=corrected.position_enu_m + own[:3], wxyz=multiply(corrected.wxyz, rotation))
+    by_bias_rotation = matrix(rotation).T + own[6] * by_own @ skew(down_cam)
+    return _ImageCamera(camera, biased, corrected.wxyz, down_cam, by_bias_rotation, by_own)
 
 
-def _of_corrected_stamp(state: ImagesState) -> FloatArray:
-    """The biases ``(8,)`` of a pose that was looked up at its corrected stamp, in the order of ``biases``."""
+def _biases_at_corrected_stamp(state: ImagesState) -> FloatArray:
+    """Biases ``(8,)`` of a pose interpolated at its corrected stamp, in the order of ``biases``."""
     biases = state.biases[ORDER]
     biases[TIME_OFFSET] = 0.0
     return biases

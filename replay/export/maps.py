@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, Final, NamedTuple, Self
@@ -353,7 +354,7 @@ def _qml(shape: str, columns: tuple[str, ...], colour: tuple[int, int, int]) -> 
         renderer = f'type="categorizedSymbol" attr="status"><categories>{categories}</categories>'
     else:
         renderer = 'type="singleSymbol">'
-    value = next((name for name in columns if f"std_{name.rpartition('_')[2]}" in columns), None)
+    value = next((name for name, std in pairwise(columns) if std == f"std_{name.rpartition('_')[2]}"), None)
     label = "" if value is None else _label(value)
     return (
         "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>"

@@ -85,6 +85,8 @@ def test_every_layer_carries_its_style_for_qgis(aerodft, placed, tmp_path):
             assert style.find("renderer-v2/symbols/symbol/layer") is not None
             assert style.find("renderer-v2").get("attr", "status") in columns | {"status"}
             label = style.find("labeling/settings/text-style")
+            if each.f_table_name in {"transects", "centreline"}:
+                assert label.get("fieldName").startswith('format_number("width_m"')
             if label is not None:
                 assert "(95 %)" in label.get("fieldName")
                 assert {part for part in label.get("fieldName").split('"') if part.endswith(("_m", "_m2"))} <= columns

@@ -29,6 +29,7 @@ from aerodft.model import ProbeKind, Status
 _CAMERA_SCHEMA: Final = str(CameraCalibration.DESCRIPTOR.full_name)
 _ENU: Final = "enu"
 _MOST_IMAGES: Final = 10_000  # whose measurements are still to come
+_MOST_DRAWN: Final = 100  # images to which measurements may be added
 _LINE, _TEXT, _BEHIND = Color(r=0.94, g=0.89, b=0.26, a=1), Color(r=1, g=1, b=1, a=1), Color(a=0.7)
 _THICKNESS_PX, _FONT_PX = 3.0, 22.0
 
@@ -48,6 +49,7 @@ class Annotator:
         self._keys = Keys(station)
         self._frame = "camera"
         self._stamps_ns: OrderedDict[int, int] = OrderedDict()  # of images, by index
+        self._drawn: OrderedDict[int, dict[str, dict[str, Any]]] = OrderedDict()  # of images, by index and probe
         self._annotations = protobuf_channel(self._keys.annotations, ImageAnnotations)
         self._transform = protobuf_channel(self._keys.transform, FrameTransform)
         self._numbers: dict[str, Channel] = {}
@@ -91,14 +93,20 @@ class Annotator:
     def _measured(self, message: ReadMessage, items: Sequence[dict[str, Any]]) -> Iterator[ReadMessage]:
         for item in items:
             yield ReadMessage(message.log_ns, self._number(item["name"]), _number_payload(item), 0)
-        seen = [item for item in items if item["image"] is not None and _pixels(item)]
-        if not seen:
-            return
-        stamp = _timestamp(self._stamps_ns.get(seen[0]["image"], int(seen[0]["stamp_ns"])))
+        for image in dict.fromkeys(item["image"] for item in items if item["image"] is not None and _pixels(item)):
+            yield self._drawing(message, image, [item for item in items if item["image"] == image and _pixels(item)])
+
+    def _drawing(self, message: ReadMessage, image: int, items: Sequence[dict[str, Any]]) -> ReadMessage:
+        """All that was measured in an image so far: a viewer keeps the last message of a stamp alone."""
+        seen = self._drawn.setdefault(image, {})
+        seen.update({item["name"]: item for item in items})
+        if len(self._drawn) > _MOST_DRAWN:
+            self._drawn.popitem(last=False)
+        stamp = _timestamp(self._stamps_ns.get(image, int(items[0]["stamp_ns"])))
         drawn = ImageAnnotations(
-            points=[_line(item, stamp) for item in seen], texts=[_text(item, stamp) for item in seen]
+            points=[_line(item, stamp) for item in seen.values()], texts=[_text(item, stamp) for item in seen.values()]
         )
-        yield ReadMessage(message.log_ns, self._annotations, bytes(drawn.SerializeToString()), 0)
+        return ReadMessage(message.log_ns, self._annotations, bytes(drawn.SerializeToString()), 0)
 
     def _number(self, probe: str) -> Channel:
         if probe not in self._numbers:

@@ -53,6 +53,21 @@ def test_each_image_has_the_lines_and_values_of_its_probes(messages):
         assert message.log_time >= int(by_stamp[str(stamp_ns)]["arrival_ns"])  # the very image's
 
 
+def test_the_last_drawing_of_an_image_has_all_of_its_probes(messages):
+    """A viewer keeps one message of a topic for each stamp."""
+    measured = defaultdict(set)
+    for payload in map(orjson.loads, open_recording(FROZEN).reader.measurements()):
+        if payload["image"] is not None and payload["pixels"]:
+            measured[payload["image"]].add(payload["name"])
+    stamps = {content["index"]: int(content["stamp_ns"]) for _, _, content in messages[f"{ROOT}/image"]}
+    last = {}
+    for _, _, content in messages[f"{ROOT}/annotations"]:
+        at = content.points[0].timestamp
+        last[at.seconds * 10**9 + at.nanos] = {text.text.partition(":")[0] for text in content.texts}
+    assert len(measured) > 10
+    assert {image: last[stamps[image]] for image in measured} == measured
+
+
 def test_a_label_says_value_and_interval_or_the_status(messages):
     recorded = {}
     for payload in map(orjson.loads, open_recording(FROZEN).reader.measurements()):

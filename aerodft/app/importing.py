@@ -121,9 +121,8 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
             station = refreshed(aligned_station(station, log, where, progress))
         else:
             station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
-    return _recorded(
-        station, log, (*station.observations.files, *map(Path, observations)), Path(output), where, progress
-    )
+    files = (*station.observations.files, *map(Path, observations))
+    return _recorded(station, log, files, Path(output), where, progress)
 
 
 def _checked_log(station: StationConfig, log: str | Path | None, where: str) -> Path | None:

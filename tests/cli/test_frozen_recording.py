@@ -2,7 +2,7 @@
 
 If this fails, aerodft cannot read what it once wrote, or computes something else from it. Neither is to be mended here.
 What a number is worth, and whether it is refused, may become known better: that is a change that CHANGELOG states, and
-``python tests/cli/test_frozen_recording.py`` then writes ``frozen-0.1-expected.jsonl`` anew.
+``python -m tests.cli.test_frozen_recording`` then writes ``frozen-0.1-expected.jsonl`` anew.
 """
 
 import shutil

@@ -24,7 +24,6 @@ from aerodft.model import (
     ProjectionModel,
     Status,
 )
-from calibration.flight import BiasCalibrator
 
 _LOWEST_M: Final = 1e-3
 _STEEPEST_DEG: Final = 80.0
@@ -376,5 +375,7 @@ def _corrected(setup: Setup, sample: PoseSample, known: CalibrationFile) -> tupl
     """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
     if known.camera is not None and setup.model is not known.model:
         raise UsageError(f"{setup.model} beside a calibration", expected=f"{known.model}, which it was made with")
+    from calibration.flight import BiasCalibrator  # noqa: PLC0415 - loads scipy, for biases alone
+
     corrected = BiasCalibrator(known.biases).refine(PoseBatch.from_samples([sample]))[0]
     return replace(setup, camera=known.camera or setup.camera), corrected

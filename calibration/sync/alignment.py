@@ -1,4 +1,4 @@
-"""A video aligned with a log by how the camera turned: offset and drift of the clocks, and the gimbal's lag.
+"""Alignment of a video with a log by the camera's rotations: clock offset and drift, and the gimbal's lag.
 
 Stamps of the video become UTC by ``stamp + offset + drift (stamp - reference)``; the gimbal's report of ``lag`` before
 is where the camera then looked. All offsets and drifts of a range are searched first. The best is fitted to the turns
@@ -32,7 +32,7 @@ from calibration.sync.fit import (
 from calibration.sync.motion import CameraMotion, CameraPath, followed_path, predicted
 
 MAX_STD_S = 0.05
-"""A less certain alignment is none."""
+"""Largest standard deviation of offset less lag of an accepted alignment."""
 
 _MIN_PAIRS = 25
 _AROUND_S = 5.0  # of the log beside what could be of the video, for a lag and for a curve's ends
@@ -44,7 +44,7 @@ _SIGMAS_95 = 1.96
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Angular rates for people to look at, about the camera's axes.
+    """Angular rates about the camera's axes, for plots.
 
     Attributes:
         stamp_ns: ``(n,)`` by the video's clock.
@@ -61,7 +61,7 @@ class Rates:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alignment:
-    """How a video belongs to a log.
+    """Alignment of a video with a log.
 
     Attributes:
         reference_ns: Where the offset holds and from where the drift counts, by the video's clock.
@@ -90,7 +90,7 @@ class Alignment:
 
     @property
     def stds(self) -> FloatArray:
-        """``(3,)`` of offset, drift and lag."""
+        """Standard deviations ``(3,)`` of offset, drift and lag."""
         return np.asarray(np.sqrt(np.diag(self.cov)))
 
     @property

@@ -1,4 +1,4 @@
-"""Offset, drift and lag of a video: to hundredths of a second by the camera's turns, to milliseconds by its path.
+"""Offset, drift and lag of a video: to hundredths of a second by the camera's rotations, to milliseconds by its path.
 
 Every offset and drift of a range is weighed by all image pairs at once. For each image pair and each instant of the
 log, how well does the pair's homography agree with the camera's turn and tilt then, whatever the camera's translation
@@ -6,16 +6,15 @@ was? An offset with a drift is a straight line through that table; its score is 
 likelihood over its mean over the log, so that a pair that would fit anywhere (a hover), or that lies outside the log,
 counts for nothing.
 
-The best is the start of a nonlinear least-squares fit with t-distributed residuals, which begins with large ones
-forgiven, so that it does not end beside its goal. Beside the three, a small turn between camera and gimbal axes is
-estimated: a degree of it leaks rates from one axis into another. The log is a smoothed curve here, which rounds off
-where a gimbal starts and stops: what the log reported is then held against where the camera's path says that it looked.
+The best is the start of a nonlinear least-squares fit with t-distributed residuals, which begins with inflated
+standard deviations, so that it does not stop at a local minimum. Besides these three, a small rotation between camera
+and gimbal axes is estimated: a degree of it leaks rates from one axis into another. The log is a smoothed curve here,
+which rounds off where a gimbal starts and stops: its reports are then compared with the camera's path.
 
-The path by the images is precise and smooth, so it is taken between its samples, never the reports: their noise is only
-added to the residuals and does not move with the assumed offset. What strays slowly (the path, a report's bias) is a
-random walk beside the unknowns. A camera may be late by a pure delay, or follow by first order: then its report is
-where it is, and its rate times a time constant ahead. Residuals of reports spread by noise, the faster the camera turns
-the more, and are alike for a while.
+The path by the images is precise and smooth, so it is interpolated, never the reports: their noise is only added to the
+residuals and does not move with the assumed offset. Slow drift (of the path, of a report's bias) is a random walk among
+the unknowns. A camera may lag by a pure delay, or follow by first order: then its report is its attitude advanced by
+its rate times a time constant. Residuals of reports spread by noise, more at higher rates, and are correlated in time.
 """
 
 from dataclasses import dataclass, replace
@@ -37,59 +36,59 @@ _STEP_S = 0.05
 _DRIFT_STEP = 0.0025
 _MAX_PAIRS = 400
 _LOG_RATE_STD_RADPS = 0.015  # of telemetry against the camera, in part because its lag is not quite known yet
-_LAGS_S = (0.05, 0.175, 0.3)  # that are tried
-_MIN_LIKELIHOOD = np.exp(-8.0)  # likelihood of what cannot be: a pair may be wrong
-_APART_S = 1.0  # peaks closer than this are one
-_PEAKS = 2
-_REACH = 2 * round(_APART_S / _STEP_S) + 1
+_LAG_GRID_S = (0.05, 0.175, 0.3)  # grid of the search
+_MIN_LIKELIHOOD = np.exp(-8.0)  # floor of a pair's likelihood: a pair may be wrong
+_MIN_PEAK_DISTANCE_S = 1.0  # peaks closer than this are one
+_MAX_PEAKS = 2
+_PEAK_WINDOW = 2 * round(_MIN_PEAK_DISTANCE_S / _STEP_S) + 1
 OFFSET, DRIFT, LAG = range(3)
 LAG_PRIOR_S = (0.15, 0.1)
-"""Mean and standard deviation of a gimbal's lag before the data are asked."""
+"""Mean and standard deviation of the prior of a gimbal's lag."""
 
-_UNKNOWNS = 6
+_TURN_SIZE = 6
 _PRIOR_STD = np.array([np.inf, np.inf, LAG_PRIOR_S[1], 0.05, 0.05, 0.05])
 _PRIOR_MEAN = np.array([0.0, 0.0, LAG_PRIOR_S[0], 0.0, 0.0, 0.0])
 _STEP = np.array([0.01, 2e-4, 0.01, 0.002, 0.002, 0.002])  # of central differences
-_RATE_STD_RADPS = 0.001  # of what a camera does beside its gimbal
-_STUDENT = 4.0  # degrees of freedom of the turns' t distribution
+_RATE_STD_RADPS = 0.001  # of the camera's motion relative to its gimbal
+_STUDENT_DOF = 4.0  # degrees of freedom of the rotations' t distribution
 _MEDIAN_CHI2 = 2.366  # with 3 degrees of freedom
 _MIN_ITERATIONS, _ITERATIONS = 6, 12
-_FIRST_STD_RADPS, _SHARPER = 0.05, 0.4  # of what is robust_weights, and what is left of it after each iteration
+_INITIAL_STD_RADPS, _STD_DECAY = 0.05, 0.4  # added to the residuals' std, times the decay in each iteration
 _CONVERGED = np.array([1e-5, 1e-7, 1e-5])
-_FIXED = 1e18  # precision of what is no unknown
+_FIXED = 1e18  # precision of a fixed parameter
 _JITTERS_S = (0.0005, 0.001, 0.002, 0.004, 0.008)  # more would explain any other way of following
-_ROUNDS = 8
+_NOISE_ITERATIONS = 8
 _PATH_STD_RAD = 3e-4  # between its images
-_CORRELATED_S = 3.0  # residuals farther apart in time have nothing to do with each other
+_CORRELATION_S = 3.0  # residuals farther apart in time are independent
 _BIN_S = 0.25
-_FIXED_SHARE = np.array([-0.5324, 0.4160, 2.9694, 1.9600]) / 1.96  # of the whole: their critical values, at 95 %
+_CRITICAL_VALUES = np.array([-0.5324, 0.4160, 2.9694, 1.9600]) / 1.96  # by b, the window as a share of all, at 95 %
 SMEAR = LAG + 1
-"""The time constant's place among the unknowns; a turn of the path as a whole follows."""
+"""Index of the time constant among the unknowns; a rotation of the whole path follows."""
 
 MIN_REPORTS = 20
-"""With fewer there is no answer."""
+"""Smallest number of reports that an alignment is fitted to."""
 
-_PATH_UNKNOWNS = SMEAR + 4
+_PATH_SIZE = SMEAR + 4
 _PATH_PRIOR_STD = np.array([np.inf, np.inf, LAG_PRIOR_S[1], 0.15, 0.1, 0.1, 0.1])
 _PATH_PRIOR_MEAN = np.array([0.0, 0.0, LAG_PRIOR_S[0], 0.0, 0.0, 0.0, 0.0])
 _PATH_STEP = np.array([0.004, 1e-4, 0.004, 0.004, 0.002, 0.002, 0.002])  # of central differences
-_SHARES = (0.0, 0.5, 1.0)  # of the lag that the time constant makes up at first
-_AROUND_S = 0.05  # on both sides, of a rate
-_MARGIN_S = 0.4  # of the video's ends, for what is yet to be moved
-_TOGETHER_S = 0.4  # reports this close are one residual: what a lead adds to the path's noise averages out
+_START_SHARES = (0.0, 0.5, 1.0)  # of the lag that the time constant starts with
+_RATE_HALF_STEP_S = 0.05  # of the difference quotient of a rate
+_MARGIN_S = 0.4  # to the video's ends, for shifts during the fit
+_REPORT_BIN_S = 0.4  # reports this close are one residual: a lead's amplification of the path's noise averages out
 _KNOT_S, _MAX_KNOTS = 0.5, 240
-_STRAY_RAD = 0.0005  # in a second, beside what is known of the path
-_FIRST_RAD = 0.2  # how far off it may begin
+_WALK_STD_RAD = 0.0005  # in a second, besides the path's own
+_WALK_START_STD_RAD = 0.2  # of its first knot
 _MIN_PATH_ITERATIONS, _PATH_ITERATIONS = 8, 14
-_BESIDE = 1.3  # times what model and residuals tell were the errors over simulated flights
-_WHOLE_MS_STD_S = 0.0005  # of stamps that count milliseconds, with those of the clock map
+_STD_FACTOR = 1.3  # ratio of the errors of simulated flights to the stds by model and residuals
+_STAMP_STD_S = 0.0005  # of stamps in whole milliseconds, with those of the clock map
 _UNSTAMPED = (GimbalSource.MOUNT_STATUS,)
 _UNSTAMPED_STD_S = 0.02  # of reports that take the time of the message before them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peak:
-    """A candidate: offset (s, at the reference), drift, lag (s), and its score (natural logarithm of the evidence)."""
+    """Candidate alignment: offset (s, at the reference), drift, lag (s), score (natural logarithm of the evidence)."""
 
     offset_s: float
     drift: float
@@ -98,7 +97,7 @@ class Peak:
 
 
 def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s: float) -> tuple[Peak, ...]:
-    """The best offset, and the best of those that are not near it, in descending order of score.
+    """Search the best offset, and the best of those not near it, in descending order of score.
 
     Args:
         motion: ``n`` image pairs, stamped by the video's clock.
@@ -112,32 +111,32 @@ def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s
     log_s = np.arange(start_s[0] - reach_s, start_s[-1] + reach_s + _STEP_S, _STEP_S)
     offsets = np.arange(-max_offset_s, max_offset_s + _STEP_S / 2, _STEP_S)
     drifts = np.arange(-MAX_DRIFT, MAX_DRIFT + _DRIFT_STEP / 2, _DRIFT_STEP)
-    lags = _LAGS_S if camera.has_lag else (0.0,)
+    lags = _LAG_GRID_S if camera.has_lag else (0.0,)
     scores = np.empty((len(lags), len(drifts), len(offsets)))
     pairs = np.arange(len(start_s))
     for layer, lag_s in enumerate(lags):
-        table = _table(motion, every, camera, (log_s, end_s - start_s), lag_s)
+        table = _log_likelihood_ratios(motion, every, camera, (log_s, end_s - start_s), lag_s)
         for row, drift in enumerate(drifts):
             at = np.rint((offsets[:, None] + (1 + drift) * start_s - log_s[0]) / _STEP_S).astype(np.int64)
             scores[layer, row] = table[pairs, np.clip(at, 0, len(log_s) - 1)].sum(axis=1)
     return _peaks(scores, offsets, drifts, lags)
 
 
-def _table(
+def _log_likelihood_ratios(
     motion: PlaneMotion, every: int, camera: CameraMotion, times: tuple[FloatArray, FloatArray], lag_s: float
 ) -> FloatArray:
-    """``(pairs, instants)`` logarithms of likelihood over its mean; 0 where the log has nothing to say."""
+    """Logarithms ``(pairs, instants)`` of likelihood over its mean; 0 where the log knows nothing."""
     log_s, between_s = times
     typical_s = float(np.median(between_s))
-    told = predicted(camera, log_s, log_s + typical_s, lag_s)
-    rate, known = told.rotvec_rad / typical_s, told.known
+    logged = predicted(camera, log_s, log_s + typical_s, lag_s)
+    rate, known = logged.rotvec_rad / typical_s, logged.known
     table = np.zeros((len(between_s), len(log_s)))
     if not np.any(known):
         return table
     for row, (homography, cov, step_s) in enumerate(
         zip(motion.homography[::every], motion.cov[::every], between_s, strict=True)
     ):
-        misfit = _misfit(homography, cov, rate[known] * step_s, told.normal_cam[known], _LOG_RATE_STD_RADPS * step_s)
+        misfit = _misfit(homography, cov, rate[known] * step_s, logged.normal_cam[known], _LOG_RATE_STD_RADPS * step_s)
         likelihood = np.exp(-misfit / 2) + _MIN_LIKELIHOOD
         table[row, known] = np.log(likelihood / likelihood.mean())
     return table
@@ -146,41 +145,41 @@ def _table(
 def _misfit(
     homography: FloatArray, cov: FloatArray, turn_rad: FloatArray, normal_cam: FloatArray, std_rad: float
 ) -> FloatArray:
-    """Squared distance ``(m,)`` of one homography from those of turns and normals ``(m, 3)``, over all translations.
+    """Squared distance ``(m,)`` of a homography from rotations and normals ``(m, 3)``, over all translations.
 
     First order in the turn and the translation.
     """
-    turning = -skew(np.eye(3)).reshape(3, 9).T[:FREE]
-    information = np.linalg.inv(cov + std_rad**2 * turning @ turning.T)
+    rotation_jacobian = -skew(np.eye(3)).reshape(3, 9).T[:FREE]
+    information = np.linalg.inv(cov + std_rad**2 * rotation_jacobian @ rotation_jacobian.T)
     last = homography.ravel()[:FREE]
-    off = last - np.eye(3).ravel()[:FREE] - turn_rad @ turning.T
+    difference = last - np.eye(3).ravel()[:FREE] - turn_rad @ rotation_jacobian.T
     moving = np.zeros((len(normal_cam), 3, 3, 3))
     for axis in range(3):
         moving[:, axis, :, axis] = normal_cam
     moved = moving.reshape(-1, 9, 3)
-    shifting = moved[:, :FREE] - last[:, None] * moved[:, FREE:]  # the last element stays 1
-    weighted = np.swapaxes(shifting, -1, -2) @ information
-    shift = np.linalg.solve(weighted @ shifting, weighted @ off[..., None])
-    left = off - (shifting @ shift)[..., 0]
-    return np.asarray(np.einsum("mi,ij,mj->m", left, information, left))
+    translation_jacobian = moved[:, :FREE] - last[:, None] * moved[:, FREE:]  # the last element stays 1
+    weighted = np.swapaxes(translation_jacobian, -1, -2) @ information
+    translation = np.linalg.solve(weighted @ translation_jacobian, weighted @ difference[..., None])
+    residual = difference - (translation_jacobian @ translation)[..., 0]
+    return np.asarray(np.einsum("mi,ij,mj->m", residual, information, residual))
 
 
 def _peaks(scores: FloatArray, offsets: FloatArray, drifts: FloatArray, lags: tuple[float, ...]) -> tuple[Peak, ...]:
     best = scores.max(axis=(0, 1))
     peaks: list[Peak] = []
-    free = best >= maximum_filter1d(best, _REACH)  # a shoulder is no peak
-    while np.any(free) and len(peaks) < _PEAKS:
+    free = best >= maximum_filter1d(best, _PEAK_WINDOW)  # a shoulder is no peak
+    while np.any(free) and len(peaks) < _MAX_PEAKS:
         at = int(np.argmax(np.where(free, best, -np.inf)))
         lag, drift = np.unravel_index(int(np.argmax(scores[..., at])), scores.shape[:2])
         peaks.append(
             Peak(offset_s=float(offsets[at]), drift=float(drifts[drift]), lag_s=lags[int(lag)], score=float(best[at]))
         )
-        free &= np.abs(offsets - offsets[at]) > _APART_S
+        free &= np.abs(offsets - offsets[at]) > _MIN_PEAK_DISTANCE_S
     return tuple(peaks)
 
 
 class TurnProblem:
-    """Image pairs beside a log, ``zero_ns`` being where the video's time counts from."""
+    """Rotations of image pairs against a log; ``zero_ns`` is the origin of the video's time."""
 
     def __init__(self, motion: PlaneMotion, camera: CameraMotion, zero_ns: int) -> None:
         self.motion = motion
@@ -190,7 +189,7 @@ class TurnProblem:
         self.between_s = self.end_s - self.start_s
 
     def predicted_by_log(self, values: FloatArray) -> Predicted:
-        """What the log says of all pairs under this alignment."""
+        """Predict rotations and normals of all pairs by the log under an alignment."""
         offset, drift, lag = values[: LAG + 1].tolist()
         start, end = (offset + (1 + drift) * times for times in (self.start_s, self.end_s))
         logged = predicted(self.camera, start, end, lag)
@@ -202,11 +201,11 @@ class TurnProblem:
         )
 
     def seen(self, logged: Predicted) -> Turns:
-        """What the images say, with the ground where the log has it."""
+        """Rotations by the images, over the ground plane of the log."""
         return turns_over_plane(self.motion, logged.normal_cam, logged.rotvec_rad)
 
     def off(self, values: FloatArray) -> FloatArray:
-        """``(n, 3)`` seen minus logged, rad."""
+        """Residuals ``(n, 3)``: rotation by images minus that of the log, rad."""
         logged = self.predicted_by_log(values)
         return self.seen(logged).rotvec_rad - logged.rotvec_rad
 
@@ -217,12 +216,12 @@ def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
     Returns:
         ``(6,)``: offset, drift, lag, and the turn of the camera's axes against the gimbal's (rad).
     """
-    fixed = np.arange(_UNKNOWNS) == (LAG if not problem.camera.has_lag else -1)
+    fixed = np.arange(_TURN_SIZE) == (LAG if not problem.camera.has_lag else -1)
     precision, mean = np.where(fixed, _FIXED, 1 / _PRIOR_STD**2), np.where(fixed, 0.0, _PRIOR_MEAN)
-    values = np.where(fixed, 0.0, np.concatenate([start, np.zeros(_UNKNOWNS - len(start))]))
+    values = np.where(fixed, 0.0, np.concatenate([start, np.zeros(_TURN_SIZE - len(start))]))
     for round_ in range(_ITERATIONS):
-        lines = _linearised(problem, values)
-        jac, off = _whitened(lines, (_FIRST_STD_RADPS * _SHARPER**round_ * problem.between_s) ** 2)
+        lines = _linearize(problem, values)
+        jac, off = _whiten(lines, (_INITIAL_STD_RADPS * _STD_DECAY**round_ * problem.between_s) ** 2)
         information = np.einsum("nui,nuj->ij", jac, jac) + np.diag(precision)
         gradient = np.einsum("nui,nu->i", jac, off) + precision * (mean - values)
         step = np.linalg.solve(information, gradient)
@@ -233,14 +232,14 @@ def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Lines:
-    """The problem near some values, of the ``m`` pairs that the log covers.
+class _LinearizedPairs:
+    """Linearization for the ``m`` pairs that the log covers.
 
     Attributes:
-        jac: ``(m, 3, 6)`` derivatives of what is logged less what is seen.
-        off: ``(m, 3)`` seen less logged, rad.
-        cov: ``(m, 3, 3)`` of what is seen.
-        used: ``(n,)`` which of all pairs they are.
+        jac: ``(m, 3, 6)`` Jacobian of the log's rotations minus the images'.
+        off: ``(m, 3)`` residuals, images' minus log's, rad.
+        cov: ``(m, 3, 3)`` of the images' rotations.
+        used: ``(n,)`` mask of these pairs.
     """
 
     jac: FloatArray
@@ -249,34 +248,34 @@ class _Lines:
     used: BoolArray
 
 
-def _linearised(problem: TurnProblem, values: FloatArray) -> _Lines:
+def _linearize(problem: TurnProblem, values: FloatArray) -> _LinearizedPairs:
     logged = problem.predicted_by_log(values)
     seen, used = problem.seen(logged), logged.known
-    jac = np.empty((len(problem.motion), 3, _UNKNOWNS))
+    jac = np.empty((len(problem.motion), 3, _TURN_SIZE))
     for column, step in enumerate(_STEP):
         ahead, behind = values.copy(), values.copy()
         ahead[column] += step
         behind[column] -= step
         jac[..., column] = (problem.off(behind) - problem.off(ahead)) / (2 * step)
-    # Where a homography does not agree with the plane that it is of, it is off by as much.
-    unlike = np.maximum(seen.chi2 / 2, 1.0)[:, None, None]
-    beside = ((_RATE_STD_RADPS * problem.between_s) ** 2)[:, None, None] * np.eye(3)
-    return _Lines(
+    # A homography that misfits its plane has an error of that size.
+    misfit = np.maximum(seen.chi2 / 2, 1.0)[:, None, None]
+    rate_cov = ((_RATE_STD_RADPS * problem.between_s) ** 2)[:, None, None] * np.eye(3)
+    return _LinearizedPairs(
         jac=jac[used],
         off=(seen.rotvec_rad - logged.rotvec_rad)[used],
-        cov=(unlike * seen.cov_rad2 + beside)[used],
+        cov=(misfit * seen.cov_rad2 + rate_cov)[used],
         used=used,
     )
 
 
-def _whitened(lines: _Lines, doubt_rad2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives and residuals in units in which their errors are independent and of standard deviation 1."""
+def _whiten(lines: _LinearizedPairs, doubt_rad2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Whiten Jacobian and residuals, with t-distribution weights."""
     cov = lines.cov + doubt_rad2[lines.used][:, None, None] * np.eye(3)
     inward = np.linalg.inv(np.linalg.cholesky(cov))
     jac, off = inward @ lines.jac, np.einsum("nij,nj->ni", inward, lines.off)
     squares = np.sum(off**2, axis=-1)
     scale2 = float(np.median(squares)) / _MEDIAN_CHI2
-    scale = np.sqrt((_STUDENT + 3) / (_STUDENT + squares / scale2) / scale2)
+    scale = np.sqrt((_STUDENT_DOF + 3) / (_STUDENT_DOF + squares / scale2) / scale2)
     return jac * scale[:, None, None], off * scale[:, None]
 
 
@@ -294,83 +293,83 @@ class Spread:
 
     @staticmethod
     def first() -> "Spread":
-        """The spread to start from."""
+        """Initial spread of the fit."""
         return Spread(0.003, _JITTERS_S[-1])
 
     def inward(self, off_rad: FloatArray, rate_radps: FloatArray) -> FloatArray:
-        """``(n, 3, 3)`` to units of standard deviation 1; less of what is far off."""
+        """Whitening matrices ``(n, 3, 3)``, with t-distribution weights."""
         along = self.jitter_s**2 * rate_radps[:, :, None] * rate_radps[:, None, :]
         inward = np.linalg.inv(np.linalg.cholesky(self.noise_rad**2 * np.eye(3) + along))
         squares = np.sum((inward @ off_rad[..., None]) ** 2, axis=(1, 2))
         return np.asarray(inward * np.sqrt(robust_weights(squares))[:, None, None])
 
     def cost(self, off_rad: FloatArray, rate_radps: FloatArray) -> float:
-        """Minus the logarithm of the likelihood of residuals ``(n, 3)``, but for a constant."""
-        along, across = _parts(off_rad, rate_radps)
+        """Negative log likelihood of residuals ``(n, 3)``, up to a constant."""
+        along, across = _split_squares(off_rad, rate_radps)
         along_var = self.noise_rad**2 + self.jitter_s**2 * np.sum(rate_radps**2, axis=-1)
         squares = along / along_var + across / self.noise_rad**2
         return float(np.sum(loss(squares) + np.log(along_var) / 2 + 2 * np.log(self.noise_rad)))
 
 
 def scales(off_rad: FloatArray, rate_radps: FloatArray) -> Spread:
-    """The likeliest of residuals ``(n, 3)`` at rates ``(n, 3)``."""
+    """Most likely spread of residuals ``(n, 3)`` at rates ``(n, 3)``."""
     tries = [Spread(_noise_rad(off_rad, rate_radps, jitter_s), jitter_s) for jitter_s in _JITTERS_S]
     return min(tries, key=lambda each: each.cost(off_rad, rate_radps))
 
 
 def _noise_rad(off_rad: FloatArray, rate_radps: FloatArray, jitter_s: float) -> float:
-    along, across = _parts(off_rad, rate_radps)
+    along, across = _split_squares(off_rad, rate_radps)
     jitter = jitter_s**2 * np.sum(rate_radps**2, axis=-1)
     noise = float(np.mean(off_rad**2))
-    for _ in range(_ROUNDS):
+    for _ in range(_NOISE_ITERATIONS):
         squares = along / (noise + jitter) + across / noise
         noise *= float(np.mean(robust_weights(squares) * squares)) / 3
     return float(np.hypot(np.sqrt(noise), _PATH_STD_RAD))
 
 
 def robust_weights(squares: FloatArray) -> FloatArray:
-    """Weights ``(n,)`` of t-distributed vectors of three, by the sum of their squares."""
-    return np.asarray((_STUDENT + 3) / (_STUDENT + squares))
+    """Weights ``(n,)`` of t-distributed vectors of three, by their squared norms."""
+    return np.asarray((_STUDENT_DOF + 3) / (_STUDENT_DOF + squares))
 
 
 def loss(squares: FloatArray) -> FloatArray:
-    """Minus the logarithm of their likelihood ``(n,)``, but for a constant."""
-    return np.asarray((_STUDENT + 3) / 2 * np.log1p(squares / _STUDENT))
+    """Negative log likelihood ``(n,)`` of t-distributed vectors of three by their squared norms, up to a constant."""
+    return np.asarray((_STUDENT_DOF + 3) / 2 * np.log1p(squares / _STUDENT_DOF))
 
 
-def _parts(off_rad: FloatArray, rate_radps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Squares ``(n,)`` of what lies along the rate, and across it."""
+def _split_squares(off_rad: FloatArray, rate_radps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squares ``(n,)`` of the components along the rate and across it."""
     rate2 = np.maximum(np.sum(rate_radps**2, axis=-1), np.finfo(np.float64).tiny)
     along = np.sum(off_rad * rate_radps, axis=-1) ** 2 / rate2
     return along, np.sum(off_rad**2, axis=-1) - along
 
 
 def correlated_covariance(times_s: FloatArray, parts: FloatArray) -> FloatArray:
-    """Covariance ``(u, u)`` of the sum of parts ``(n, u)``, which are alike for a while (Newey and West 1987).
+    """Covariance ``(u, u)`` of a sum of terms ``(n, u)`` correlated in time (Newey and West 1987).
 
-    Of few independent stretches it would come out too small: it is scaled so that 1.96 of its standard deviations hold
+    From few independent stretches it would be too small: it is scaled so that 1.96 of its standard deviations hold
     95 % (Kiefer and Vogelsang, A new asymptotic theory for heteroskedasticity-autocorrelation robust tests, 2005).
     """
     bins = ((times_s - np.min(times_s)) / _BIN_S).astype(np.int64)
     sums = np.zeros((int(bins.max()) + 1, parts.shape[1]))
     np.add.at(sums, bins, parts)
-    reach = round(_CORRELATED_S / _BIN_S)
+    reach = round(_CORRELATION_S / _BIN_S)
     total = sums.T @ sums
     for lag in range(1, min(reach, len(sums))):
         cross = sums[lag:].T @ sums[:-lag]
         total += (1 - lag / reach) * (cross + cross.T)
-    return np.asarray(total * np.polyval(_FIXED_SHARE, min(reach / len(sums), 1.0)) ** 2)
+    return np.asarray(total * np.polyval(_CRITICAL_VALUES, min(reach / len(sums), 1.0)) ** 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refined:
-    """A refined alignment.
+    """Refined alignment.
 
     Attributes:
         values: ``(3,)`` offset (s, at the reference), drift, lag (s).
         cov: ``(3, 3)``.
-        time_constant_s: The part of the lag in which the camera follows by first order.
-        cost: Minus the logarithm of the likelihood.
+        time_constant_s: Part of the lag that is a first-order time constant.
+        cost: Negative log likelihood.
     """
 
     values: FloatArray
@@ -380,45 +379,45 @@ class Refined:
 
 
 def refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refined:
-    """Fit from ``start (3,)``, which must be within tenths of a second.
+    """Refine an alignment ``start (3,)``, which must be within tenths of a second.
 
     Raises:
-        LookupError: Hardly any report is of a time that images tell about.
+        LookupError: Fewer than ``MIN_REPORTS`` reports at times between measured images.
     """
-    reports = _Reports(camera, path, start)
-    walk = _Walk(reports.video_s, path)
-    shares = _SHARES if camera.has_lag else (0.0,)
-    tries = [_Fit(reports, walk, has_lag=camera.has_lag).found(start, share) for share in shares]
+    reports = _BinnedReports(camera, path, start)
+    walk = _RandomWalk(reports.video_s, path)
+    shares = _START_SHARES if camera.has_lag else (0.0,)
+    tries = [_PathFit(reports, walk, has_lag=camera.has_lag).solve(start, share) for share in shares]
     best = min(tries, key=lambda each: each.cost)
     if camera.source not in _UNSTAMPED:
         return best
     return replace(best, cov=best.cov + np.diag([0.0, 0.0, _UNSTAMPED_STD_S**2]))
 
 
-class _Reports:
-    """Reports of times at which the path is known, some tenths of a second of them as one.
+class _BinnedReports:
+    """Reports at times at which the path is known, averaged over bins of some tenths of a second.
 
     Attributes:
-        video_s: ``(n,)`` means of their times by the video's clock.
+        video_s: ``(n,)`` mean times of the bins by the video's clock.
     """
 
     def __init__(self, camera: CameraMotion, path: CameraPath, start: FloatArray) -> None:
         self._camera, self._path = camera, path
         utc_s = camera.report_s + start[LAG]
         video_s = (utc_s - start[OFFSET]) / (1 + start[DRIFT])
-        around = [camera.knows_reference(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
-        around += [path.sees(video_s + sign * _MARGIN_S) for sign in (-1, 0, 1)]
-        keep = np.all(around, axis=0)
+        masks = [camera.knows_reference(utc_s + sign * _MARGIN_S / 2) for sign in (-1, 1)]
+        masks += [path.sees(video_s + sign * _MARGIN_S) for sign in (-1, 0, 1)]
+        keep = np.all(masks, axis=0)
         if np.count_nonzero(keep) < MIN_REPORTS:
             raise LookupError(np.count_nonzero(keep))
         self._report_s, self._wxyz = camera.report_s[keep], camera.report_wxyz[keep]
-        together = np.floor((self._report_s - self._report_s[0]) / _TOGETHER_S)
-        _, self._group = np.unique(together, return_inverse=True)
+        bins = np.floor((self._report_s - self._report_s[0]) / _REPORT_BIN_S)
+        _, self._group = np.unique(bins, return_inverse=True)
         self._count = np.bincount(self._group)
         self.video_s = self._mean(video_s[keep])
 
     def off(self, values: FloatArray) -> FloatArray:
-        """``(n, 3)``: the turn from what should be reported to what is, in the gimbal's axes."""
+        """Residuals ``(n, 3)``: rotation from the expected report to the actual one, in the gimbal's axes."""
         utc_s = self._report_s + values[LAG] - values[SMEAR]
         expected = self._expected(utc_s, values)
         if values[SMEAR] > 0:
@@ -427,7 +426,7 @@ class _Reports:
         return self._mean(to_rotation_vector(multiply(inverse(expected), self._wxyz)))
 
     def rate_radps(self, values: FloatArray) -> FloatArray:
-        """``(n, 3)`` at which the reports change."""
+        """Angular rates ``(n, 3)`` of the expected reports."""
         return self._mean(self._rate_radps(self._report_s + values[LAG] - values[SMEAR], values))
 
     def _expected(self, utc_s: FloatArray, values: FloatArray) -> FloatArray:
@@ -435,8 +434,8 @@ class _Reports:
         return self._camera.report_of(utc_s, multiply(from_rotation_vector(values[SMEAR + 1 :]), path))
 
     def _rate_radps(self, utc_s: FloatArray, values: FloatArray) -> FloatArray:
-        before, after = (self._expected(utc_s + sign * _AROUND_S, values) for sign in (-1, 1))
-        return to_rotation_vector(multiply(inverse(before), after)) / (2 * _AROUND_S)
+        before, after = (self._expected(utc_s + sign * _RATE_HALF_STEP_S, values) for sign in (-1, 1))
+        return to_rotation_vector(multiply(inverse(before), after)) / (2 * _RATE_HALF_STEP_S)
 
     def _mean(self, rows: FloatArray) -> FloatArray:
         total = np.zeros((len(self._count), *rows.shape[1:]))
@@ -444,13 +443,13 @@ class _Reports:
         return total / self._count.reshape(-1, *[1] * (rows.ndim - 1))
 
 
-class _Walk:
-    """What strays slowly, of three axes alike: its values at knots, straight between them.
+class _RandomWalk:
+    """Random walk of three equal axes: its values at knots, linear between them.
 
     Attributes:
         basis: ``(n, m)`` from knots to residuals.
-        steps: ``(m, m)`` from knots to what should be of standard deviation 1; the first row is its beginning.
-        step_s: ``(m,)`` when each of these is.
+        steps: ``(m, m)`` from knots to steps of standard deviation 1; the first row is its start.
+        step_s: ``(m,)`` times of the steps.
     """
 
     def __init__(self, times_s: FloatArray, path: CameraPath) -> None:
@@ -458,99 +457,99 @@ class _Walk:
         knots = np.linspace(times_s[0], times_s[-1], int(np.clip(span_s / _KNOT_S, 1, _MAX_KNOTS)) + 1)
         self.basis = np.stack([np.interp(times_s, knots, row) for row in np.eye(len(knots))], axis=1)
         between_s = knots[1] - knots[0]
-        std = np.hypot(path.stray_rad(knots), _STRAY_RAD * np.sqrt(between_s))
-        self.steps = np.diff(np.eye(len(knots)), axis=0, prepend=0.0) / np.append(_FIRST_RAD, std)[:, None]
+        std = np.hypot(path.stray_rad(knots), _WALK_STD_RAD * np.sqrt(between_s))
+        self.steps = np.diff(np.eye(len(knots)), axis=0, prepend=0.0) / np.append(_WALK_START_STD_RAD, std)[:, None]
         self.step_s = np.concatenate([knots[:1], (knots[1:] + knots[:-1]) / 2])
 
 
-class _Fit:
+class _PathFit:
     """Weighted least squares with t-distributed residuals; the walk's knots are among the unknowns.
 
     All unknowns stand in one row: the seven, then the walk's knots, axis by axis.
     """
 
-    def __init__(self, reports: _Reports, walk: _Walk, *, has_lag: bool) -> None:
+    def __init__(self, reports: _BinnedReports, walk: _RandomWalk, *, has_lag: bool) -> None:
         self._reports, self._walk = reports, walk
-        self._fixed = np.isin(np.arange(_PATH_UNKNOWNS), () if has_lag else (LAG, SMEAR))
-        self._straying = np.kron(np.eye(3), walk.basis).reshape(3, -1, 3 * walk.basis.shape[1]).swapaxes(0, 1)
+        self._fixed = np.isin(np.arange(_PATH_SIZE), () if has_lag else (LAG, SMEAR))
+        self._knot_jacobian = np.kron(np.eye(3), walk.basis).reshape(3, -1, 3 * walk.basis.shape[1]).swapaxes(0, 1)
         self._steps = np.kron(np.eye(3), walk.steps)
         self._spread = Spread.first()
 
-    def found(self, start: FloatArray, share: float) -> Refined:
-        """The fit from ``start (3,)``, with this share of the lag as a time constant."""
+    def solve(self, start: FloatArray, share: float) -> Refined:
+        """Fit from ``start (3,)``, with ``share`` of the lag as a time constant."""
         values = np.concatenate([start, [share * start[LAG], 0.0, 0.0, 0.0]])
-        values, strays = np.where(self._fixed, 0.0, values), np.zeros(len(self._steps))
+        values, knots = np.where(self._fixed, 0.0, values), np.zeros(len(self._steps))
         for round_ in range(_PATH_ITERATIONS):
-            lines = self._lines(values, strays)
+            lines = self._lines(values, knots)
             step = cho_solve(lines.factor, lines.gradient)
-            values, strays = values + np.where(self._fixed, 0.0, step[:_PATH_UNKNOWNS]), strays + step[_PATH_UNKNOWNS:]
+            values, knots = values + np.where(self._fixed, 0.0, step[:_PATH_SIZE]), knots + step[_PATH_SIZE:]
             if values[SMEAR] < 0:
                 values[SMEAR] = 0.0
                 self._fixed[SMEAR] = round_ >= _MIN_PATH_ITERATIONS
-            self._spread = scales(self._off(values, strays), self._reports.rate_radps(values))
+            self._spread = scales(self._off(values, knots), self._reports.rate_radps(values))
             if round_ > _MIN_PATH_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
                 break
-        lines = self._lines(values, strays)
+        lines = self._lines(values, knots)
         return Refined(
             values=values[: LAG + 1],
-            cov=self._covariance(lines, strays),
+            cov=self._covariance(lines, knots),
             time_constant_s=float(values[SMEAR]),
-            cost=self._cost(values, strays),
+            cost=self._cost(values, knots),
         )
 
-    def _off(self, values: FloatArray, strays: FloatArray) -> FloatArray:
-        return self._reports.off(values) - self._straying @ strays
+    def _off(self, values: FloatArray, knots: FloatArray) -> FloatArray:
+        return self._reports.off(values) - self._knot_jacobian @ knots
 
     def _prior(self) -> tuple[FloatArray, FloatArray]:
-        """Precision and mean of the seven."""
+        """Precision and mean of the seven path unknowns."""
         return np.where(self._fixed, _FIXED, 1 / _PATH_PRIOR_STD**2), np.where(self._fixed, 0.0, _PATH_PRIOR_MEAN)
 
-    def _weighted_steps(self, strays: FloatArray) -> FloatArray:
-        """The walk's steps with less weight where the path strays far, as while water was followed."""
-        squares = np.sum((self._steps @ strays).reshape(3, -1) ** 2, axis=0)
+    def _weighted_steps(self, knots: FloatArray) -> FloatArray:
+        """Steps of the walk, down-weighted where the path drifts far, as while water was followed."""
+        squares = np.sum((self._steps @ knots).reshape(3, -1) ** 2, axis=0)
         return np.asarray(self._steps * np.tile(np.sqrt(robust_weights(squares)), 3)[:, None])
 
-    def _lines(self, values: FloatArray, strays: FloatArray) -> "_PathLines":
-        jac = np.zeros((*self._reports.off(values).shape, _PATH_UNKNOWNS))
+    def _lines(self, values: FloatArray, knots: FloatArray) -> "_NormalEquations":
+        jac = np.zeros((*self._reports.off(values).shape, _PATH_SIZE))
         for column in np.flatnonzero(~self._fixed):
-            step = _PATH_STEP[column] * (np.arange(_PATH_UNKNOWNS) == column)
+            step = _PATH_STEP[column] * (np.arange(_PATH_SIZE) == column)
             jac[..., column] = (self._reports.off(values - step) - self._reports.off(values + step)) / (
                 2 * _PATH_STEP[column]
             )
-        inward = self._spread.inward(self._off(values, strays), self._reports.rate_radps(values))
-        white = (inward @ np.concatenate([jac, self._straying], axis=-1)).reshape(-1, _PATH_UNKNOWNS + len(strays))
-        scores = white * (inward @ self._off(values, strays)[..., None]).reshape(-1, 1)
+        inward = self._spread.inward(self._off(values, knots), self._reports.rate_radps(values))
+        white = (inward @ np.concatenate([jac, self._knot_jacobian], axis=-1)).reshape(-1, _PATH_SIZE + len(knots))
+        scores = white * (inward @ self._off(values, knots)[..., None]).reshape(-1, 1)
         precision, mean = self._prior()
         information, gradient = white.T @ white, np.sum(scores, axis=0)
-        information[:_PATH_UNKNOWNS, :_PATH_UNKNOWNS] += np.diag(precision)
-        gradient[:_PATH_UNKNOWNS] += precision * (mean - values)
-        steps = self._weighted_steps(strays)
-        information[_PATH_UNKNOWNS:, _PATH_UNKNOWNS:] += steps.T @ steps
-        gradient[_PATH_UNKNOWNS:] -= steps.T @ (steps @ strays)
-        return _PathLines(cho_factor(information), gradient, np.sum(scores.reshape(*jac.shape[:2], -1), axis=1))
+        information[:_PATH_SIZE, :_PATH_SIZE] += np.diag(precision)
+        gradient[:_PATH_SIZE] += precision * (mean - values)
+        steps = self._weighted_steps(knots)
+        information[_PATH_SIZE:, _PATH_SIZE:] += steps.T @ steps
+        gradient[_PATH_SIZE:] -= steps.T @ (steps @ knots)
+        return _NormalEquations(cho_factor(information), gradient, np.sum(scores.reshape(*jac.shape[:2], -1), axis=1))
 
-    def _covariance(self, lines: "_PathLines", strays: FloatArray) -> FloatArray:
-        """``(3, 3)``: what the model says, and what residuals say that last for a while."""
-        size = _PATH_UNKNOWNS + len(strays)
-        bread = np.asarray(cho_solve(lines.factor, np.eye(size)[:, :_PATH_UNKNOWNS])).T[: LAG + 1]
+    def _covariance(self, lines: "_NormalEquations", knots: FloatArray) -> FloatArray:
+        """Covariance ``(3, 3)`` by the model and by the residuals' correlation in time."""
+        size = _PATH_SIZE + len(knots)
+        bread = np.asarray(cho_solve(lines.factor, np.eye(size)[:, :_PATH_SIZE])).T[: LAG + 1]
         by_reports = lines.scores @ bread.T
-        steps = self._weighted_steps(strays)
-        by_steps = -(steps * (steps @ strays)[:, None]) @ bread[:, _PATH_UNKNOWNS:].T
+        steps = self._weighted_steps(knots)
+        by_steps = -(steps * (steps @ knots)[:, None]) @ bread[:, _PATH_SIZE:].T
         times_s = np.concatenate([self._reports.video_s, np.tile(self._walk.step_s, 3)])
         spread = bread[:, : LAG + 1] + correlated_covariance(times_s, np.concatenate([by_reports, by_steps]))
-        return np.asarray(_BESIDE**2 * spread) + np.diag([_WHOLE_MS_STD_S**2, 0.0, _WHOLE_MS_STD_S**2])
+        return np.asarray(_STD_FACTOR**2 * spread) + np.diag([_STAMP_STD_S**2, 0.0, _STAMP_STD_S**2])
 
-    def _cost(self, values: FloatArray, strays: FloatArray) -> float:
+    def _cost(self, values: FloatArray, knots: FloatArray) -> float:
         precision, mean = self._prior()
         prior = np.sum(np.where(self._fixed, 0.0, precision * (values - mean) ** 2)) / 2
-        squares = np.sum((self._steps @ strays).reshape(3, -1) ** 2, axis=0)
-        off = self._spread.cost(self._off(values, strays), self._reports.rate_radps(values))
+        squares = np.sum((self._steps @ knots).reshape(3, -1) ** 2, axis=0)
+        off = self._spread.cost(self._off(values, knots), self._reports.rate_radps(values))
         return off + float(prior + np.sum(loss(squares)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _PathLines:
-    """The normal equations near some values, and each residual's part of their right side ``(n, unknowns)``."""
+class _NormalEquations:
+    """Factored normal equations, gradient, and each residual's part of the gradient ``(n, unknowns)``."""
 
     factor: tuple[FloatArray, bool]
     gradient: FloatArray

@@ -19,9 +19,9 @@ def many(*arguments):
     return subprocess.run(command, capture_output=True, timeout=280, check=False)
 
 
-@pytest.fixture(scope="module")
-def flights(flight_recording, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flights")
+@pytest.fixture
+def flights(flight_recording, tmp_path):
+    folder = tmp_path / "flights"
     for name in ("one", "two"):
         shutil.copytree(flight_recording, folder / name)
     (folder / "empty").mkdir()
@@ -85,7 +85,7 @@ def test_rows_of_another_configuration_take_the_place_of_others_only_when_asked(
 
 def test_what_makes_no_sense_is_one_sentence(aerodft, flights, tmp_path):
     for arguments, code, sentence in (
-        ([tmp_path / "*"], 3, "there is no recording"),
+        ([tmp_path / "none*"], 3, "there is no recording"),
         ([flights / "one", "--scheduler", "slurm"], 2, "--scheduler: got slurm, expected processes or tcp://host:port"),
         ([flights / "one"], 2, "--output: got nothing, expected a new folder for the new recording"),
         ([flights / "one", "--workers", "2", "-o", tmp_path / "x"], 2, "--workers: got one recording"),

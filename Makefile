@@ -11,7 +11,7 @@ INSTALLED := $(VENV)/.installed
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
-.PHONY: demo test docs nightly compiled lint types imports unit coverage bench bench-peer format clean
+.PHONY: demo test docs nightly compiled lint types imports unit coverage bench bench-peer schema format clean
 
 demo: $(INSTALLED)
 	$(BIN)/aerodft demo --output demo
@@ -84,6 +84,11 @@ bench: $(INSTALLED)
 bench-peer: $(INSTALLED)
 	$(BIN)/python tests/bench/bench_cameratransform.py
 	$(BIN)/python tests/bench/bench_calibration.py --peer
+
+# The schemas of all payloads as files, for who reads them in other languages.
+schema: $(INSTALLED)
+	$(BIN)/python -c 'from pathlib import Path; from aerodft.adapters.wire.schemas import SCHEMAS, schema_text; \
+		[Path("docs/schema", f"{n[8:].replace(chr(47), chr(45))}.json").write_bytes(schema_text(n)) for n in SCHEMAS]'
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .

@@ -124,7 +124,7 @@ class GimbalTrack(Track):
     Attributes:
         source: The message.
         wxyz: ``(n, 4)`` unit quaternion ``ref_SO3_gimbal``; gimbal axes front (optical axis), right, down. Roll and
-            pitch are relative to the horizon, if the sender keeps to MAVLink (see ``service.gimbal_frame``); the
+            pitch are relative to the horizon, if the sender keeps to MAVLink (see ``service.attitude``); the
             reference's x axis is north, or the vehicle's nose.
         yaw_in_earth: ``(n,)`` true where the reference's x axis is north, false where it is the vehicle's heading.
     """
@@ -141,7 +141,7 @@ class PositionTrack(Track):
     Attributes:
         lat_rad: ``(n,)`` WGS84.
         lon_rad: ``(n,)`` WGS84.
-        alt_msl_m: ``(n,)``.
+        alt_msl_m: ``(n,)``; finite: a log that does not state it has no position.
         height_home_m: ``(n,)`` above home.
     """
 

@@ -53,7 +53,7 @@ class HeightTableDecoder:
         frames = (block.data[start : start + size] for start, size in zip(block.offset, block.length, strict=True))
         unix_s, height_m, tilt_deg = np.array([line.split(b",") for line in frames], dtype=np.float64).T
         level, unix_ns = np.zeros(len(unix_s)), np.round(unix_s * 1e9).astype(np.int64)
-        stamps = {"arrival_ns": block.arrival_ns, "boot_ns": unix_ns - unix_ns // 10**15 * 10**15}
+        stamps = {"arrival_ns": block.arrival_ns, "boot_ns": unix_ns % 10**15}  # any steady count will do
         return (
             ClockTrack(unix_ns=unix_ns, **stamps),
             HeightTrack(

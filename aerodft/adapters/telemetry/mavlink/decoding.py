@@ -190,7 +190,7 @@ def _admit(state: IntArray, message_id: int, slot: int, component: int, device: 
     """Whether a message of the followed system comes from the component that is listened to for it.
 
     The clock, the attitude, the position and the vehicle's health come from the autopilot, reports of cameras from all
-    of them (``service.zoom`` chooses); anything else from whoever sent it first, and of several gimbals or
+    of them (``service.pose.zoom`` chooses); anything else from whoever sent it first, and of several gimbals or
     sensors that one component speaks for from the first.
     """
     if message_id in OF_AUTOPILOT:
@@ -220,8 +220,9 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
 
 @njit
 def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
-    """Whether a better message of the same height is known (notes it where this is the one).
+    """Note the better messages of a height, and tell whether one of them makes this message superfluous.
 
+    Once a DISTANCE_SENSOR has come, RANGEFINDER is left out for good; ALTITUDE once a TERRAIN_REPORT has.
     A sensor that sees nothing still speaks for RANGEFINDER, which does not say so; a terrain report without a database,
     of ``spacing`` 0, speaks for nobody.
     """

@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-# Three workers share two cores: what is live waits for its time. Threads inside of them would only get into each other's
+# Four workers share two cores: what is live waits for its time. Threads inside of them would only get into each other's
 # way. Compiled modules are kept whatever the shell says of that: tests start a hundred processes, each would compile the
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
@@ -47,9 +47,9 @@ types: $(INSTALLED)
 imports: $(INSTALLED)
 	$(BIN)/lint-imports
 
-PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
+PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 
-# Loops are compiled at their first call and kept: once here, so that three workers do not all do it.
+# Loops are compiled at their first call and kept: once here, so that four workers do not all do it.
 compiled: $(INSTALLED)
 	@to=$$(mktemp -d) && trap 'rm -rf "$$to"' EXIT && \
 		$(FOR_TESTS) $(BIN)/aerodft import samples/copter.tlog --config configs/services/river-flight.toml -o $$to/rec 2>/dev/null && \

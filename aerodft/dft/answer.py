@@ -270,7 +270,7 @@ class Answers:
         jac = self._ground.jac_shared[first], self._ground.jac_px[first]
         self._cov = point_covariances(*jac, self._view.shared_cov, *self._vars)
         if self._kind.scalar is None:
-            self.value = self.std = np.full(shape, np.nan)
+            self.value = self.std = self.linear_std = np.full(shape, np.nan)
             self._ends = Interval(self.value, self.value)
             return
         if self._kind.sees_rays and self.is_pinhole:
@@ -279,7 +279,8 @@ class Answers:
         elevation = self._view.elevation_m[:, self._columns[:, 0]]
         self.value, by = scalars(self._kind, self._view.setup.model, self.geometry, self._view.poses.pose, elevation)
         self.by_shared, self.by_px = scalar_jacobians(by, self._ground, self._rays)
-        self.std = self._std(self.by_shared, self.by_px)
+        self.linear_std = self._std(self.by_shared, self.by_px)
+        self.std = self.linear_std.copy()
         low = self.value - Z95 * self.std
         self._ends = Interval(low if self._kind.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
 

@@ -74,7 +74,8 @@ class FirstOrder(Protocol):
     Attributes:
         geometry: Camera, rays and points of each request.
         value: ``(n, g)`` in SI units.
-        std: ``(n, g)`` standard deviations of the values.
+        std: ``(n, g)`` standard deviations of the values, by draws where these are needed.
+        linear_std: ``(n, g)`` standard deviations of the values by first order alone.
         is_pinhole: Whether the model has rays; the paper's has none.
         ray_std_rad: ``(n, g)`` of the rays' angles to the vertical, by attitude, lens and pixels.
         slant: ``(n, g)`` largest ratio of slant range to height over the points that must lie on the ground.
@@ -84,6 +85,7 @@ class FirstOrder(Protocol):
     geometry: RayGeometry
     value: FloatArray
     std: FloatArray
+    linear_std: FloatArray
     is_pinhole: bool
     ray_std_rad: FloatArray
     slant: FloatArray
@@ -266,9 +268,10 @@ class _Bearing(Kind):
         return np.asarray(2 * np.square(first.ray_std_rad * first.slant) + np.square(first.noise_m / distance_m))
 
     def refusals(self, first: FirstOrder) -> Iterator[Refusal]:
-        half_deg = np.where(np.isfinite(first.std), np.minimum(np.degrees(Z95 * first.std), 180.0), 180.0)
+        std = np.maximum(first.std, first.linear_std)  # draws alone tell a limit within a hundredth
+        half_deg = np.where(np.isfinite(std), np.minimum(np.degrees(Z95 * std), 180.0), 180.0)
         sentence = "the direction is known to +- {:.0f} deg (95 %)"
-        yield Refusal(~(first.std <= MAX_BEARING_STD_RAD), Status.ILL_CONDITIONED, sentence, half_deg)
+        yield Refusal(~(std <= MAX_BEARING_STD_RAD), Status.ILL_CONDITIONED, sentence, half_deg)
 
     def by_paper(
         self,

@@ -260,6 +260,11 @@ def test_landmarks_are_read_from_a_list_of_ground_control_points(browser, withou
         page.click("#take")
         expect(page.locator("#places li")).to_have_count(4, timeout=PATIENCE_MS)
         expect(page.locator("#parameters")).to_contain_text("tilt50.0", timeout=PATIENCE_MS)
+        page.click("[aria-label='Delete gcp-1']")
+        expect(page.locator("#places li")).to_have_count(3)
+        page.click("#undo")  # takes the deletion back, and nothing else
+        expect(page.locator("[aria-label^='Delete gcp-']")).to_have_count(4)
+        expect(page.locator("#parameters")).to_contain_text("tilt50.0", timeout=PATIENCE_MS)
 
 
 def test_it_is_reached_by_keys_alone(page):

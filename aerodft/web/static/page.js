@@ -31,11 +31,11 @@ const picture = new Picture(find("image"), find("loupe"));
 const overlay = new OverlayLayer(link, draw);
 const marks = new Marks(link, draw);
 const river = new RiverLayer(slowLink, draw);
-const landmarks = new Landmarks(link, draw, () => {
+const history = new History(draw);
+const landmarks = new Landmarks(link, history, draw, () => {
   for (const mark of marks.items) mark.before = mark.found;
   show(image, { hasPicture: false });
 });
-const history = new History(draw);
 history.parts = [marks, river, landmarks];
 const panel = new Panel(marks, history, link);
 const pointer = new Pointer(picture, history, follow, (item) => { marks.selected = item; draw(); });
@@ -195,7 +195,7 @@ for (const [name, { key }] of Object.entries({ ...KINDS, landmark: OTHER_TOOLS.l
 
 document.onkeydown = (event) => {
   const { key, target } = event, isCommand = event.ctrlKey || event.metaKey, isAtImage = target === picture.canvas;
-  if ((target.tagName === "INPUT" && target.type !== "range") || target.tagName === "TEXTAREA") return;
+  if ((target.tagName === "INPUT" && target.type !== "range") || (target.tagName === "TEXTAREA" && !target.readOnly)) return;
   if (isCommand && key === "z") undo();
   else if (key === "Enter" && isCommand) end();
   else if (isCommand || event.altKey) return;

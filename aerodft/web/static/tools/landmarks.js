@@ -13,8 +13,9 @@ const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
 const named = (text) => text.trim().replace(/\s+/g, "-");
 
 export class Landmarks {
-  constructor(link, changed, used) {
+  constructor(link, history, changed, used) {
     this.link = link;
+    this.history = history;
     this.changed = changed;
     this.used = used;
     this.items = []; // { kind, name, points: [pixel], values: as typed }
@@ -99,6 +100,7 @@ export class Landmarks {
       remove.textContent = "✕";
       remove.setAttribute("aria-label", `Delete ${item.name}`);
       remove.onclick = () => {
+        this.history.keep();
         this.items = this.items.filter((each) => each !== item);
         this.list();
         this.solve();

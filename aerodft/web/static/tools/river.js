@@ -92,8 +92,9 @@ export class RiverLayer {
   }
 
   drawProfile(canvas, ink, units) {
-    const ratio = devicePixelRatio || 1, { clientWidth: wide, clientHeight: tall } = canvas, rows = this.transects;
-    canvas.hidden = rows.length < 2;
+    const ratio = devicePixelRatio || 1, rows = this.transects;
+    canvas.hidden = rows.length < 2; // before its size is asked for: hidden it has none
+    const { clientWidth: wide, clientHeight: tall } = canvas;
     if (canvas.hidden || !wide) return;
     canvas.width = Math.round(wide * ratio);
     canvas.height = Math.round(tall * ratio);

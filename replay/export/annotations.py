@@ -1,5 +1,6 @@
 """What viewers such as Foxglove draw over a recording's images: probes with their values, the camera's way, numbers."""
 
+import logging
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
@@ -24,7 +25,10 @@ from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.conventions import SECOND_NS
+from aerodft.errors import InputError
 from aerodft.model import ProbeKind, Status
+
+_log = logging.getLogger(__name__)
 
 _CAMERA_SCHEMA: Final = str(CameraCalibration.DESCRIPTOR.full_name)
 _ENU: Final = "enu"
@@ -53,13 +57,20 @@ class Annotator:
         self._annotations = protobuf_channel(self._keys.annotations, ImageAnnotations)
         self._transform = protobuf_channel(self._keys.transform, FrameTransform)
         self._numbers: dict[str, Channel] = {}
+        self._damaged: set[str] = set()  # topics
 
-    def messages(self, message: ReadMessage) -> Iterator[ReadMessage]:
-        """What viewers need beside a message; nothing beside most.
+    def messages(self, message: ReadMessage) -> list[ReadMessage]:
+        """What viewers need beside a message; nothing beside most, nor beside a damaged one (the first is said)."""
+        try:
+            return list(self._drawn_from(message))
+        except (InputError, KeyError, TypeError, ValueError):
+            topic = message.channel.topic
+            if topic not in self._damaged:
+                _log.warning("%s: a message is damaged; it is kept as it is, and nothing is drawn of it", topic)
+            self._damaged.add(topic)
+            return []
 
-        Raises:
-            InputError: The message is damaged.
-        """
+    def _drawn_from(self, message: ReadMessage) -> Iterator[ReadMessage]:
         schema = message.channel.schema
         if schema == _CAMERA_SCHEMA:
             self._frame = _frame_of(message.data) or self._frame

@@ -25,7 +25,7 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient
 from aerodft.geometry import intrinsics_covariance, matrix, pose_covariance
-from aerodft.model import Camera, FloatArray, FloatLike, Pose, PoseBatch, PoseStd
+from aerodft.model import BoolArray, Camera, FloatArray, FloatLike, Pose, PoseBatch, PoseStd
 
 Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
@@ -44,14 +44,21 @@ _REMEDIES = {
     "focal": "calibrate the lens",
     "principal point": "calibrate the lens",
     "distortion": "calibrate the lens",
-    "correlations": "a landmark tells apart what varies together",
     "elevation": "survey the elevation of the measured plane",
     "time": "align the clocks of images and telemetry, or hold still",
     "pixels": "pick the pixels more precisely, come closer, or use more resolution",
 }
 _MAX_SETTLED_STD_RAD: Final = math.radians(2)  # larger standard deviations than this only while a gimbal moves
 _ATTITUDE_SOURCES: Final = ("tilt", "pan", "roll", "attitude")
-_INTRINSIC_SLICES: Final = {"focal": FOCAL, "principal point": PRINCIPAL_POINT, "distortion": DISTORTION}
+_SLICES: Final = {
+    "height": slice(2, 3),
+    "position": slice(2),
+    "attitude": ROTATION,
+    "focal": FOCAL,
+    "principal point": PRINCIPAL_POINT,
+    "distortion": DISTORTION,
+    "elevation": slice(ELEVATION, ELEVATION + 1),
+}
 _ROTATION_AXES: Final = np.arange(ROTATION.start, ROTATION.stop)
 STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
 _ATTITUDE_STDS: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
@@ -185,9 +192,10 @@ class Share:
 
     Attributes:
         source: The input.
-        std: Standard deviation of the measurement if this input alone were uncertain; negative where correlations
-            reduce the variance.
-        share: Fraction of the variance. Covariances between inputs are under ``correlations``.
+        std: Root of its part of the variance: the measurement's standard deviation if this input alone were uncertain,
+            where it is independent of the others.
+        share: Fraction of the variance, 0 to 1; all of a budget add up to 1. What correlated inputs add together, or
+            take from each other, is divided evenly between them.
         remedy: How to reduce it.
     """
 
@@ -202,6 +210,10 @@ def variance_budgets(
 ) -> list[tuple[Share, ...]]:
     """Variance budgets of scalars in ``r`` images, largest part first; empty where nothing is uncertain.
 
+    Parts of correlated inputs are the squared CAR scores of Zuber and Strimmer (2011, equation 6): the whitened inputs
+    that are closest to the standardised ones. They are never negative, add up to the variance, and are the variances
+    themselves where inputs are independent.
+
     Args:
         by_shared: ``(r, s)`` derivatives of the scalars.
         pixel_var: ``(r,)`` the pixels' part of the variances.
@@ -210,25 +222,20 @@ def variance_budgets(
         shared_cov: ``(r, s, s)``.
         largest: How many parts of each; None for all.
     """
-    pose_cov = poses.pose.cov
     motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
-    motion = np.broadcast_to(motion, (len(by_shared), 6))
-
-    def part(columns: slice, cov: FloatArray) -> FloatArray:
-        return np.asarray(np.einsum("ri,rij,rj->r", by_shared[:, columns], cov, by_shared[:, columns]))
-
     by_motion = np.sum(by_shared[:, :6] * motion, axis=-1)
+    cov = shared_cov.copy()
+    cov[:, :6, :6] = pose_cov = poses.pose.cov  # without the motion
+    attitude, is_stated = _stated_attitude(by_shared[:, ROTATION], cov[:, ROTATION], poses)
+    cov[:, ROTATION, ROTATION] *= ~is_stated[:, None, None]
+    parts = _decorrelated(by_shared, cov)
     variances_by_source = {
-        "height": by_shared[:, 2] ** 2 * pose_cov[:, 2, 2],
-        "position": part(slice(2), pose_cov[:, :2, :2]),
-        **_attitude_variances(by_shared[:, ROTATION], poses),
+        **{name: np.sum(parts[:, columns], axis=-1) for name, columns in _SLICES.items()},
+        **attitude,
         "time": np.square(by_motion * poses.pose.time_std_s),
-        **{name: part(columns, shared_cov[:, columns, columns]) for name, columns in _INTRINSIC_SLICES.items()},
-        "elevation": by_shared[:, ELEVATION] ** 2 * shared_cov[:, ELEVATION, ELEVATION],
         "pixels": pixel_var,
     }
-    total = part(slice(None), shared_cov) + pixel_var
-    variances_by_source["correlations"] = total - np.sum(list(variances_by_source.values()), axis=0)
+    total = np.sum(list(variances_by_source.values()), axis=0)
     is_settled = np.sqrt(pose_cov[:, _ROTATION_AXES, _ROTATION_AXES]).max(axis=-1) <= _MAX_SETTLED_STD_RAD
     variances = np.stack(list(variances_by_source.values()), axis=-1)
     sources, order = list(variances_by_source), np.argsort(-variances, axis=-1, kind="stable")[:, :largest]
@@ -237,16 +244,15 @@ def variance_budgets(
         tuple(
             _share(sources[source], variance, total_var, is_settled=settled)
             for source, variance in zip(*row, strict=True)
-            if abs(variance) > _NEGLIGIBLE_FRACTION * total_var > 0
+            if variance > _NEGLIGIBLE_FRACTION * total_var > 0
         )
         for *row, total_var, settled in zip(*(column.tolist() for column in columns), strict=True)
     ]
 
 
 def _share(source: str, variance: float, total: float, *, is_settled: bool) -> Share:
-    std = math.copysign(math.sqrt(abs(variance)), variance)
     remedy = _REMEDIES[source] if is_settled or source not in _ATTITUDE_SOURCES else _UNSETTLED_REMEDY
-    return Share(source, std, variance / total, remedy)
+    return Share(source, math.sqrt(variance), variance / total, remedy)
 
 
 def advice(budget: tuple[Share, ...]) -> str:
@@ -257,17 +263,34 @@ def advice(budget: tuple[Share, ...]) -> str:
     return f"{100 * first.share:.0f} % from {first.source}: {first.remedy}"
 
 
-def _attitude_variances(by_rotation: FloatArray, poses: PoseBatch) -> dict[str, FloatArray]:
+def _decorrelated(by_shared: FloatArray, cov: FloatArray) -> FloatArray:
+    """Parts ``(r, s)`` of the variances ``g C g`` of scalars with gradients ``g``, which add up to them."""
+    stds = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    scale = np.where(stds > 0.0, stds, 1.0)
+    values, axes = np.linalg.eigh(cov / (scale[:, :, None] * scale[:, None]))
+    along = np.einsum("rij,ri->rj", axes, by_shared * stds) * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(np.square(np.einsum("rij,rj->ri", axes, along)))
+
+
+def _stated_attitude(
+    by_rotation: FloatArray, rows: FloatArray, poses: PoseBatch
+) -> tuple[dict[str, FloatArray], BoolArray]:
+    """Parts ``(r,)`` of variances that are from an attitude's standard deviations; where these say all about it.
+
+    Args:
+        by_rotation: ``(r, 3)`` derivatives of the scalars.
+        rows: ``(r, 3, s)`` of the attitude in the covariance; parts are 0 where the stds do not reproduce them.
+        poses: The ``(r,)`` poses.
+    """
     up_cam = matrix(poses.pose.wxyz)[:, 2]
     tilt, pan, roll, heading = (poses.std[:, STD_NAMES.index(name)] for name in _ATTITUDE_STDS)
-    stated = pose_covariance(poses.pose.wxyz, poses.std)[:, ROTATION, ROTATION]
-    actual = poses.pose.cov[:, ROTATION, ROTATION]
-    is_stated = np.all(np.abs(stated - actual) <= 1e-15 + 1e-6 * np.abs(actual), axis=(1, 2))
+    stated = np.zeros(rows.shape)
+    stated[..., :6] = pose_covariance(poses.pose.wxyz, poses.std)[:, ROTATION]
+    is_stated = np.all(np.abs(stated - rows) <= 1e-15 + 1e-6 * np.abs(rows), axis=(1, 2))
     parts = {
-        "attitude": np.einsum("ri,rij,rj->r", by_rotation, actual, by_rotation),
-        "tilt": np.square(by_rotation[:, 0] * tilt),
-        "pan": np.square(by_rotation[:, 1] * pan),
-        "roll": np.square(by_rotation[:, 2] * roll),
-        "heading": np.square(np.sum(by_rotation * up_cam, axis=-1) * heading),
+        "tilt": by_rotation[:, 0] * tilt,
+        "pan": by_rotation[:, 1] * pan,
+        "roll": by_rotation[:, 2] * roll,
+        "heading": np.sum(by_rotation * up_cam, axis=-1) * heading,
     }
-    return {name: np.where(is_stated == (name != "attitude"), part, 0.0) for name, part in parts.items()}
+    return {name: np.square(part) * is_stated for name, part in parts.items()}, is_stated

@@ -65,14 +65,38 @@ def test_a_heading_is_no_part_of_a_width_and_motion_is_one():
     assert advice(budget).startswith(f"{100 * budget[0].share:.0f} % from time")
 
 
-def test_a_calibrations_full_covariance_is_one_attitude():
-    sample = sample_with(STD)
-    correlated = sample.pose.cov.copy()
-    correlated[3, 4] = correlated[4, 3] = 1e-5
-    sample = replace(sample, pose=replace(sample.pose, cov=correlated))
-    budget = explain(Setup(camera=CAMERA), sample, request_of(ProbeKind.RANGE, ((500.0, 700.0),)))
-    assert "attitude" in {part.source for part in budget}
-    assert math.isclose(sum(part.share for part in budget), 1.0)
+@pytest.mark.parametrize("correlation", [-0.99, 0.2, 0.99])
+def test_inputs_that_vary_together_divide_the_variance(correlation):
+    sample = sample_with(replace(STD, roll_rad=0.0, pan_rad=0.0, heading_rad=0.0, horizontal_m=0.0))
+    cov = sample.pose.cov.copy()
+    cov[2, 3] = cov[3, 2] = correlation * STD.height_agl_m * STD.tilt_rad
+    sample, request_ = (
+        replace(sample, pose=replace(sample.pose, cov=cov)),
+        request_of(ProbeKind.RANGE, ((960.0, 700.0),)),
+    )
+    setup = Setup(camera=Camera.from_fov(name="c", width_px=1920, height_px=1080, hfov_rad=1.1, vfov_rad=0.7))
+    budget = {part.source: part for part in explain(setup, sample, request_)}
+    whole = measure(setup, sample, (request_,))[0].std ** 2
+    assert min(part.share for part in budget.values()) > 0
+    assert math.isclose(sum(part.share for part in budget.values()), 1.0)
+    assert math.isclose(sum(part.std**2 for part in budget.values()), whole, rel_tol=1e-3)
+    # the closed form of two inputs: the square root of their correlation matrix has these cosine and sine
+    half = math.asin(correlation) / 2
+    parts = [abs(by) * std for by, std in zip(slopes(setup, request_), (STD.height_agl_m, STD.tilt_rad), strict=True)]
+    cos, sin = math.cos(half), math.sin(half)
+    assert_allclose(budget["height"].std, abs(cos * parts[0] + sin * parts[1]), rtol=1e-3)
+    assert_allclose(budget["attitude"].std, abs(sin * parts[0] + cos * parts[1]), rtol=1e-3)
+
+
+def slopes(setup, request_):
+    """Metres a metre of height, and metres a radian of tilt, by turning on one of the two."""
+    alone = {"height_agl_m": 1e-4, "tilt_rad": 1e-6}
+    exact = PoseStd(height_agl_m=0.0, horizontal_m=0.0, tilt_rad=0.0, pan_rad=0.0, roll_rad=0.0, heading_rad=0.0)
+    request_ = replace(request_, std_px=1e-9)
+    return [
+        measure(setup, sample_with(replace(exact, **{name: std})), (request_,))[0].std / std
+        for name, std in alone.items()
+    ]
 
 
 def test_what_has_no_answer_has_no_budget():

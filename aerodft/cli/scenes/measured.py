@@ -65,7 +65,7 @@ def _print_measurements(measurements: list[Measurement], budgets: list[tuple[Sha
         if not budget:
             console.print(f"{item.name}: no single number whose uncertainty could be divided", soft_wrap=True)
             continue
-        shares = Table("from", "share of the variance", "alone (one std)", title=item.name, title_justify="left")
+        shares = Table("from", "share of the variance", "part (one std)", title=item.name, title_justify="left")
         for part in budget:
             shares.add_row(part.source, f"{100 * part.share:.0f} %", f"{part.std:.3g} {item.unit}")
         console.print(shares)

@@ -71,7 +71,7 @@ export class Panel {
     find("shares").replaceChildren(...parts.filter(({ share }) => share >= LEAST_SHARE).map(({ source, share, std, colour }) => {
       const line = element("span"), swatch = element("i");
       swatch.style.background = colour;
-      line.append(swatch, `${source} ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} % (${stdText(std, found.unit, this.units)})`);
+      line.append(swatch, `${source} ${(100 * share).toFixed(0)} % (${stdText(std, found.unit, this.units)})`);
       return line;
     }));
     find("advice").textContent = found.advice || "";

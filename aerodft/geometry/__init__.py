@@ -1,7 +1,6 @@
 """Pure array functions: rotations, lens, rays, ground, geodesy, interpolation. Batch-first, no I/O, no state."""
 
 from aerodft.geometry.footprints import footprint, horizon_line, ring_area
-from aerodft.geometry.geodesy import east_north, lat_lon
 from aerodft.geometry.ground import Ground, GroundHits, Plane, jacobians, meet_level
 from aerodft.geometry.interpolation import Brackets, brackets
 from aerodft.geometry.kernels import (
@@ -33,9 +32,15 @@ from aerodft.geometry.lens import (
     rays_with_jacobian,
     reproject,
 )
-from aerodft.geometry.poses import UNKNOWN_HEADING_VAR, camera_pose, extrapolate_pose, pose_covariance
-from aerodft.geometry.relative_rotation import MIN_POINTS, RelativeRotation, find_rotation, rotated_pixels
-from aerodft.geometry.robust import robust_std
+from aerodft.geometry.poses import (
+    UNKNOWN_HEADING_VAR,
+    camera_pose,
+    east_north,
+    extrapolate_pose,
+    lat_lon,
+    pose_covariance,
+)
+from aerodft.geometry.relative_rotation import MIN_POINTS, RelativeRotation, find_rotation, robust_std, rotated_pixels
 from aerodft.geometry.rotation import (
     angles_of_matrix,
     camera_angles,

@@ -31,20 +31,20 @@ from aerodft.model.evidence import (
     Vertical,
     marker_name,
 )
-from aerodft.model.health import (
-    FIX_3D,
-    RATIOS,
-    EstimatorTrack,
-    GimbalFailureTrack,
-    GpsTrack,
-    Health,
-    HeartbeatTrack,
-    LinkTrack,
-    OtherSenderTrack,
+from aerodft.model.image import (
+    VISION,
+    Arrival,
+    Box,
+    Event,
+    Image,
+    ImageRows,
+    Observation,
+    StampClock,
+    VideoPacket,
+    concatenate_images,
+    image_indices,
 )
-from aerodft.model.image import Image, ImageRows, StampClock, VideoPacket, concatenate_images, image_indices
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, PixelSource, Probe, ProbeKind, ProjectionModel
-from aerodft.model.observation import VISION, Arrival, Box, Event, Observation
 from aerodft.model.pose import (
     HORIZONTAL,
     TIME,
@@ -60,12 +60,21 @@ from aerodft.model.pose import (
 )
 from aerodft.model.status import CODE_OF, CODES, Status
 from aerodft.model.telemetry import (
+    FIX_3D,
     NO_BOOT_TIME,
+    RATIOS,
     CameraTrack,
     ClockTrack,
+    EstimatorTrack,
+    GimbalFailureTrack,
     GimbalTrack,
+    GpsTrack,
+    Health,
+    HeartbeatTrack,
     HeightTrack,
+    LinkTrack,
     MountAxes,
+    OtherSenderTrack,
     PositionTrack,
     RawBlock,
     ReportFrame,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodft.dft.river import ImageWidths, RiverWidths, fuse_widths
+from aerodft.dft import ImageWidths, RiverWidths, fuse_widths
 
 TRUE_M = np.linspace(18.0, 26.0, 25)
 OWN_M, SHARED_M = 0.12, 0.2

@@ -11,7 +11,7 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.dft import equations as eq
 from aerodft.dft.paper import TABLE_1, figure_12, figure_14, figure_14_text_depth, table_1, table_2, table_3
 from aerodft.dft.paper.printed import TABLE_2, TABLE_3
-from aerodft.dft.paper.sensitivity import sensitivity
+from aerodft.dft.paper.recomputed import sensitivity
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT.parent / "shared" / "paper" / "000_e041da3aab01ec20.txt"

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from aerodft.dft import Setup
-from aerodft.dft.river import BankPair, river_widths
+from aerodft.dft import BankPair, Setup, river_widths
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseStd
 from aerodft.vision.river.banks import flag_outliers, locate_edges

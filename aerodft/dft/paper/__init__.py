@@ -1,15 +1,18 @@
 """The paper's tables and figures, recomputed from its printed inputs."""
 
 from aerodft.dft.paper.printed import FIGURE_14_ERROR_M, MAX_DEPTH_M, TABLE_1, TABLE_2_HEIGHT_M, TABLE_2_TILT_RAD
-from aerodft.dft.paper.sensitivity import Percent, Sensitivity, SensitivityRow, table_3
-from aerodft.dft.paper.tables import (
+from aerodft.dft.paper.recomputed import (
     CANON,
     CameraRow,
     DepthRow,
     ErrorCurve,
+    Percent,
+    Sensitivity,
+    SensitivityRow,
     figure_12,
     figure_14,
     figure_14_text_depth,
     table_1,
     table_2,
+    table_3,
 )

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.dft.river import RiverWidths
+from aerodft.dft import RiverWidths
 from aerodft.geometry import lat_lon
 from aerodft.model import BoolArray, FloatArray, PoseSample
 from aerodft.vision.river import (

@@ -7,8 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.dft import Setup
-from aerodft.dft.river import BankPair, RiverWidths, river_widths
+from aerodft.dft import BankPair, RiverWidths, Setup, river_widths
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose
 from aerodft.vision.river.bank_lines import bank_lines, by_direction, by_side
 from aerodft.vision.river.banks import Edges, Islands, flag_outliers, islands_across, locate_banks

@@ -11,8 +11,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from aerodft.dft import Setup
-from aerodft.dft.river import ImageWidths, ReachWidths, RiverWidths, fuse_widths
+from aerodft.dft import ImageWidths, ReachWidths, RiverWidths, Setup, fuse_widths
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose, PoseSample
 from aerodft.vision.river.banks import Islands
 from aerodft.vision.river.centreline import Centreline, WaterMap, middle_line, sample_mask

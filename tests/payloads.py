@@ -5,12 +5,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA
 from aerodft.adapters.wire.events import decode_observations
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA
 from aerodft.adapters.wire.payload import Json, load_payload, number_or_nan, pixel_pairs
 from aerodft.adapters.wire.pose import encode_poses, radians_or_none, std_of
-from aerodft.adapters.wire.status import STATUS_SCHEMA, StationStatus
+from aerodft.adapters.wire.status import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA, STATUS_SCHEMA, StationStatus
 from aerodft.geometry import camera_attitude
 from aerodft.model import (
     BiasValues,

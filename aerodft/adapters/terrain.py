@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from pyproj import CRS, Transformer
 
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.files import looks_like
 from aerodft.errors import InputError
 from aerodft.geometry import ElevationGrid, east_north, lat_lon, sample_all
 from aerodft.model import FloatArray, GeoOrigin

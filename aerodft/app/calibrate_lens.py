@@ -11,8 +11,8 @@ import numpy as np
 import tomli_w
 from PIL import Image as PillowImage
 
-from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.files import write_whole
 from aerodft.adapters.images import NamedImage, common_mode, image_files, named_images
 from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import InputError, NoAnswerError

@@ -9,7 +9,7 @@ from typing import Final
 
 import cv2
 
-from aerodft.adapters.atomic_file import whole_file
+from aerodft.adapters.files import whole_file
 from aerodft.adapters.images import VideoFileSource, video_info
 from aerodft.app.recordings import open_recording
 from aerodft.conventions import SECOND_NS

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import tomli_w
 
-from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.station import parse_station, resolved_toml
+from aerodft.adapters.files import whole_file
 from aerodft.adapters.recording.recover import Recovery, is_recording, recordings_in, recover_folder
 from aerodft.app.assembly import recorded_station
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, located

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aerodft.adapters.atomic_file import output_folder
+from aerodft.adapters.files import output_folder
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.model import FloatArray
 from aerodft.reports.style import BLUE, ORANGE, save_figure, styled

@@ -15,7 +15,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aerodft.adapters.atomic_file import output_folder
+from aerodft.adapters.files import output_folder
 from aerodft.adapters.images import read_camera_image
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
 from aerodft.dft.maps import DepthMap, Sampling, Z, depth_map, measured_plane, range_std, top_view

@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.config.camera import camera_document
+from aerodft.adapters.files import output_folder
 from aerodft.model import Camera, FloatArray, LensModel
 from aerodft.reports.calibration import decimals
 from aerodft.reports.style import BLUE, RED, styled

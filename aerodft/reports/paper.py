@@ -9,7 +9,7 @@ from typing import Any, Final
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aerodft.adapters.atomic_file import output_folder
+from aerodft.adapters.files import output_folder
 from aerodft.dft.paper import (
     CANON,
     FIGURE_14_ERROR_M,

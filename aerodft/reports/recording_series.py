@@ -8,10 +8,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from aerodft.adapters.recording import Channel
-from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
-from aerodft.adapters.wire.status import STATUS_SCHEMA
+from aerodft.adapters.wire.status import CAMERA_MOTION_SCHEMA, STATUS_SCHEMA
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located, printable
 from aerodft.model import FloatArray, IntArray, ProbeKind, Status

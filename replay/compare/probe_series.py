@@ -14,8 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import orjson
 
-from aerodft.adapters.csv_cell import cell_text
-from aerodft.adapters.file_kind import check_is_no_pipe
+from aerodft.adapters.files import cell_text, check_is_no_pipe
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located

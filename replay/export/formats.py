@@ -7,7 +7,7 @@ from typing import Final
 
 import orjson
 
-from aerodft.adapters.csv_cell import csv_cell
+from aerodft.adapters.files import csv_cell
 from replay.export.maps import MapCrs, geojson_text, map_features
 from replay.export.table import COLUMNS, LISTS, parsed, row_of
 

@@ -23,13 +23,12 @@ from aerodft.adapters.images import FramePixels, PacketDecoder, encode_jpeg
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import ReadMessage
 from aerodft.adapters.telemetry.mavlink import V1, V2, Transport
-from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, encode_image
 from aerodft.adapters.wire.keys import Keys, key_part
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.payload import load_bounded_json, load_payload
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
-from aerodft.adapters.wire.status import STATUS_SCHEMA
+from aerodft.adapters.wire.status import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA, STATUS_SCHEMA
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Image, StampClock

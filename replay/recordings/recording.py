@@ -13,7 +13,7 @@ from typing import Final
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.files import looks_like
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.recording.read import (
     ChannelFilter,

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from aerodft.adapters.atomic_file import whole_file
+from aerodft.adapters.files import whole_file
 from aerodft.adapters.recording import MAGIC, RECORD_HEAD
 from aerodft.errors import InputError
 from tests.ports import free_endpoint

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from aerodft.adapters.csv_cell import cell_text, csv_cell
+from aerodft.adapters.files import cell_text, csv_cell
 from aerodft.cli.output import say
 
 VRT = """<VRTDataset rasterXSize="2" rasterYSize="2"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>

@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA
+from aerodft.adapters.wire.status import CAMERA_MOTION_SCHEMA
 from aerodft.dft import Request, Setup
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status

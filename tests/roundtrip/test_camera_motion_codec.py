@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.wire.estimates import CAMERA_MOTION_SCHEMA, encode_camera_motion
 from aerodft.adapters.wire.schemas import SCHEMAS
+from aerodft.adapters.wire.status import CAMERA_MOTION_SCHEMA, encode_camera_motion
 from aerodft.model import CameraMotionEstimate, MotionState
 from tests.payloads import decode_camera_motion
 

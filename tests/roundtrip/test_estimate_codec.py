@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA, encode_estimate
 from aerodft.adapters.wire.payload import DEGREES_RTOL
 from aerodft.adapters.wire.schemas import SCHEMAS
+from aerodft.adapters.wire.status import CALIBRATION_SCHEMA, encode_estimate
 from aerodft.model import BiasValues, CalibrationEstimate, HeightSource, Innovation
 from aerodft.service import HEIGHT_SOURCES
 from tests.payloads import decode_estimate

@@ -8,10 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
-from aerodft.adapters.wire.estimates import encode_estimate
 from aerodft.adapters.wire.events import encode_observation
 from aerodft.adapters.wire.measurement import encode_measurements
 from aerodft.adapters.wire.pose import encode_height_switch
+from aerodft.adapters.wire.status import encode_estimate
 from aerodft.model import (
     CalibrationEstimate,
     Camera,

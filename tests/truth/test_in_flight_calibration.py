@@ -9,8 +9,8 @@ import numpy as np
 import orjson
 import pytest
 
-from aerodft.adapters.wire.estimates import CALIBRATION_SCHEMA
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
+from aerodft.adapters.wire.status import CALIBRATION_SCHEMA
 from aerodft.app.measure import Overrides, recorded_setup
 from aerodft.cli.main import main
 from aerodft.conventions import SECOND_NS

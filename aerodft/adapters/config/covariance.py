@@ -11,7 +11,7 @@ from pydantic import model_validator
 from aerodft.adapters.config.keys import Matrix, impossible
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.tables import SiAttribute, Table
-from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
+from aerodft.adapters.files import check_is_no_pipe, content_looks_like, looks_like
 from aerodft.errors import InputError, located
 from aerodft.model import FloatArray
 

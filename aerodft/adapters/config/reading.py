@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from aerodft.adapters.config.tables import Table
-from aerodft.adapters.file_kind import check_is_no_pipe, content_looks_like, looks_like
+from aerodft.adapters.files import check_is_no_pipe, content_looks_like, looks_like
 from aerodft.errors import ConfigError
 
 TableT = TypeVar("TableT", bound=Table)

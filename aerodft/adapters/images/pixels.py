@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
+from aerodft.adapters.files import check_is_no_pipe, looks_like
 from aerodft.errors import InputError
 from aerodft.model import Camera, Image, ImageArray
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
-from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
+from aerodft.adapters.files import check_is_no_pipe, looks_like
 from aerodft.adapters.images.pixels import STILLS, StillPixels
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
 from aerodft.conventions import SECOND_NS

@@ -18,7 +18,7 @@ from av.container import InputContainer
 from av.stream import Disposition
 from av.video.stream import VideoStream
 
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.files import looks_like
 from aerodft.adapters.images.pixels import FramePixels
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.conventions import SECOND_NS

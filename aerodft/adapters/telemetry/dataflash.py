@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.files import looks_like
 from aerodft.adapters.telemetry.log_file import LogFile
 from aerodft.adapters.telemetry.mavlink import (
     AT_SYNC,

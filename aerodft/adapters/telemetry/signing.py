@@ -24,7 +24,7 @@ from typing import Any, Final, Self
 import numpy as np
 import orjson
 
-from aerodft.adapters.file_kind import check_is_no_pipe
+from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
 from aerodft.errors import ConfigError, InputError
 from aerodft.service import RADIO_STATUS, SigningSettings

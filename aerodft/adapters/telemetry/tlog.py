@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.file_kind import content_looks_like
+from aerodft.adapters.files import content_looks_like
 from aerodft.adapters.telemetry.log_file import HEAD_BYTES, LogFile
 from aerodft.adapters.telemetry.mavlink import (
     BACKWARDS,

@@ -5,21 +5,25 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.wire.json_schema import (
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads
+from aerodft.adapters.wire.payload import (
     COUNT,
     INTEGER,
     NUMBER,
     PIXELS,
     STAMP,
     TEXT,
+    Json,
     Payload,
     doc,
+    integers,
     list_of,
+    load_payload,
+    load_payloads,
     one_of,
     or_null,
+    pixel_pairs,
 )
-from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads
-from aerodft.adapters.wire.payload import Json, integers, load_payload, load_payloads, pixel_pairs
 from aerodft.conventions import LARGEST
 from aerodft.model import Box, Image, ImageRows, Observation, StampClock
 

@@ -9,24 +9,26 @@ from typing import Any, Final
 
 import numpy as np
 
-from aerodft.adapters.wire.json_schema import (
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
+from aerodft.adapters.wire.payload import (
     INTEGER,
     NUMBER,
     PIXELS,
     STAMP,
     TEXT,
     TEXT_OR_NULL,
+    Json,
     Payload,
     Schema,
     doc,
+    dump_payload,
     list_of,
+    load_payload,
     object_of,
     one_of,
     or_null,
     payload_of,
 )
-from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
-from aerodft.adapters.wire.payload import Json, dump_payload, load_payload
 from aerodft.adapters.wire.pose import GEO, SUMMARY, summary_numbers, summary_payload
 from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, MeasurementColumn
 from aerodft.model import FloatArray, Measurement, ProbeKind, ProjectionModel, Status

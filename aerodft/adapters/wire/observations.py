@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from aerodft.adapters.config import Many, Pixel, Positive, Real, Table, Text, impossible, validated
-from aerodft.adapters.file_kind import check_is_no_pipe
+from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.wire.payload import StampNs, load_object
 from aerodft.errors import InputError, located
 from aerodft.model import Box, Observation, StampClock

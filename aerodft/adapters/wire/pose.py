@@ -5,22 +5,24 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.wire.json_schema import (
+from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
+from aerodft.adapters.wire.payload import (
     NUMBER,
     STAMP,
     STAMP_OR_NULL,
     TEXT,
     TEXT_OR_NULL,
+    Json,
     Payload,
     doc,
     list_of,
+    load_payload,
+    number_or_nan,
     object_of,
     one_of,
     or_null,
     payload_of,
 )
-from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads, flat
-from aerodft.adapters.wire.payload import Json, load_payload, number_or_nan
 from aerodft.conventions import NADIR_TILT_RAD
 from aerodft.model import (
     HORIZONTAL,

@@ -8,8 +8,7 @@ import orjson
 from pydantic import AfterValidator, Field, model_validator
 
 from aerodft.adapters.config import Many, Pixel, Positive, Real, Table, Text, impossible, validated
-from aerodft.adapters.wire.json_schema import COUNT, TEXT, Payload, doc
-from aerodft.adapters.wire.payload import StampNs, load_object
+from aerodft.adapters.wire.payload import COUNT, TEXT, Payload, StampNs, doc, load_object
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import located
 from aerodft.model import Probe, ProbeKind

@@ -4,13 +4,12 @@ from typing import Final
 
 import orjson
 
-from aerodft.adapters.wire.estimates import CALIBRATION_ESTIMATE, CAMERA_MOTION
 from aerodft.adapters.wire.events import IMAGE, OBSERVATION
-from aerodft.adapters.wire.json_schema import Schema
 from aerodft.adapters.wire.measurement import MEASUREMENT, MEASUREMENTS
+from aerodft.adapters.wire.payload import Schema
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH, POSE
 from aerodft.adapters.wire.requests import ERROR
-from aerodft.adapters.wire.status import STATUS
+from aerodft.adapters.wire.status import CALIBRATION_ESTIMATE, CAMERA_MOTION, STATUS
 
 _OBSERVED = (IMAGE, OBSERVATION)
 _ESTIMATED = (HEIGHT_SWITCH, CALIBRATION_ESTIMATE, CAMERA_MOTION)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.station import StationConfig
-from aerodft.adapters.file_kind import looks_like
+from aerodft.adapters.files import looks_like
 from aerodft.adapters.images import VideoFileSource, video_info
 from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_of
 from aerodft.app.measure import MeasuredSurface

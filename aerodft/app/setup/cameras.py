@@ -4,8 +4,8 @@ from pathlib import Path
 
 import tomli_w
 
-from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.camera import KnownCamera, camera_document, known_cameras
+from aerodft.adapters.files import whole_file
 from aerodft.adapters.images import STILLS, facts_of_still, video_info
 from aerodft.errors import NoAnswerError
 

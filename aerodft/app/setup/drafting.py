@@ -9,9 +9,9 @@ from typing import Final
 
 import orjson
 
-from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.camera import KnownCamera, load_camera
 from aerodft.adapters.config.station import load_station
+from aerodft.adapters.files import whole_file
 from aerodft.adapters.images import STILLS, facts_of_still, video_info
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint

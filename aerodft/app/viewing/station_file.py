@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from aerodft.adapters.atomic_file import whole_file
 from aerodft.adapters.config.station import parse_station
+from aerodft.adapters.files import whole_file
 from aerodft.app.measure import ImageProbe
 from aerodft.errors import InputError, UsageError
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.table import Table
 
-from aerodft.adapters.atomic_file import whole_file
+from aerodft.adapters.files import whole_file
 from aerodft.cli.option_groups import JsonOption, OverwriteOption
 from aerodft.cli.output import LOSS, check_output, print_json, say, tables
 

@@ -13,9 +13,8 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from aerodft.adapters.atomic_file import output_folder
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
-from aerodft.adapters.csv_cell import csv_cell
+from aerodft.adapters.files import csv_cell, output_folder
 from aerodft.adapters.images import StillPixels
 from aerodft.dft import INTRINSICS
 from aerodft.errors import AerodftError, InputError, NoAnswerError

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import orjson
 
-from aerodft.adapters.atomic_file import output_folder, writable
+from aerodft.adapters.files import output_folder, writable
 from aerodft.geometry import lat_lon
 from aerodft.model import FloatArray, ImageArray, PoseSample
 from aerodft.reports.river.document import SIDES, RiverImages

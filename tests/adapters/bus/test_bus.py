@@ -17,8 +17,7 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from aerodft.adapters.bus import ZenohBus, session_on
-from aerodft.adapters.bus.session import open_session
+from aerodft.adapters.bus import ZenohBus, open_session, session_on
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.adapters.wire.status import StationStatus
@@ -94,8 +93,8 @@ def endpoint() -> str:
 @contextmanager
 def a_bus(endpoint: str, **more: object) -> Iterator[ZenohBus]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("aerodft.adapters.bus.station.IMAGE_HZ", 100.0)
-        patch.setattr("aerodft.adapters.bus.queries.MOST_HISTORY", 3)
+        patch.setattr("aerodft.adapters.bus.IMAGE_HZ", 100.0)
+        patch.setattr("aerodft.adapters.bus.MOST_HISTORY", 3)
         with closing(ZenohBus("s", endpoint, probes=PROBES, **more)) as bus:
             yield bus
 

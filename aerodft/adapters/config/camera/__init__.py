@@ -8,7 +8,20 @@ from aerodft.adapters.config.camera.calibration_file import (
     load_calibration,
     write_calibration,
 )
-from aerodft.adapters.config.camera.camera_file import CameraTable, camera_document, camera_from, load_camera
-from aerodft.adapters.config.camera.fixed_pose import FixedPose, PoseTable, fixed_pose_from, place_in_enu, pose_sample
-from aerodft.adapters.config.camera.library import KnownCamera, known_cameras
-from aerodft.adapters.config.camera.stds import StdTable, stds_from
+from aerodft.adapters.config.camera.camera_file import (
+    CameraTable,
+    KnownCamera,
+    camera_document,
+    camera_from,
+    known_cameras,
+    load_camera,
+)
+from aerodft.adapters.config.camera.fixed_pose import (
+    FixedPose,
+    PoseTable,
+    StdTable,
+    fixed_pose_from,
+    place_in_enu,
+    pose_sample,
+    stds_from,
+)

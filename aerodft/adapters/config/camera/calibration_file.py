@@ -9,15 +9,20 @@ import numpy as np
 import tomli_w
 from pydantic import Field, model_validator
 
-from aerodft.adapters.atomic_file import write_whole
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera.camera_file import camera_document, camera_from
-from aerodft.adapters.config.camera.fixed_pose import CalibratedPoseTable, FixedPose, calibrated_pose_from
-from aerodft.adapters.config.camera.stds import StdTable, stds_from
+from aerodft.adapters.config.camera.fixed_pose import (
+    CalibratedPoseTable,
+    FixedPose,
+    StdTable,
+    calibrated_pose_from,
+    stds_from,
+)
 from aerodft.adapters.config.covariance import as_rows, check_covariance, check_lens_covariance, symmetric
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import SiAttribute, Table, Uncertain, si_value
+from aerodft.adapters.files import write_whole
 from aerodft.errors import InputError, located
 from aerodft.model import BIASES, BiasValues, Calibration, Camera, PoseStd, ProjectionModel
 

@@ -1,21 +1,41 @@
 """A fixed camera's pose: as it is stated or calibrated, and as the pipeline takes it."""
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, Self
+from dataclasses import asdict, dataclass, field, replace
+from typing import Annotated, ClassVar, Self, TypeVar
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
-from aerodft.adapters.config.camera.stds import StdTable, stds_from
 from aerodft.adapters.config.covariance import COVARIANCE, POSE_ROWS, check_covariance, check_lens_covariance, symmetric
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import ROWS, UNLESS_ZERO, SiAttribute, Table, Uncertain, si_value, to_deg
 from aerodft.errors import ConfigError
 from aerodft.geometry import Ground, camera_pose, east_north
 from aerodft.model import CODE_OF, FloatArray, GeoOrigin, GimbalSource, HeightSource, Pose, PoseSample, PoseStd, Status
+from aerodft.service import ErrorStd
 from aerodft.service.pose import ground_below, raised_by_ground
+
+AngleStd = Annotated[float, Field(ge=0, le=180)]
+StdsT = TypeVar("StdsT", PoseStd, ErrorStd)
+
+
+class StdTable(Table):
+    """Standard deviations; a default applies to what is left out."""
+
+    height_m: Annotated[keys.NonNegative | None, SiAttribute("height_agl_m")] = None
+    horizontal_m: keys.NonNegative | None = None
+    tilt_deg: AngleStd | None = None
+    pan_deg: AngleStd | None = None
+    roll_deg: AngleStd | None = None
+    heading_deg: AngleStd | None = None
+
+
+def stds_from(table: StdTable, default: StdsT) -> StdsT:
+    """The standard deviations that a validated table describes; ``default`` applies to what it leaves out."""
+    stated = asdict(si_value(ErrorStd, table))
+    return replace(default, **{name: std for name, std in stated.items() if std is not None})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +165,11 @@ def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin 
 
 
 _ANGLES = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg")
+
+
 _PLACE = ("lat_deg", "lon_deg", "alt_msl_m", "east_m", "north_m")
+
+
 _STATED_STD = PoseStd(
     height_agl_m=0.1,
     horizontal_m=2.0,

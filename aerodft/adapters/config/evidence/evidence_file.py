@@ -34,7 +34,7 @@ from aerodft.adapters.config.evidence.landmark_list import is_gcp_list, read_lan
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import LOCAL
-from aerodft.adapters.file_kind import content_looks_like
+from aerodft.adapters.files import content_looks_like
 from aerodft.errors import ConfigError, located
 from aerodft.model import Camera, EvidenceSet
 

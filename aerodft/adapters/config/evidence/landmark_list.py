@@ -19,7 +19,7 @@ from pyproj.exceptions import CRSError
 from aerodft.adapters.config.evidence.evidence_tables import GEO_KEYS, UNKNOWN
 from aerodft.adapters.config.evidence.local_frame import checked_crs, takes_degrees
 from aerodft.adapters.config.tables import GEO, LOCAL
-from aerodft.adapters.file_kind import content_looks_like
+from aerodft.adapters.files import content_looks_like
 from aerodft.errors import ConfigError
 
 _Rows: TypeAlias = list[tuple[str, dict[str, Any]]]

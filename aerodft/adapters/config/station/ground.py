@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, Table
-from aerodft.adapters.file_kind import check_is_no_pipe, looks_like
+from aerodft.adapters.files import check_is_no_pipe, looks_like
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import Ground, Plane, east_north
 from aerodft.model import GeoOrigin

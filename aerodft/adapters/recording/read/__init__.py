@@ -4,6 +4,7 @@ from aerodft.adapters.recording.read.chunks import (
     ATTACHMENT_HEAD_BYTES,
     CRC_BYTES,
     HEAD_BYTES,
+    MAX_SUMMARY_BYTES,
     MOST_ATTACHMENTS,
     AttachmentHead,
     ChunkHead,
@@ -13,6 +14,7 @@ from aerodft.adapters.recording.read.chunks import (
     indexed_channel,
     is_chunk,
     next_chunk,
+    read_summary,
     salvaged_length,
 )
 from aerodft.adapters.recording.read.messages import (
@@ -26,4 +28,3 @@ from aerodft.adapters.recording.read.messages import (
     records_in,
 )
 from aerodft.adapters.recording.read.segment_scan import ChunkLocation, Gap, SegmentScan, log_times, scan_segment
-from aerodft.adapters.recording.read.summary import MAX_SUMMARY_BYTES, read_summary

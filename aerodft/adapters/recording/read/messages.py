@@ -20,9 +20,8 @@ from aerodft.adapters.recording.channels import (
     definition,
 )
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
-from aerodft.adapters.recording.read.chunks import HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
+from aerodft.adapters.recording.read.chunks import DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
 from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan
-from aerodft.adapters.recording.read.summary import DAMAGED
 from aerodft.errors import InputError
 from aerodft.jit import njit
 from aerodft.model import BoolArray, ImageArray, IntArray

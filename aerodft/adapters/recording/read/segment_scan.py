@@ -15,19 +15,21 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Header, MessageIndex, Metadata
 
-from aerodft.adapters.file_kind import check_is_no_pipe
+from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.recording.channels import DEFINITIONS, RECORDING_KEY, STATION_KEY, Channels, definition
 from aerodft.adapters.recording.layout import INDEX_ENTRY_BYTES, MAGIC
 from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
 from aerodft.adapters.recording.read.chunks import (
+    DAMAGED,
     HEAD_BYTES,
+    FileSummary,
     chunk_head,
     indexed_channel,
     is_chunk,
     next_chunk,
+    read_summary,
     salvaged_length,
 )
-from aerodft.adapters.recording.read.summary import DAMAGED, FileSummary, read_summary
 from aerodft.adapters.recording.write import (
     CONFIG_NAME,
     COUNT_BYTES,

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
-from aerodft.adapters.file_kind import check_is_no_pipe
+from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.recording.channels import Channels
 from aerodft.adapters.recording.layout import (
     MAGIC,

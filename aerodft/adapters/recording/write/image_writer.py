@@ -11,8 +11,7 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.images import encode_jpeg, is_due
 from aerodft.adapters.recording.channels import Channel, protobuf_channel
-from aerodft.adapters.recording.write.foxglove import compressed_image, compressed_video
-from aerodft.adapters.recording.write.records import image_sequence
+from aerodft.adapters.recording.write.records import compressed_image, compressed_video, image_sequence
 from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.worker_queue import WorkerQueue

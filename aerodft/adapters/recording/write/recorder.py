@@ -18,9 +18,8 @@ import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
 from aerodft.adapters.recording.channels import RECORDING_KEY, STATION_KEY, Channel, protobuf_channel
-from aerodft.adapters.recording.write.foxglove import camera_calibration
 from aerodft.adapters.recording.write.image_writer import ImageWriter, RecorderSettings, image_channels
-from aerodft.adapters.recording.write.records import Record, RecordEncoder, warm_up
+from aerodft.adapters.recording.write.records import Record, RecordEncoder, camera_calibration, warm_up
 from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME, sync_folder
 from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter, SegmentedWriterSettings
 from aerodft.adapters.wire.keys import Keys

@@ -1,36 +1,47 @@
 """Inputs and outputs as the messages of a recording's data file; many of them as columns, laid into a chunk at once."""
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.opcode import Opcode
 
 from aerodft.adapters.recording.channels import Channel, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, RECORD_HEAD, ChunkBuffer
-from aerodft.adapters.recording.write.foxglove import location_fix
-from aerodft.adapters.wire.estimates import (
-    CALIBRATION_SCHEMA,
-    CAMERA_MOTION_SCHEMA,
-    encode_camera_motion,
-    encode_estimate,
-)
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, encode_images, encode_observation
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.measurement import MEASUREMENTS_SCHEMA, encode_batch
 from aerodft.adapters.wire.packed_json import PackedBytes, encode_payloads
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA, encode_height_switch, encode_poses
-from aerodft.adapters.wire.status import STATUS_SCHEMA, StationStatus, encode_status
+from aerodft.adapters.wire.status import (
+    CALIBRATION_SCHEMA,
+    CAMERA_MOTION_SCHEMA,
+    STATUS_SCHEMA,
+    StationStatus,
+    encode_camera_motion,
+    encode_estimate,
+    encode_status,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import (
     CalibrationEstimate,
+    Camera,
     CameraMotionEstimate,
     HeightSwitch,
+    Image,
     ImageArray,
     IntArray,
+    LensModel,
     PoseBatch,
+    PoseSample,
+    VideoPacket,
     WireProtocol,
     image_indices,
 )
@@ -38,6 +49,8 @@ from aerodft.service import Batches, StepOutputs
 
 _RECORD_HEAD, _MESSAGE_HEAD = RECORD_HEAD.size, MESSAGE_HEAD.size
 _OPCODE = int(Opcode.MESSAGE)
+
+_BROWN_COEFFICIENTS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +134,11 @@ def _put(out: ImageArray, at: int, size: int, value: int) -> None:
 
 
 _FIX_PERIOD_NS: Final = SECOND_NS // 5
+
+
 _SEQUENCE_MASK: Final = 0xFFFFFFFF
+
+
 _PER_IMAGE: Final = 3  # messages at most: pose, position, measurements
 
 
@@ -282,3 +299,60 @@ class _TickRows:
         heads[3] = self._channels.setdefault(channel, len(self._channels))
         self._heads.append(heads)
         self._texts.append(texts)
+
+
+def compressed_image(image: Image, jpeg: bytes, frame: str) -> bytes:
+    """A JPEG at the image's stamp as ``foxglove.CompressedImage``."""
+    message = CompressedImage(timestamp=_timestamp(image.stamp_ns), frame_id=frame, data=jpeg, format="jpeg")
+    return bytes(message.SerializeToString())
+
+
+def compressed_video(packet: VideoPacket, frame: str) -> bytes:
+    """An image of an H.264 stream at its stamp as ``foxglove.CompressedVideo``."""
+    stamp = _timestamp(packet.stamp_ns)
+    message = CompressedVideo(timestamp=stamp, frame_id=frame, data=packet.data, format="h264")
+    return bytes(message.SerializeToString())
+
+
+def camera_calibration(camera: Camera, stamp_ns: int) -> bytes:
+    """A camera as ``foxglove.CameraCalibration`` (OpenCV's distortion models)."""
+    if camera.lens is LensModel.FISHEYE:
+        model, coefficients = "fisheye_opencv", camera.distortion
+    else:
+        model = "rational_polynomial" if len(camera.distortion) > _BROWN_COEFFICIENTS else "plumb_bob"
+        coefficients = camera.distortion + (0.0,) * (_BROWN_COEFFICIENTS - len(camera.distortion))
+    matrix = (camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0)
+    message = CameraCalibration(
+        timestamp=_timestamp(stamp_ns),
+        frame_id=camera.name,
+        width=camera.width_px,
+        height=camera.height_px,
+        distortion_model=model,
+        D=coefficients,
+        K=matrix,
+        R=np.eye(3).ravel(),
+        P=(*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0),
+    )
+    return bytes(message.SerializeToString())
+
+
+def location_fix(sample: PoseSample, frame: str) -> bytes | None:
+    """Where the camera is as ``foxglove.LocationFix``, altitude above mean sea level; None without a position."""
+    lat_rad, lon_rad, alt_msl_m = sample.lat_lon_alt
+    if lat_rad is None or lon_rad is None:
+        return None
+    message = LocationFix(
+        timestamp=_timestamp(sample.stamp_ns),
+        frame_id=frame,
+        latitude=math.degrees(lat_rad),
+        longitude=math.degrees(lon_rad),
+        altitude=math.nan if alt_msl_m is None else alt_msl_m,
+    )
+    if sample.cov is not None:
+        message.position_covariance.extend(sample.cov[:3, :3].ravel().tolist())
+        message.position_covariance_type = LocationFix.KNOWN
+    return bytes(message.SerializeToString())
+
+
+def _timestamp(stamp_ns: int) -> Timestamp:
+    return Timestamp(seconds=stamp_ns // 1_000_000_000, nanos=stamp_ns % 1_000_000_000)

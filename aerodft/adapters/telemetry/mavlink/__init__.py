@@ -1,6 +1,5 @@
 """MAVLink: bytes framed strictly, messages decoded, links opened."""
 
-from aerodft.adapters.telemetry.mavlink.address import LinkKind, is_link, parse_address
 from aerodft.adapters.telemetry.mavlink.decoding import (
     ALTITUDE,
     ATTITUDE,
@@ -60,4 +59,4 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     scan_tlog,
 )
 from aerodft.adapters.telemetry.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink
-from aerodft.adapters.telemetry.mavlink.transport import Transport, open_transport
+from aerodft.adapters.telemetry.mavlink.transport import LinkKind, Transport, is_link, open_transport, parse_address

@@ -8,9 +8,17 @@ from typing import Final, Self
 
 from pymavlink.dialects.v20 import ardupilotmega
 
-from aerodft.adapters.telemetry.mavlink.address import LinkAddress, LinkKind, parse_address
 from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, StreamFramer
-from aerodft.adapters.telemetry.mavlink.transport import Reads, TcpListener, Transport, UdpTransport, open_transport
+from aerodft.adapters.telemetry.mavlink.transport import (
+    LinkAddress,
+    LinkKind,
+    Reads,
+    TcpListener,
+    Transport,
+    UdpTransport,
+    open_transport,
+    parse_address,
+)
 from aerodft.adapters.telemetry.signing import SignatureCheck, SigningCounts
 from aerodft.model import WireProtocol
 from aerodft.service import Inbox

@@ -1,26 +1,34 @@
-"""One station on the bus: a ``Sink`` that publishes, and the queries and observations that come in."""
+"""zenoh: sessions on the configured endpoints, and a station on the bus, which publishes and answers queries."""
 
+import json
 import logging
+import os
+import re
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from operator import attrgetter
 from typing import Final, NamedTuple, TypeAlias
 
 import zenoh
 
-from aerodft.adapters.bus.queries import StationQueries
-from aerodft.adapters.bus.session import close_session, open_session
 from aerodft.adapters.images import encode_jpeg, is_due
-from aerodft.adapters.wire.estimates import encode_camera_motion, encode_estimate
 from aerodft.adapters.wire.events import encode_image
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.wire.observations import parse_observation
 from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
-from aerodft.adapters.wire.requests import MeasureRequest
-from aerodft.adapters.wire.status import StationStatus, encode_status
+from aerodft.adapters.wire.requests import (
+    MeasureRequest,
+    encode_error,
+    encode_probes,
+    parse_history_request,
+    parse_measure_request,
+)
+from aerodft.adapters.wire.status import StationStatus, encode_camera_motion, encode_estimate, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
-from aerodft.errors import AerodftError, InputError
+from aerodft.errors import AerodftError, InputError, LinkError
 from aerodft.model import (
     CalibrationEstimate,
     CameraMotionEstimate,
@@ -32,6 +40,19 @@ from aerodft.model import (
 )
 from aerodft.service import Batches, StepOutputs
 
+_EXPECTED: Final = "an endpoint such as tcp/127.0.0.1:7447"
+_WITH_PORT: Final = ("tcp", "udp", "ws", "tls", "quic")
+_OTHERS: Final = ("unixsock-stream",)
+_MOST_PORT: Final = 65535
+_OS_ERROR: Final = re.compile(r"\(os error (\d+)\)")
+
+_log = logging.getLogger(__name__)
+
+MOST_HISTORY: Final = 1000
+"""Measurements that ``history`` queries can ask for."""
+_BUG: Final = 1  # the exit code of what nobody foresaw
+_Answer: TypeAlias = Callable[[bytes], bytes]
+
 _QUEUED_TICKS = 256
 _LOG_EVERY = 1000
 _JPEG_QUALITY = 75
@@ -39,7 +60,175 @@ _JPEG_QUALITY = 75
 IMAGE_HZ: Final = 2.0
 """Images per second that are published."""
 
-_log = logging.getLogger(__name__)
+
+def open_session(listen: str | None, connect: Sequence[str] = ()) -> zenoh.Session:
+    """Open a peer without multicast and gossip.
+
+    Args:
+        listen: Endpoint such as ``tcp/127.0.0.1:7447``; None to listen nowhere.
+        connect: Endpoints to connect to; one that is not there yet is tried again until it is.
+
+    Raises:
+        LinkError: An endpoint is busy or makes no sense.
+    """
+    config = zenoh.Config()
+    settings = {
+        "mode": "peer",
+        "listen/endpoints": [] if listen is None else [listen],
+        "listen/exit_on_failure": True,
+        "connect/endpoints": list(connect),
+        "connect/exit_on_failure": False,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+    }
+    endpoints = (*([] if listen is None else [listen]), *connect)
+    for each in endpoints:
+        if fault := _fault_of(each):
+            raise LinkError("no endpoint", got=fault, expected=_EXPECTED)
+    try:
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise _link_error(", ".join(endpoints), error) from error
+    _log.info("zenoh listens on %s, connects to %s", listen or "nothing", ", ".join(connect) or "nothing")
+    return session
+
+
+@contextmanager
+def session_on(listen: str | None, connect: Sequence[str] = ()) -> Iterator[zenoh.Session]:
+    """A session that is closed at the end.
+
+    Raises:
+        LinkError: As ``open_session``.
+    """
+    session = open_session(listen, connect)
+    try:
+        yield session
+    finally:
+        close_session(session)
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close a session; one that cannot say goodbye to a stuck peer is left to the end of the process."""
+    try:
+        session.close()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+    except zenoh.ZError as error:
+        _log.warning("zenoh did not close in time: %s", _short(error))
+
+
+def _link_error(where: str, error: zenoh.ZError) -> LinkError:
+    if "in use" in str(error):
+        return LinkError(
+            "the port is busy",
+            where=where,
+            expected="a free port",
+            hint="another service runs there, or choose another port in the configuration",
+        )
+    _log.debug("zenoh says: %s", error)
+    got = _reason_in(str(error)) or "an endpoint that zenoh cannot open"
+    return LinkError("the bus cannot be opened", where=where, got=got, expected=_EXPECTED)
+
+
+def _short(error: zenoh.ZError) -> str:
+    """The error without the source locations that zenoh puts behind it."""
+    return str(error).split(" at /", 1)[0].split(" at ", 1)[0]
+
+
+def _fault_of(endpoint: str) -> str:
+    """What is wrong with how an endpoint is written; empty where nothing is."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol not in (*_WITH_PORT, *_OTHERS):
+        return f"{protocol!r} for a protocol" if address else repr(endpoint)
+    if protocol in _OTHERS:
+        return "" if address else f"{endpoint!r}, without a path"
+    host, _, port = re.split(r"[?#]", address, maxsplit=1)[0].rpartition(":")
+    if not host:
+        return f"{endpoint!r}, without {'a port' if address else 'a host'}"
+    if not (port.isascii() and port.isdigit() and int(port) <= _MOST_PORT):
+        return f"{port!r} for a port"
+    return ""
+
+
+def _reason_in(text: str) -> str:
+    """Why the system refused an endpoint, out of zenoh's error; empty where the error does not tell."""
+    found = _OS_ERROR.search(text)
+    if found is not None:
+        return os.strerror(int(found[1]))
+    if "lookup address" in text:
+        return "a host that nobody knows"
+    return "no certificate, which TLS and QUIC need" if "private key" in text else ""
+
+
+class StationQueries:
+    """Answers the queries of one station until it is closed; what has no answer gets a zenoh error reply.
+
+    Args:
+        session: Where to.
+        keys: The station's.
+        probes: The probes that are measured; called in threads of the bus, as ``measure`` is.
+        measure: Answers a ``measure`` query with the payload of its reply; None where nobody can.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        *,
+        probes: Callable[[], Sequence[Probe]],
+        measure: Callable[[MeasureRequest], bytes] | None,
+    ) -> None:
+        self._history: deque[tuple[str, bytes]] = deque(maxlen=MOST_HISTORY)
+        self._lock = threading.Lock()
+        answers: dict[str, _Answer] = {
+            keys.probes: lambda _: encode_probes(probes()),
+            keys.history: self._answer_history,
+        }
+        if measure is not None:
+            answers[keys.measure] = lambda data: measure(parse_measure_request(data))
+        self._declared = [_declare(session, key, answer) for key, answer in answers.items()]
+
+    def remember(self, probe: str, payload: bytes) -> None:
+        """Take a measurement's payload into what ``history`` answers."""
+        with self._lock:
+            self._history.append((probe, payload))
+
+    def forget(self) -> None:
+        """Begin the history anew."""
+        with self._lock:
+            self._history.clear()
+
+    def close(self) -> None:
+        """Answer nothing any more."""
+        for each in self._declared:
+            each.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+
+    def _answer_history(self, data: bytes) -> bytes:
+        last, probe = parse_history_request(data)
+        with self._lock:
+            found = [payload for name, payload in self._history if probe is None or name == probe]
+        return b"[" + b",".join(found[max(len(found) - last, 0) :]) + b"]"
+
+
+def _declare(session: zenoh.Session, key: str, answer: _Answer) -> "zenoh.Queryable[None]":
+    """Answer queries on ``key`` with the JSON that ``answer`` makes of the payload, or with its error."""
+
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            payload = query.payload
+            try:
+                found = answer(b"" if payload is None else payload.to_bytes())
+            except AerodftError as error:
+                refusal = encode_error(error.exit_code, str(error))
+            except Exception as error:  # noqa: BLE001 - whatever it is, the client must hear of it
+                _log.exception("%s: the question could not be answered", key)
+                refusal = encode_error(_BUG, f"{key}: internal error: {type(error).__name__}: {error}")
+            else:
+                query.reply(key, found, encoding=zenoh.Encoding.APPLICATION_JSON)
+                return
+            query.reply_err(refusal, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    return session.declare_queryable(key, reply, complete=True)
 
 
 def _as_it_is(image: Image) -> Image:

@@ -16,7 +16,7 @@ import tomli_w
 import typer
 from rich.table import Table
 
-from aerodft.cli.option_groups import JsonOption
+from aerodft.cli.options import JsonOption
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, InputError
 

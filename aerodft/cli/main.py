@@ -24,7 +24,7 @@ import typer
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
-from aerodft.cli.option_values import as_typed
+from aerodft.cli.options import as_typed
 from aerodft.errors import AerodftError, InputError, UsageError, printable
 from aerodft.version import SOFTWARE
 

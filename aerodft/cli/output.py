@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from aerodft.app.progress import Progress
-from aerodft.cli.option_values import as_typed
+from aerodft.cli.options import as_typed
 from aerodft.errors import InputError, UsageError, printable
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.option_groups import JsonOption
+from aerodft.cli.options import JsonOption
 from aerodft.cli.output import print_json, say, tables
 
 

@@ -1,8 +1,16 @@
 """Recordings as tables, maps, videos and single files."""
 
-from replay.export.formats import MAP_FORMATS, TEXT_FORMATS, ExportFormat, export_text
+from replay.export.formats import (
+    MAP_FORMATS,
+    TEXT_FORMATS,
+    ExportFormat,
+    ParquetRows,
+    arrow_table,
+    export_text,
+    parquet_metadata,
+    parquet_rows,
+)
 from replay.export.maps import MapCrs, MapFeature, geojson_text, map_features, write_geopackage, write_kml
 from replay.export.merging import merge_segments
-from replay.export.parquet import ParquetRows, arrow_table, parquet_metadata, parquet_rows
 from replay.export.table import COLUMNS, LARGEST_NUMBER, Item, Kind, check_on_earth, parsed, row_of, time_utc
 from replay.export.video import COLOURS, Overlay, best_image, measured_images, write_video

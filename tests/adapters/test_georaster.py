@@ -13,7 +13,7 @@ from aerodft.dft.maps import TopView
 from aerodft.errors import InputError
 from aerodft.geometry import lat_lon
 from aerodft.model import GeoOrigin
-from aerodft.reports.georaster import georeference, map_projection, write_top_view
+from aerodft.reports.depth import georeference, map_projection, write_top_view
 
 MILLIMETRE = 1e-3
 

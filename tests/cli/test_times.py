@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.option_values import parse_instant, parse_utc
+from aerodft.cli.options import parse_instant, parse_utc
 from aerodft.errors import UsageError
 
 SECOND = 1_000_000_000

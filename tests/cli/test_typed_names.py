@@ -8,7 +8,7 @@ import pytest
 import aerodft
 import calibration
 import replay
-from aerodft.cli.option_values import as_typed
+from aerodft.cli.options import as_typed
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ import os, signal, sys
 from pathlib import Path
 import dask, orjson
 from distributed import LocalCluster
-from replay.batch.cluster import Job, Outcome, State, run_batch
+from replay.batch import Job, Outcome, State, run_batch
 
 def work(job):
     with open(job.folder / job.recording, "a") as tries:

@@ -1,6 +1,7 @@
 """What all payloads share: JSON with every key present, stamps as decimal strings, null for what is not known.
 
-A JSON Schema (draft 2020-12) describes a payload and is the one list of its keys. Angles are degrees on the wire. A double survives JSON exactly; degrees and back cost up to ``DEGREES_RTOL``.
+A JSON Schema (draft 2020-12) describes a payload and is the one list of its keys. Angles are degrees on the wire. A
+double survives JSON exactly; degrees and back cost up to ``DEGREES_RTOL``.
 """
 
 import math

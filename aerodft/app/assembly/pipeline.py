@@ -1,29 +1,195 @@
-"""Where ports meet adapters: pipelines, recorders and feeds out of a station's configuration."""
+"""Where ports meet adapters: pipelines, recorders, feeds and observers of images out of a station's configuration."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aerodft.adapters.config.station import (
     COPY_NAME,
+    Rate,
     StationConfig,
     copy_terrain,
     resolved_toml,
+    river_probes,
     travels,
 )
+from aerodft.adapters.images import read_camera_image
 from aerodft.adapters.outputs import Run
 from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
 from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.wire.requests import MeasureRequest
+from aerodft.conventions import SECOND_NS
 from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
-from aerodft.model import Measurement
-from aerodft.service import Batches, Feed, Inbox, Pipeline, Sink
+from aerodft.geometry import extrapolate_pose
+from aerodft.model import Camera, Image, Measurement, PixelSource, PoseSample, Status
+from aerodft.service import Batches, CameraMotionSettings, Feed, Inbox, ObserverCounts, ObserverSchedule, Pipeline, Sink
+
+if TYPE_CHECKING:
+    from calibration.markers import CameraPlace
 
 _log = logging.getLogger(__name__)
+
+_RECENT_S = 1.0  # a pose that is older does not tell how far a marker is
+
+_CONFIGURED_BY = {"watch": "[camera_motion]", "tracked": "tracked probes"}
+
+
+@dataclass(frozen=True, slots=True)
+class ImageObservers:
+    """What finds pixels in a station's images.
+
+    Attributes:
+        by_name: How often each looks, by its name in summaries.
+        notes: What some of them say of their own, by name.
+    """
+
+    by_name: Mapping[str, ObserverSchedule] = field(default_factory=dict)
+    notes: Mapping[str, Callable[[], dict[str, object]]] = field(default_factory=dict)
+
+    @property
+    def schedules(self) -> tuple[ObserverSchedule, ...]:
+        """What a feed shows images to."""
+        return tuple(self.by_name.values())
+
+    def report(self, counts: Sequence[ObserverCounts]) -> dict[str, object]:
+        """What was looked at, by observer; empty without any.
+
+        Args:
+            counts: Of each schedule.
+        """
+        looks: dict[str, object] = {}
+        for name, count in zip(self.by_name, counts, strict=True):
+            found = {"images": count.looked, "skipped": count.skipped, "unreadable": count.unreadable}
+            looks[name] = found | (self.notes[name]() if name in self.notes else {})
+        return looks
+
+
+def build_observers(
+    station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False
+) -> ImageObservers:
+    """What finds pixels in the images of a station.
+
+    Args:
+        station: The station.
+        pipeline: Its pipeline, which knows about where the camera is.
+        where: The configuration's name in messages.
+        may_record: Images may come with a recording, whatever the configuration says of their source.
+
+    Raises:
+        ConfigError: There is something to look for, and no images.
+        InputError: The reference image of a watched camera is of no use.
+    """
+    schedules: dict[str, ObserverSchedule] = {}
+    notes: dict[str, Callable[[], dict[str, object]]] = {}
+    camera, ground, probes = station.pipeline.camera, station.pipeline.ground, station.pipeline.probes
+    pose_of = partial(_pose_now, pipeline)
+    if station.camera_motion is not None:
+        schedules["watch"] = _camera_motion_schedule(station.camera_motion, camera)
+    if (markers := station.markers) is not None:
+        from calibration.markers import MarkerObserver  # noqa: PLC0415 - as each observer here: slow to load, and rare
+
+        observer = MarkerObserver(markers.survey, camera, markers.ignore, partial(_place_near, pipeline))
+        schedules["markers"] = ObserverSchedule(observer, markers.every_s)
+        notes["markers"] = lambda: {
+            "not_surveyed": _by_text(observer.strangers),
+            "wrong_size": _by_text(observer.false),
+        }
+    if (objects := station.objects) is not None and objects.detect:
+        from aerodft.vision.objects import MovingObjects, MovingOverGround  # noqa: PLC0415
+
+        is_fixed = station.pipeline.fixed_pose is not None
+        # Before a fixed camera what changes moves; before one that flies, what changes on the held ground.
+        moving = MovingObjects(camera, objects) if is_fixed else MovingOverGround(camera, objects, pose_of, ground)
+        schedules["objects"] = ObserverSchedule(moving, objects.every_s)
+        notes["objects"] = lambda: {"restless": moving.flickering}
+    if station.river is not None:
+        from aerodft.vision.river import RiverObserver  # noqa: PLC0415
+
+        river = RiverObserver(camera, station.river, river_probes(probes), pose_of)
+        schedules["river"] = ObserverSchedule(river, station.river.every_s)
+        notes["river"] = lambda: {"without_river": dict(river.misses)}
+    if tracked := tuple(probe for probe in probes if probe.source is PixelSource.TRACKED):
+        from aerodft.vision.plane_lock import TrackedProbes  # noqa: PLC0415
+
+        schedules["tracked"] = ObserverSchedule(TrackedProbes(camera, tracked, pose_of, ground))
+    source = station.images.source
+    if schedules and (isinstance(source, Rate) or (source is None and not may_record)):
+        first = next(iter(schedules))
+        got = f"none to look into for {_CONFIGURED_BY.get(first, f'[{first}]')}"
+        raise ConfigError("images", where=where, got=got, expected="a stream or a device; for import a video or stills")
+    return ImageObservers(schedules, notes)
+
+
+def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> ObserverSchedule:
+    """What finds the steady points that a camera's motion is told by.
+
+    Raises:
+        InputError: The reference image cannot be read, is of another size, or shows too little.
+    """
+    from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints  # noqa: PLC0415
+
+    pixels = None
+    if settings.reference is not None:
+        hint = "camera_motion.reference is an image that the camera took in the mode that it is in now"
+        pixels = read_camera_image(settings.reference, camera, hint)
+    else:
+        _log.warning(
+            "no camera_motion.reference: the first good image counts as the view in which pose and pixels were found;"
+            " a bump before it is not seen"
+        )
+    points = SteadyPoints(camera, settings.ignore, pixels)
+    if points.corners is not None and points.corners < LEAST_CORNERS:
+        raise InputError(
+            "the reference image shows too little that can be found again",
+            where=settings.reference,
+            got=f"{points.corners} corners outside camera_motion.ignore",
+            expected=f"at least {LEAST_CORNERS}",
+        )
+    return ObserverSchedule(points, settings.every_s)
+
+
+def _by_text(counts: Mapping[int, int]) -> dict[str, int]:
+    """Counts of markers with their ids as JSON has keys."""
+    return {str(marker): count for marker, count in counts.items()}
+
+
+def _pose_near(pipeline: Pipeline, image: Image) -> PoseSample | None:
+    """The newest pose that is finished; None where it is farther than a second from the image's stamp."""
+    sample = pipeline.last_pose
+    if sample is None or abs(pipeline.in_utc(image).stamp_ns - sample.stamp_ns) > _RECENT_S * SECOND_NS:
+        return None
+    return sample
+
+
+def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
+    """The pose at an image's stamp; before its telemetry is there, the newest one, moved on."""
+    known = pipeline.pose_at(pipeline.in_utc(image).stamp_ns)
+    if known.status is Status.OK:
+        return known
+    sample = _pose_near(pipeline, image)
+    if sample is None or sample.pose is None:
+        return None
+    elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
+    return replace(sample, pose=extrapolate_pose(sample.pose, elapsed_s))
+
+
+def _place_near(pipeline: Pipeline, image: Image) -> "CameraPlace | None":
+    """Where the camera is by the newest pose; None where that is too old, or has no place on the map."""
+    from calibration.markers import CameraPlace  # noqa: PLC0415
+
+    sample = _pose_near(pipeline, image)
+    if sample is None or sample.pose is None or sample.origin is None:
+        return None
+    elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
+    std_m = float(np.sqrt(np.trace(sample.pose.cov[:3, :3])))
+    return CameraPlace(sample.pose.position_enu_m + elapsed_s * sample.pose.velocity_enu_mps, std_m)
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:

@@ -9,8 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption, grouped
-from aerodft.cli.option_values import MOST_SECONDS, as_typed, parse_topics
+from aerodft.cli.options import MOST_SECONDS, ConfigOption, JsonOption, TopicOption, as_typed, grouped, parse_topics
 from aerodft.cli.output import tables
 from aerodft.errors import NoAnswerError
 from aerodft.model import ReportFrame

@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption
-from aerodft.cli.option_values import parse_topics, parse_utc
+from aerodft.cli.options import ConfigOption, JsonOption, TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import progress
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError

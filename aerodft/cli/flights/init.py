@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption, OverwriteOption
-from aerodft.cli.option_values import as_typed
+from aerodft.cli.options import JsonOption, OverwriteOption, as_typed
 from aerodft.cli.output import print_json, say
 
 if TYPE_CHECKING:

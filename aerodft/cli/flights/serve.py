@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption, PageOptions, grouped
-from aerodft.cli.option_values import MOST_SECONDS
+from aerodft.cli.options import MOST_SECONDS, JsonOption, PageOptions, grouped
 from aerodft.cli.output import say
 from aerodft.cli.summary import report
 

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 from rich.table import Table
 
-from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption
-from aerodft.cli.option_values import parse_topics, parse_utc
+from aerodft.cli.options import ConfigOption, JsonOption, TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import print_json, progress, say, tables
 from aerodft.errors import UsageError, located
 
@@ -65,7 +64,7 @@ def sync(
         )
     files = []
     if output is not None:
-        from aerodft.reports.alignment import draw_alignment
+        from aerodft.reports.comparison import draw_alignment
 
         files.append(str(draw_alignment(found.solution, output)))
     if json:

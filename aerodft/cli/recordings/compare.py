@@ -7,7 +7,7 @@ import typer
 from rich.table import Table
 
 from aerodft.adapters.files import whole_file
-from aerodft.cli.option_groups import JsonOption, OverwriteOption
+from aerodft.cli.options import JsonOption, OverwriteOption
 from aerodft.cli.output import LOSS, check_output, print_json, say, tables
 
 if TYPE_CHECKING:

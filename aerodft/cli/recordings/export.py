@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption, OverwriteOption
+from aerodft.cli.options import JsonOption, OverwriteOption
 from aerodft.cli.output import end_with_gaps, print_json, say
 from aerodft.errors import UsageError
 

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption, OverwriteOption
-from aerodft.cli.option_values import parse_instant
+from aerodft.cli.options import JsonOption, OverwriteOption, parse_instant
 from aerodft.cli.output import print_json, say
 
 

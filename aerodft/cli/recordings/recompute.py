@@ -8,7 +8,7 @@ import typer
 
 from aerodft.cli.flights.import_ import import_
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.option_groups import ConfigOption, JsonOption, TopicOption, grouped
+from aerodft.cli.options import ConfigOption, JsonOption, TopicOption, grouped
 from aerodft.cli.output import LOSS, print_json, progress, say
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodft.adapters.timestamps import unix_ns_to_iso
-from aerodft.cli.option_groups import JsonOption
+from aerodft.cli.options import JsonOption
 from aerodft.cli.output import LOSS, print_json, say
 from aerodft.errors import NoAnswerError
 

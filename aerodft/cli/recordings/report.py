@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.cli.option_groups import OverwriteOption
+from aerodft.cli.options import OverwriteOption
 from aerodft.cli.output import end_with_gaps, say
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption
+from aerodft.cli.options import JsonOption
 from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError
 

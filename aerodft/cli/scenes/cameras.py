@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from aerodft.cli.option_groups import JsonOption
+from aerodft.cli.options import JsonOption
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import UsageError
 

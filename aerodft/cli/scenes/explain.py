@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption, grouped
+from aerodft.cli.options import JsonOption, grouped
 from aerodft.cli.scenes.image_options import GroundOptions, SurfaceOptions
 from aerodft.cli.scenes.measure import ModelOption, ProbeOption, RecordedOptions, answer
 

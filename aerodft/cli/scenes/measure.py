@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from aerodft.cli.option_groups import JsonOption, TopicOption, grouped
-from aerodft.cli.option_values import parse_instant, parse_topics
+from aerodft.cli.options import JsonOption, TopicOption, grouped, parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
     GroundOptions,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodft.cli.option_groups import ConfigOption, JsonOption, grouped
+from aerodft.cli.options import ConfigOption, JsonOption, grouped
 from aerodft.cli.output import print_json, progress, say
 from aerodft.cli.scenes.image_options import SurfaceOptions, refuse_beside
 from aerodft.conventions import LARGEST

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodft.cli.interrupts import wait_in_main_thread
-from aerodft.cli.option_groups import PageOptions, grouped
+from aerodft.cli.options import PageOptions, grouped
 from aerodft.cli.output import say
 from aerodft.cli.scenes.image_options import PoseOptions, refuse_beside, stated
 

@@ -1,4 +1,4 @@
-"""Camera files: TOML to :class:`aerodft.model.camera.Camera`, and back; and the library of cameras that many people have."""
+"""Camera files: TOML to :class:`aerodft.model.Camera`, and back; the library of cameras that many people have."""
 
 import csv
 import math

@@ -129,7 +129,7 @@ def rotated_std(std: FloatArray, turn: KnownTurn) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """What one observation says.
+    """Rotation of the camera by one observation of its steady points.
 
     Attributes:
         turn: ``now_SO3_reference``, maybe none at all; None where it cannot be told.
@@ -157,7 +157,7 @@ class LookJudge:
         self._strays: dict[tuple[float, ...], FloatArray] = {}
 
     def judge(self, seen: Observation) -> Look:
-        """What the pairs of pixels (reference, now) say."""
+        """The camera's rotation by pairs of pixels (reference, now)."""
         pairs = np.array(seen.pixels, dtype=np.float64).reshape(-1, 2, 2)
         turn = find_rotation(self._camera, pairs[:, 0], pairs[:, 1])
         staying = self._staying(pairs, turn)
@@ -199,7 +199,7 @@ class Scatter:
 
     @property
     def max_rad2(self) -> float:
-        """What the variance may be, about each axis."""
+        """Upper bound of the variance about each axis."""
         is_known = self._weight >= _EXPECTED_LOOKS + _WINDOW
         return self.variance_rad2 if is_known else max(self.variance_rad2, self._strong_rad2)
 

@@ -179,7 +179,7 @@ class BiasFilter:
         return pose
 
     def expect(self, sight: LandmarkSighting) -> Expectation:
-        """What a sight would be expected to be, against what it is."""
+        """Innovation of a sighting: observed less expected pixel, with its covariance and Jacobian."""
         seen, by = self._linearised(sight, self._mean)
         cov = by @ self._cov @ by.T + sight.std_px**2 * np.eye(2)
         return Expectation(sight.pixel - seen, cov, by)
@@ -280,7 +280,7 @@ class LiveCalibrator:
         self._seen_ns: int | None = None
 
     def known(self) -> _Known:
-        """What is known by now."""
+        """Biases and covariance known by now."""
         return self._filter.known(self._calibration)
 
     def refine(self, poses: PoseBatch, known: Sequence[_Known], which: IntArray) -> PoseBatch:

@@ -37,7 +37,7 @@ _NAME_DIGITS = 16
 
 
 class State(StrEnum):
-    """What became of a recording."""
+    """Outcomes of a recording's computation."""
 
     DONE = "done"
     SKIPPED = "skipped"
@@ -59,7 +59,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What became of one recording.
+    """Outcome of one recording's computation.
 
     Attributes:
         recording: Its name.
@@ -173,7 +173,7 @@ def _distributed() -> Any:  # noqa: ANN401 - an extra's, and slow to load
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputKey:
-    """What a part follows from, as hashes.
+    """Hashes of all inputs that a part of the dataset depends on.
 
     Attributes:
         recording: Of the recording's data.

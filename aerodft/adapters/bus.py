@@ -341,7 +341,7 @@ class ZenohBus:
             self._publishers.json(each.key, each.payload)
 
     def _payloads(self, outputs: StepOutputs) -> Iterator[_Payload]:
-        """What is published of some ticks; of an image first its pose."""
+        """Payloads to publish for the outputs of some ticks; an image's pose comes before its measurements."""
         for block in outputs.images:
             for order, payload in zip(block.order.tolist(), encode_poses(block.poses).each(), strict=True):
                 yield _Payload(order, None, self._keys.pose, payload)

@@ -31,7 +31,7 @@ _MARK = "'"
 
 
 def looks_like(path: Path) -> str:
-    """What ``path`` holds, in a few words; never raises.
+    """Kind of file that a path is, in a few words; never raises.
 
     Args:
         path: A file, a folder, or nothing.
@@ -51,7 +51,7 @@ def looks_like(path: Path) -> str:
 
 
 def content_looks_like(head: bytes) -> str:
-    """What a file that starts with ``head`` holds, in a few words."""
+    """Kind of file that starts with some bytes, in a few words."""
     if not head:
         return "an empty file"
     for offset, magic, name in _MAGIC:

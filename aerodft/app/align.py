@@ -87,7 +87,7 @@ class VideoAlignment:
 
     @property
     def reasons(self) -> list[str]:
-        """What to know about the numbers, in sentences."""
+        """Sentences on how far the numbers can be relied on."""
         if not self.solution.is_lag_determined:
             sentence = (
                 "the data do not tell the gimbal's lag from the clocks' offset: a typical lag is taken, and its"

@@ -44,7 +44,7 @@ _CAPTION_PX = 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensCalibration(LensFit):
-    """What a lens calibration found."""
+    """Result of a lens calibration."""
 
     @property
     def camera(self) -> Camera:

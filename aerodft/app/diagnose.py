@@ -43,7 +43,7 @@ class LinkOptions:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What a log or link holds and is good for.
+    """Diagnosis of a log or link: its report, problems and notes.
 
     Attributes:
         report: Streams, sources, clocks and health, as found.
@@ -60,7 +60,7 @@ class Diagnosis:
 
     @property
     def notes(self) -> list[str]:
-        """What is good to know, and no problem."""
+        """Notes worth knowing that are no problems."""
         return notes(self.report)
 
     @property

@@ -166,7 +166,7 @@ def _image_input(
     images: str | Path | None,
     rate_hz: float | None,
 ) -> ImageInput | None:
-    """What the arguments name, else what the configuration does."""
+    """The images' source that the arguments name, else the configured one."""
     choices = (("`video`", video), ("`images`", images), ("`rate_hz`", rate_hz))
     given = [name for name, value in choices if value is not None]
     if len(given) > 1:

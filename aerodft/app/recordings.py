@@ -153,7 +153,7 @@ class StationRecording:
 
     @cached_property
     def probes(self) -> "tuple[Probe, ...]":
-        """What was measured in every image, by the station file.
+        """Probes of the recorded station file, measured in every image.
 
         Raises:
             InputError: There is no station file, or one that this version cannot read.
@@ -161,7 +161,7 @@ class StationRecording:
         return recorded_station(self.reader).pipeline.probes
 
     def measurements(self) -> Measurements:
-        """All measurements, in the order in which they were made."""
+        """All measurements, in the order of measuring."""
         return Measurements(self.reader)
 
     def plot(self, path: str | Path, probes: Iterable[str] = (), *, overwrite: bool = False) -> tuple[str, ...]:
@@ -212,7 +212,7 @@ def open_recording(path: str | Path) -> StationRecording:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportSummary:
-    """What ``export`` wrote.
+    """The file that ``export`` wrote, and counts of its contents.
 
     Attributes:
         file: The file.
@@ -412,7 +412,7 @@ def exported_text(recording: StationRecording, form: ExportFormat, crs: str | No
 
 
 def _recorded_crs(recording: Recording, form: ExportFormat, crs: str | None) -> MapCrs | None:
-    """What a recording's map is in; None for what is no map.
+    """Coordinate system for a recording's map; None for other formats.
 
     Raises:
         UsageError: The ``crs`` is none, or it or KML is wanted and nothing in the recording has a place.

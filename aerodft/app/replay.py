@@ -45,7 +45,7 @@ _SLOWEST, _FASTEST = 0.01, 1000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayResult:
-    """What was published of recordings.
+    """Counts of what a replay published.
 
     Attributes:
         measurements: Measurements published.
@@ -303,7 +303,7 @@ class Replay:
 
     @property
     def result(self) -> ReplayResult:
-        """What was published; complete once the ``with`` block was left.
+        """Counts of what was published; complete once the ``with`` block was left.
 
         Raises:
             ValueError: It was not entered yet.

@@ -106,7 +106,7 @@ def _words(known: KnownCamera) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationDraft:
-    """A first station file and its camera file, as they were written.
+    """A first station file and its camera file, as written.
 
     Attributes:
         station: The station file.
@@ -213,7 +213,7 @@ def draft_station(
 
 
 def _sorted(sources: Sequence[str | Path]) -> _Sources:
-    """The sources by what they are.
+    """The sources by their kind: log, link, video, photos, stream.
 
     Raises:
         UsageError: None at all, or two of one kind.

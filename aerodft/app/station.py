@@ -132,7 +132,7 @@ class Station:
 
     @property
     def config(self) -> StationConfig:
-        """What it is configured to do."""
+        """Configuration of the station."""
         return self._config
 
     def add_output(self, output: Output) -> None:
@@ -306,7 +306,7 @@ class Station:
 
 
 def _link_counts(link: MavlinkLink) -> dict[str, int]:
-    """What the link has heard, let in and refused."""
+    """Counts of the link's frames: heard, let in and refused."""
     seen = link.counts
     counts = {"frames": seen.frames, "frames_damaged": seen.bad_crc, "skipped_bytes": seen.skipped_bytes}
     if link.signing is not None:

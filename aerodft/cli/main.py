@@ -114,7 +114,7 @@ def _guard_streams() -> None:
 
 
 class _Sentences(logging.Formatter):
-    """What is logged, as errors are said."""
+    """Formatter of log records, in the options' names as errors are."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the library's own
         return as_typed(printable(super().formatMessage(record)))
@@ -298,7 +298,7 @@ def _invalid(message: str, arguments: list[str], command: str, hint: str) -> Usa
 
 
 def _given(arguments: list[str], option: str) -> str:
-    """What stands behind an option, or after its equals sign."""
+    """Value of an option on the command line, behind it or after its equals sign."""
     for argument, after in zip(arguments, [*arguments[1:], ""], strict=True):
         name, _, value = argument.partition("=")
         if name == option:

@@ -183,7 +183,7 @@ def _number(text: str) -> float | None:
 
 
 def parse_topics(given: list[str] | None, configured: "Topics | None" = None) -> "Topics":
-    """What the options say, else what the configuration says.
+    """Topics by the options, else by the configuration.
 
     Raises:
         UsageError: An option makes no sense.

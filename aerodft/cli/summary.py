@@ -103,7 +103,7 @@ def _listed(counter: dict[str, int]) -> str:
 
 
 def _camera_motion_document(estimate: "CameraMotionEstimate") -> dict[str, object]:
-    """What a run's summary says of the camera at the end."""
+    """The camera's motion at the end of a run, for its summary."""
     return {
         "state": estimate.state,
         "since": _utc(estimate.since_ns),

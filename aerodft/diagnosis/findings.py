@@ -271,7 +271,7 @@ def _stops(stream: Stream, end_ns: int) -> bool:
 
 
 def _missing(report: DiagnosisReport) -> Iterator[str]:
-    """What no image can be measured without, or only with a setting."""
+    """Sentences on lacking inputs without which nothing, or not without a setting, is measured."""
     if not report.heights:
         yield "no height: neither a rangefinder, nor terrain data, nor a position with a height above home"
     elif {source.name for source in report.heights} == {"home"} and not _settings(report).height.home_above_plane_m:
@@ -341,7 +341,7 @@ def _frames(report: DiagnosisReport) -> Iterator[str]:
 
 
 def _gimbal_notes(report: DiagnosisReport) -> Iterator[str]:
-    """What is good to know of gimbals, and no problem."""
+    """Notes on gimbals that are no problems."""
     for name, evidence in report.frames.items():
         if evidence.frame is ReportFrame.EARTH and not evidence.contradictory:
             kept = evidence.motions - evidence.undone
@@ -371,7 +371,7 @@ def clock_document(health: ClockHealth, summary: ClockSummary) -> dict[str, Any]
 
 
 def clock_sentences(health: ClockHealth, summary: ClockSummary) -> list[str]:
-    """What happened to the clocks, and when, where something did."""
+    """Sentences on jumps, drift and restarts of the clocks."""
     sentences = []
     if health.jumps_s:
         jumps = ", ".join(f"{jump_s:+.3f} s" for jump_s in health.jumps_s[:_MOST_JUMPS])
@@ -471,7 +471,7 @@ def _not_heard(report: DiagnosisReport) -> str:
 
 
 def notes(report: DiagnosisReport) -> list[str]:
-    """What is good to know, and no problem."""
+    """Notes worth knowing that are no problems."""
     is_told = not report.poses.spans or report.poses.problem()
     return [*([] if is_told else [report.poses.note()]), *_gimbal_notes(report)]
 

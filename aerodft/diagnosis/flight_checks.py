@@ -38,7 +38,7 @@ class MissingPose:
 
 @dataclass(slots=True)
 class StatusTime:
-    """All moments of one status.
+    """Total time with one status.
 
     Attributes:
         seconds: How long, together.
@@ -55,14 +55,14 @@ class StatusTime:
 
     @property
     def example(self) -> str:
-        """What was said for the longest time, and when it began."""
+        """The reason stated for the longest time, and when it first was."""
         reason = max(self.reasons.values(), key=lambda each: each.seconds)
         return f"first {reason.first_s:.0f} s after the start: {reason.text}"
 
 
 @dataclass(slots=True)
 class PoseAvailability:
-    """What became of the moments of a flight, by status."""
+    """Time of a flight by status of its poses."""
 
     spans: dict[Status, StatusTime] = field(default_factory=dict)
 
@@ -87,7 +87,7 @@ class PoseAvailability:
         return {"seconds": round(self.seconds, 1), "ok_s": round(self.ok_s, 1), "no_answer_s": worst}
 
     def faults(self) -> list[tuple[Status, StatusTime]]:
-        """What is no pose, the longest first."""
+        """Statuses without a pose, the longest first."""
         faults = ((status, span) for status, span in self.spans.items() if status is not Status.OK)
         return sorted(faults, key=lambda item: -item[1].seconds)
 
@@ -142,7 +142,7 @@ class PoseSampler:
         self._ask(final=False)
 
     def poses(self) -> PoseAvailability:
-        """What became of all moments; nothing is waited for any more."""
+        """Availability of all poses, with the telemetry at hand."""
         self._ask(final=True)
         return self._poses
 
@@ -205,7 +205,7 @@ class HeightPair:
 
 
 class HeightPairs:
-    """All pairs of sources that spoke at the same time."""
+    """All pairs of height sources that spoke at the same time."""
 
     def __init__(self) -> None:
         self._pairs: dict[tuple[str, str], HeightPair] = {}

@@ -255,7 +255,7 @@ class ClockStatistics:
             self._jumps_ns.append(at_ns if self._step_ns is None else self._step_ns)
 
     def summary(self, start_ns: int | None) -> ClockSummary:
-        """What is known by now; times since ``start_ns``."""
+        """Summary of the clocks so far; times since ``start_ns``."""
         first_ns, start_ns = self._first_ns, start_ns or 0
         return ClockSummary(
             known_after_s=None if first_ns is None else (first_ns - start_ns) / SECOND_NS,
@@ -366,7 +366,7 @@ class LogDiagnosis:
     def report(
         self, *, counts: FrameCounts, warnings: tuple[str, ...] = (), signing: SigningCounts | None = None
     ) -> DiagnosisReport:
-        """What was found so far.
+        """Report on the log so far.
 
         Args:
             counts: The framer's counters.

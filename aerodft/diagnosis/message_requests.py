@@ -163,7 +163,7 @@ class MessageRequest:
 
     @property
     def parameters(self) -> dict[str, str]:
-        """What to set instead, by autopilot."""
+        """Parameters that have the same effect, by autopilot."""
         ways = {}
         if self.autopilot != PX4 and self.group:
             needs = f"; it needs {self.needs}" if self.needs else ""
@@ -358,7 +358,7 @@ def _cameras(heard: set[tuple[str, int]], component: int, autopilot: int | None,
 
 @dataclass(frozen=True, slots=True)
 class RequestOutcome:
-    """What became of a request.
+    """A request, its answer, and the message's rate afterwards.
 
     Attributes:
         request: The request.

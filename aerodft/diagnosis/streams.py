@@ -120,7 +120,7 @@ def rangefinder_readings_m(block: RawBlock) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What one autopilot said.
+    """Parameters of one autopilot.
 
     Attributes:
         values: By name; each change of a value is one more, the last one holds.
@@ -180,7 +180,7 @@ class ParameterTable:
             self._add_dataflash(block, formats)
 
     def of(self, system: int | None, component: int | None) -> Parameters:
-        """What one autopilot said."""
+        """Parameters of one autopilot."""
         values = self._values.get((system, component), {})
         return Parameters({name: tuple(values) for name, values in values.items()})
 

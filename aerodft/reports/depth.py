@@ -87,7 +87,7 @@ class _Scene:
 
 
 def _scene_of(setup: Setup, sample: PoseSample) -> _Scene:
-    """What the image shows of the ground.
+    """Depth map of an image, with stds where these are known.
 
     Raises:
         NoAnswerError: There is no pose, the camera is not above the ground, or the image shows no ground.

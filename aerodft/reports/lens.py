@@ -89,7 +89,7 @@ def lens_document(fit: LensFit, files: Sequence[str]) -> dict[str, Any]:
 
 
 def lens_notes(fit: LensFit) -> list[str]:
-    """What was decided on the way, in sentences."""
+    """Sentences on the views left out and the lens model chosen."""
     solution, choice, notes = fit.solution, fit.choice, []
     for views, why in (
         (choice.blurred, "blurred"),

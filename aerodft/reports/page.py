@@ -59,7 +59,7 @@ _COVERS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class RecordingFacts:
-    """What a page says of a recording beside its values.
+    """Facts on a recording that its page shows beside the values.
 
     Attributes:
         path: The recording.
@@ -266,7 +266,7 @@ def _events(found: RecordingSeries) -> str:
 
 
 def _settings(settings: Sequence[tuple[str, str, bool]]) -> Iterator[str]:
-    """What the station file states, and what it leaves to defaults."""
+    """Tables of stated and of default settings."""
     for title, is_default in (("Stated in the station file", False), ("Assumed: defaults of the software", True)):
         rows = [(key, value) for key, value, own in settings if own is is_default]
         if rows:

@@ -205,7 +205,7 @@ def _short(name: str) -> str:
 
 
 def _cut(beyond: int) -> str:
-    """What a panel's heading says of the intervals that leave it."""
+    """Heading's remark on intervals that reach beyond a panel."""
     return f"; {beyond} intervals reach beyond the panel" if beyond else ""
 
 
@@ -269,7 +269,7 @@ class _Spans:
             axes.axvspan(ends[0], ends[1], facecolor=colour, alpha=0.3, linewidth=0, hatch=hatch, zorder=0)
 
     def handles(self) -> list[Patch]:
-        """Of the legend."""
+        """Handles for the legend."""
         return [
             Patch(facecolor=colour, alpha=0.3, hatch=hatch, label=f"no value: {name}")
             for name, (colour, hatch) in self._looks.items()

@@ -23,7 +23,7 @@ _EAST, _NORTH = 0, 1
 
 
 class Event(NamedTuple):
-    """What happened to the station.
+    """An event in a station's life.
 
     Attributes:
         stamp_ns: When, UTC.
@@ -84,7 +84,7 @@ class Series:
 
 @dataclass(slots=True)
 class RecordingSeries:
-    """What figures and pages show of a recording.
+    """Series of a recording that figures and pages show.
 
     Attributes:
         probes: By name and kind.

@@ -20,7 +20,7 @@ _DEPTHS: Final = {"Point": 0, "LineString": 1, "Polygon": 2, "MultiLineString": 
 
 @dataclass(frozen=True, slots=True)
 class RiverFolder:
-    """What a river came to.
+    """Contents of a surveyed river's folder.
 
     Attributes:
         path: The folder.

@@ -56,7 +56,7 @@ def styled() -> Iterator[None]:
 
 
 def figure_format(suffix: str) -> str:
-    """What a file's ending says a figure is to be written as.
+    """Format of a figure by its file's suffix.
 
     Raises:
         UsageError: It says none.

@@ -220,7 +220,7 @@ class _RecentWarnings:
         self._streams: dict[str, Stream] = {}
 
     def streams(self) -> tuple[Stream, ...]:
-        """All streams."""
+        """All streams, to be cleared or shifted with the clocks."""
         return tuple(self._streams.values())
 
     def append(self, what: str, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:

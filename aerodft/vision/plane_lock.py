@@ -87,7 +87,7 @@ _DECIMALS: Final = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneGroup:
-    """Points that move alike.
+    """Points that follow one homography.
 
     Attributes:
         homography: ``(3, 3)`` that they follow.
@@ -120,7 +120,7 @@ class MatchedPoints:
 
 
 def groups_of(seen: MatchedPoints, off_px: FloatArray, fewest: int, fewest_predicted: int) -> list[PlaneGroup]:
-    """What moves alike, at most four groups.
+    """Groups of points that follow one homography each, at most four.
 
     One homography bends between land and water that has only just begun to flow away; a common step does not: first
     it is tried to part all points by their steps.
@@ -204,7 +204,7 @@ def _corrected(points: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Land:
-    """What is taken for the plane.
+    """The group of points that is taken for the plane.
 
     Attributes:
         group: Its points.

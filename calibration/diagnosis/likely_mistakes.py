@@ -28,7 +28,7 @@ _OWN_PLACE: Final = {"east", "north", "height", "heading", "elevation"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What a file may have meant.
+    """Another reading of an evidence file.
 
     Attributes:
         what: What is wrong with it then.
@@ -121,7 +121,7 @@ def _is_inside(pixels: FloatArray, camera: Camera) -> bool:
 
 
 def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, FloatArray]]:
-    """What is wrong, what to do, and places in metres ``(n, 3)``."""
+    """Other readings of places: what is wrong, what to do, and places in metres ``(n, 3)``."""
     _, second, height = places.T
     swapped, in_degrees = places[:, [1, 0, 2]], takes_degrees(frame.crs)
     x, y = ("latitude", "longitude") if in_degrees else ("x" if frame.crs == LOCAL else "easting", "northing")
@@ -352,7 +352,7 @@ def _other_reading(attempt: Attempt) -> InputError | None:
 
 
 def _other_zoom(attempt: Attempt) -> InputError | None:
-    """Another focal length than the camera file's."""
+    """Error where another focal length than the camera file's fits; None where none does."""
     if {"focal", "fx", "fy"} & {*attempt.names, *attempt.evidence.known.priors}:
         return None
     variant = attempt.variant(attempt.evidence.known, (*attempt.names, "focal"))
@@ -390,7 +390,7 @@ class _SuspectPrior:
     variant: Result
 
     def off(self, name: str) -> float:
-        """What is stated less what was found, SI."""
+        """Stated less fitted value, SI."""
         off = self.priors[name].value - self.variant.solution.state.value(name)
         return math.remainder(off, 2 * math.pi) if name in _FULL_TURN else off
 
@@ -402,7 +402,7 @@ class _SuspectPrior:
         )
 
     def error(self) -> InputError:
-        """What is stated, about what fits instead, and what to do."""
+        """Error that names the stated value, the fitting one, and what to do."""
         state, name = self.variant.solution.state, next(iter(self.priors))
         if name in _GROUP_OF:
             stated_m = state.position_m.copy()

@@ -64,7 +64,7 @@ class Corners:
 
     @classmethod
     def from_views(cls, views: Sequence[View]) -> Self:
-        """All corners of at least one view, none of them empty."""
+        """The corners of all views, at least one view, none of them empty."""
         counts = np.array([len(view.ids) for view in views])
         return cls(
             np.concatenate([view.pixels_px for view in views]),

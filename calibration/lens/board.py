@@ -38,7 +38,7 @@ _OTHER_COUNTS: Final = ((-1, -1), (1, 1), (-2, -2), (0, -1), (-1, 0))
 
 
 class BoardKind(StrEnum):
-    """What is printed on a board."""
+    """Pattern of a board."""
 
     CHESSBOARD = "chessboard"
     CHARUCO = "charuco"

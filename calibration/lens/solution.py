@@ -192,7 +192,7 @@ def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:
 
 
 class LensChoice(StrEnum):
-    """What a lens may be described by."""
+    """Lens models to choose from."""
 
     BROWN = "brown"
     RATIONAL = "rational"

@@ -93,7 +93,7 @@ class Squares:
         return Squares(*(getattr(self, each.name)[mask] for each in fields(self)))
 
     def followed_by(self, more: "Squares") -> "Squares":
-        """These squares, then others."""
+        """These squares with others appended."""
         return Squares(*(np.concatenate([getattr(self, each.name), getattr(more, each.name)]) for each in fields(self)))
 
 
@@ -155,7 +155,7 @@ class _Plane:
         self.points = np.where(self._flat[:, None, None, None], flat, pixels)
 
     def pixels(self, points: FloatArray) -> FloatArray:
-        """``(m, k, 2)`` where the camera sees such points."""
+        """Pixels ``(m, k, 2)`` of points given without the lens's distortion."""
         if self._camera is None or not self._flat.any():
             return points
         flat = points / [self._camera.fx_px, self._camera.fy_px]

@@ -41,7 +41,7 @@ class Miss:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What geometry says of sightings.
+    """Sightings of markers judged by their geometry.
 
     Attributes:
         known: The evidence without what cannot be true.

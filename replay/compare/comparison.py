@@ -103,7 +103,7 @@ _EQUAL = 1e-6  # variances that are closer than this part of themselves do not t
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deviations:
-    """Of each pair, ``(k,)``; NaN where one of the two has no number.
+    """Deviations of ``k`` pairs; NaN where one of the two has no number.
 
     Attributes:
         change: Second minus first; of a ``position`` how far it moved, horizontally, and never below 0.

@@ -20,7 +20,7 @@ _MOST_STRAYS = 0.01
 
 
 class PairBy(StrEnum):
-    """What makes a pair."""
+    """Key by which measurements are paired."""
 
     AUTO = "auto"
     IMAGE = "image"

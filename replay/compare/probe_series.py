@@ -39,7 +39,7 @@ class ProbeKey(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProbeSeries:
-    """One probe's measurements, in the order in which they were made.
+    """One probe's measurements, in the order of measuring.
 
     Attributes:
         stamp_ns: ``(n,)``.
@@ -79,7 +79,7 @@ class ComparisonInput:
 
     @property
     def count(self) -> int:
-        """Its measurements."""
+        """Number of measurements."""
         return sum(len(each.stamp_ns) for each in self.series.values())
 
 

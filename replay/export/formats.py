@@ -21,7 +21,7 @@ _ROWS_AT_ONCE: Final = 16_384
 
 
 class ExportFormat(StrEnum):
-    """What a recording can be written as."""
+    """Formats of exported recordings."""
 
     CSV = "csv"
     GEOJSON = "geojson"

@@ -58,7 +58,7 @@ class FileAttachment:
     data_bytes: int
 
     def pieces(self) -> Iterator[bytes]:
-        """Its data.
+        """Pieces of the attachment's data.
 
         Raises:
             InputError: It cannot be read, or is not all there any more.

@@ -23,7 +23,7 @@ _AS_ON_THE_WIRE: Final = (
 
 
 class Kind(Enum):
-    """What a column holds."""
+    """Types of columns."""
 
     TEXT = auto()
     INTEGER = auto()

@@ -235,7 +235,7 @@ _ENCODER: Final = {
 
 @dataclass(slots=True)
 class VideoSummary:
-    """What is in a video.
+    """Counts of images and measurements in a video.
 
     Attributes:
         images: Images.

@@ -122,7 +122,7 @@ class FrameReader:
 
     @property
     def counts(self) -> FrameCounts:
-        """What was seen so far."""
+        """Counts of the frames so far."""
         return self._framer.counts
 
     @property
@@ -170,7 +170,7 @@ class FrameReader:
 
 
 def _bytes_in(item: Any, depth: int) -> Iterator[bytes]:  # noqa: ANN401 - whatever JSON holds
-    """What base64 texts and lists of bytes hold."""
+    """Bytes in base64 texts and lists of numbers anywhere in a JSON value."""
     if isinstance(item, str):
         try:
             yield base64.b64decode(item, validate=True)

@@ -27,7 +27,7 @@ _READABLE: Final = frozenset({JSON, PROTOBUF, CDR, ROS1})
 
 
 class Kind(StrEnum):
-    """What is in a channel's messages."""
+    """Kinds of channels, by their messages."""
 
     MAVLINK = "MAVLink"
     IMAGES = "images"

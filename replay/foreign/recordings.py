@@ -191,12 +191,12 @@ class ForeignRecording:
 
     @property
     def name(self) -> str:
-        """Its path, for messages."""
+        """The recording's path, for messages."""
         return str(self.path)
 
     @property
     def station(self) -> str:
-        """What it is called on the bus: as its file is."""
+        """Name of the station on the bus: the file's."""
         return self.path.stem
 
     def is_step(self, channel: Channel) -> bool:
@@ -366,7 +366,7 @@ class ForeignTelemetry:
 
     @property
     def counts(self) -> FrameCounts:
-        """What was read so far."""
+        """Counts of all topics' frames so far."""
         return sum((topic.counts for topic in self._topics), FrameCounts())
 
     def events(self) -> Iterator[Event]:

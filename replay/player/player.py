@@ -73,7 +73,7 @@ class Outlet(Protocol):
 
 @dataclass(slots=True)
 class Controls:
-    """What whoever watches wants; changed from another thread.
+    """Controls of a player, changed from another thread.
 
     Attributes:
         paused: Nothing is sent.

@@ -66,7 +66,7 @@ class LeftOut:
 
     @classmethod
     def joined(cls, parts: Iterable["LeftOut"]) -> "LeftOut":
-        """What several recordings lack."""
+        """Sums of what several recordings lack."""
         found = list(parts)
         return cls(
             damaged_chunks=sum(each.damaged_chunks for each in found),
@@ -79,7 +79,7 @@ class LeftOut:
 
     @property
     def sentence(self) -> str:
-        """What could not be read; empty where that is nothing."""
+        """Sentence on data that could not be read; empty where all could."""
         counts = {"damaged chunk": self.damaged_chunks, "missing segment": self.missing_segments}
         found = [f"{count} {what}{'s' * (count > 1)}" for what, count in counts.items() if count]
         times = [gap for gap in self.gaps if gap.from_ns is not None or gap.to_ns is not None]
@@ -276,7 +276,7 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """Its path, for messages."""
+        """The recording's path, for messages."""
         return str(self.folder)
 
     def is_step(self, channel: Channel) -> bool:

@@ -90,7 +90,7 @@ class Redetection:
 
     @property
     def counts(self) -> tuple[ObserverCounts, ...]:
-        """What became of the images, one for each observer."""
+        """Counts of each observer's images."""
         return self._looked.counts
 
     def events(self) -> Iterator[Event]:

@@ -45,7 +45,7 @@ def messages_of(
     to_ns: int | None = None,
     wanted: ChannelFilter | None = None,
 ) -> Iterator[ReadMessage]:
-    """Messages as they were written, file after file.
+    """Messages in the order of writing, file after file.
 
     Args:
         segments: The files.

@@ -95,7 +95,7 @@ class FromFile(Table):
 
     @property
     def contents(self) -> dict[str, Any]:
-        """Plain values from TOML, as such a file has them."""
+        """Plain TOML values that the table holds in place of a file."""
         return self.model_extra or {}
 
     @classmethod

@@ -135,7 +135,7 @@ UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombErr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StillFacts:
-    """What a still's file says of it.
+    """Size and EXIF data of a still.
 
     Attributes:
         size_px: Width and height as it is stored.
@@ -149,7 +149,7 @@ class StillFacts:
 
 
 def still_facts(path: Path) -> StillFacts | None:
-    """What a still's file says of it; None of a file that is no still."""
+    """Size and EXIF data of a still; None for a file that is no still."""
     try:
         check_is_no_pipe(path)
         with PillowImage.open(path) as image:
@@ -169,7 +169,7 @@ def still_facts(path: Path) -> StillFacts | None:
 
 
 def facts_of_still(path: Path) -> StillFacts:
-    """What a still's file says of it.
+    """Size and EXIF data of a still.
 
     Raises:
         InputError: It is none.

@@ -36,7 +36,7 @@ _Found: TypeAlias = tuple[int, int | None, av.VideoFrame | None]  # index, prese
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoInfo:
-    """What a container says about its first video stream.
+    """Size, length and rotation of a container's first video stream.
 
     Attributes:
         width_px: As stored.
@@ -243,7 +243,7 @@ class _MediaClock:
 
 
 def video_info(path: Path) -> VideoInfo:
-    """What a video file says about itself.
+    """Size, length and rotation of a video file's first stream.
 
     Raises:
         InputError: Missing, empty, or no video.

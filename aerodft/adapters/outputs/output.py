@@ -40,7 +40,7 @@ class Output(Sink, Protocol):
         ...
 
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong, one sentence each; complete once it is closed."""
+        """Sentences on what failed; complete once the output is closed."""
         ...
 
 
@@ -52,12 +52,12 @@ class OutputKind(Protocol):
 
     @property
     def TABLE(self) -> str:  # noqa: N802 - a module's constant
-        """Its table in a station's configuration."""
+        """Name of the output's table in a station's configuration."""
         ...
 
     @property
     def MODEL(self) -> type[Table]:  # noqa: N802 - a module's constant
-        """What the table may hold."""
+        """The table's pydantic model."""
         ...
 
     @property

@@ -66,7 +66,7 @@ class EncodedChunk(NamedTuple):
 
     @property
     def size_bytes(self) -> int:
-        """What it takes in a file."""
+        """Length of the chunk with its index records in a file."""
         return len(self.head) + len(self.content) + len(self.indexes)
 
     @property
@@ -203,7 +203,7 @@ class Registry:
 
     @property
     def definitions(self) -> bytes:
-        """All of them, as they stand in a chunk."""
+        """Records of all schemas and channels, as they stand in a chunk."""
         return bytes(self._definitions)
 
     def find(self, channel: Channel) -> int | None:

@@ -154,7 +154,7 @@ def parse_format(message: bytes) -> tuple[int, MessageFormat] | None:
 
 
 class Rangefinders:
-    """What the log has said of its rangefinders so far."""
+    """Rangefinder limits that the log has stated so far."""
 
     def __init__(self) -> None:
         self._limits: dict[tuple[int, str], list[tuple[int, float]]] = defaultdict(list)

@@ -27,7 +27,7 @@ class LogSource(Source, Protocol):
 
     @property
     def counts(self) -> FrameCounts:
-        """What was read so far."""
+        """Counts of the frames read so far."""
         ...
 
     def warnings(self) -> tuple[str, ...]:
@@ -138,7 +138,7 @@ class LogFile:
 
     @property
     def counts(self) -> FrameCounts:
-        """What was read so far."""
+        """Counts of the frames read so far."""
         return counts_of(self._state)
 
     def read(self, start: int, stop: int) -> bytes:
@@ -163,7 +163,7 @@ class LogFile:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def piece(self, at: int) -> Piece:
-        """What comes from ``at`` on.
+        """The file's bytes from an offset on, with some before and after.
 
         Raises:
             InputError: It cannot be read, or somebody has cut it.
@@ -173,7 +173,7 @@ class LogFile:
         return Piece(np.frombuffer(self.read(first, stop + _AFTER), dtype=np.uint8), first, stop - first)
 
     def scan_pieces(self, scan: Scan, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
-        """What a scanner finds before ``stop`` at least; begins anew.
+        """Frames that a scanner finds, at least up to an offset; begins at the file's start.
 
         Args:
             scan: Of some bytes, from where, to where; fills ``rows`` as for ``Piece.block``, and updates its state,

@@ -192,7 +192,7 @@ def _stamp_of(value: object) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SigningCounts:
-    """What became of a signed link's frames.
+    """Counts of a signed link's frames by what became of them.
 
     Attributes:
         verified: Frames with a good signature and a fresh time stamp.
@@ -271,7 +271,7 @@ class SignatureCheck:
 
     @property
     def counts(self) -> SigningCounts:
-        """What was seen so far."""
+        """Counts so far."""
         return SigningCounts(verified=self._verified, unsigned=self._unsigned, refused=dict(self._refused))
 
     def passed(self, frames: Sequence[bytes]) -> list[bytes]:
@@ -415,7 +415,7 @@ def signing_sentences(counts: SigningCounts) -> list[str]:
 
 
 def unchecked(signed: int, frames: int) -> str:
-    """That a link without a key is signed: how many of its frames are."""
+    """Sentence that a link without a key is signed, with the number of such frames."""
     return (
         f"this link is signed ({signed} of {frames} frames): without `signing_key`, or telemetry.signing of a"
         " `station`, nothing is checked, and the vehicle would ignore requests"

@@ -87,7 +87,7 @@ MEASUREMENTS: Final = Payload(
 
 
 def encode_batch(batch: MeasurementBatch) -> PackedBytes:
-    """What was measured in each image as ``aerodft.measurements/1``."""
+    """Each image's measurements as ``aerodft.measurements/1``."""
     kinds = [batch.poses.kind_index, batch.images == NO_IMAGE]
     numbers = [summary_numbers(batch.poses)]
     has_own_pixels = any(

@@ -76,7 +76,7 @@ def dump_payload(payload: Json) -> bytes:
 
 
 def load_object(data: bytes, what: str, where: str, example: str) -> Json:
-    """What somebody else wrote as a JSON object.
+    """A JSON object written by somebody else.
 
     Args:
         data: The text.
@@ -165,7 +165,7 @@ def _refuse(schema: str, data: bytes, error: Exception | None = None) -> NoRetur
 
 
 def integers(*values: int | str) -> list[int]:
-    """Whole numbers, or texts of such.
+    """Integers from numbers or decimal strings.
 
     Raises:
         ValueError: One is none, or takes more than 64 bits.
@@ -230,7 +230,7 @@ PIXELS: Final = doc(list_of(list_of(NUMBER, length=2)), "Pixels (u, v); (0, 0) i
 
 
 def payload_of(schema: Schema, value: object, /, **known: object) -> Json:
-    """What an object's schema has of a value.
+    """The payload of a value: the keys of an object's schema, each from the attribute of its name.
 
     A key is the value's attribute of that name; one in degrees that of the same name in radians, a stamp its decimal
     digits, an object within a payload of its own.

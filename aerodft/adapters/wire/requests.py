@@ -101,7 +101,7 @@ def parse_history_request(data: bytes) -> tuple[int, str | None]:
 
 
 def _question(model: type[TableT], data: bytes, where: str, example: str) -> TableT:
-    """What a question says; null is as good as nothing."""
+    """A question's table; keys that are null count as left out."""
     payload = load_object(data, "the question", where, example)
     with located(where):
         return validated(model, {key: value for key, value in payload.items() if value is not None})

@@ -43,7 +43,7 @@ _CONFIGURED_BY = {"watch": "[camera_motion]", "tracked": "tracked probes"}
 
 @dataclass(frozen=True, slots=True)
 class ImageObservers:
-    """What finds pixels in a station's images.
+    """Observers that find pixels in a station's images.
 
     Attributes:
         by_name: How often each looks, by its name in summaries.
@@ -55,11 +55,11 @@ class ImageObservers:
 
     @property
     def schedules(self) -> tuple[ObserverSchedule, ...]:
-        """What a feed shows images to."""
+        """Schedules of all observers, for a feed."""
         return tuple(self.by_name.values())
 
     def report(self, counts: Sequence[ObserverCounts]) -> dict[str, object]:
-        """What was looked at, by observer; empty without any.
+        """Counts and notes of each observer's looks; empty without any.
 
         Args:
             counts: Of each schedule.
@@ -74,7 +74,7 @@ class ImageObservers:
 def build_observers(
     station: StationConfig, pipeline: Pipeline, where: object, *, may_record: bool = False
 ) -> ImageObservers:
-    """What finds pixels in the images of a station.
+    """The observers that a station's tables and probes ask for.
 
     Args:
         station: The station.
@@ -128,7 +128,7 @@ def build_observers(
 
 
 def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> ObserverSchedule:
-    """What finds the steady points that a camera's motion is told by.
+    """Schedule of the observer of steady points, by which a camera's motion is found.
 
     Raises:
         InputError: The reference image cannot be read, is of another size, or shows too little.

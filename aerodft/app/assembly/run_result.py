@@ -97,7 +97,7 @@ class MeasurementSink:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunResult:
-    """What a run recorded and measured, and what was lost on the way.
+    """Totals of a run: recorded, measured and lost.
 
     Attributes:
         totals: What became of the messages and images that were to be recorded.

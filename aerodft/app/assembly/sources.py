@@ -134,7 +134,7 @@ class RecordedTelemetry:
         return (event for event in self.source.events() if isinstance(event, RawBlock))
 
     def left_out(self) -> LeftOut:
-        """What the recording lacks."""
+        """Parts that the recording lacks."""
         return self.recording.left_out()
 
     def warnings(self) -> tuple[str, ...]:

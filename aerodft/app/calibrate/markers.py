@@ -87,7 +87,7 @@ def detected_evidence(
 def _look(
     file: MarkersFile, images: Sequence[Path], camera: Camera, progress: Progress
 ) -> tuple[dict[str, _Sightings], NamedImage]:
-    """What every image shows, by its name, and the first image."""
+    """Markers seen in every image, by its name, and the first image."""
     seen: dict[str, _Sightings] = {}
     first: NamedImage | None = None
     for image in named_images(images):

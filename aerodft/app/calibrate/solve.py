@@ -35,7 +35,7 @@ from calibration.pose import calibrate as solve_for
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibrationResult:
-    """What a calibration found.
+    """Result of a calibration.
 
     Attributes:
         fit: The fit of a camera that stands still, or of many images of a flight.
@@ -248,7 +248,7 @@ def _solve_flight(
     model: ProjectionModel,
     telemetry: Path | None,
 ) -> CalibrationResult:
-    """What telemetry is off by in all images of a flight."""
+    """Fit of the telemetry's biases over all images of a flight."""
     views, priors = views_of(evidence, flight, telemetry, needs_time="time" in expand_groups(names))
     try:
         fit = calibrate_images(views, priors, camera, names, model)

@@ -23,7 +23,7 @@ Pixels: TypeAlias = Sequence[float] | Sequence[tuple[float, float]] | FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ImageProbe:
-    """What to measure at some pixels of one image.
+    """A quantity to measure at some pixels of one image.
 
     Attributes:
         pixels: One ``(u, v)`` or several; (0, 0) is the middle of the top-left pixel, u to the right, v down.

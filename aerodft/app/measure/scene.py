@@ -82,7 +82,7 @@ class PoseStd:
         return "; ".join(f"{part}: {', '.join(names)}" for part, names in parts.items() if names)
 
     def si(self, height_m: float) -> model.PoseStd:
-        """All of them at this height, in m and rad."""
+        """All standard deviations at a height, in m and rad."""
         known = {name: value or 0.0 for name, value in asdict(self.with_assumed(height_m)).items()}
         return model.PoseStd(
             height_agl_m=known["height_m"],
@@ -319,7 +319,7 @@ def image_setup(
     calibration: str | Path | None = None,
     surface: MeasuredSurface = _ON_GROUND,
 ) -> tuple[Setup, PoseSample]:
-    """What the engine needs to measure in one image.
+    """Camera, pose and ground for measuring in one image.
 
     Args:
         camera: The camera; None for that of the calibration.
@@ -357,7 +357,7 @@ def image_setup(
 def _calibrated(
     path: Path, known: CalibrationFile, camera: Camera | None, model: ProjectionModel | None, ground: GroundTerms
 ) -> tuple[Setup, PoseSample]:
-    """What a calibration that has a pose says."""
+    """Camera, pose and ground of a calibration that has a pose."""
     assert known.pose is not None  # noqa: S101 - the caller's own condition, for the type checker
     if model not in (None, known.model):
         raise UsageError(f"{model} beside a calibration", expected=f"{known.model}, which it was made with")

@@ -93,7 +93,7 @@ def _show(comparison: "Comparison", title: str) -> None:
 
 
 def _changes(difference: "Difference") -> list[str]:
-    """What else changed of one probe."""
+    """Lines on other changes of one probe: statuses, and measurements of one side alone."""
     lines = [f"status {change}: {count}" for change, count in difference.status_changes.items()]
     counts = (
         (difference.only_first, "in the first alone"),

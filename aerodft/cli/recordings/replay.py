@@ -41,7 +41,7 @@ class Stamps(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlayOptions:
-    """What is played, and how fast."""
+    """Options on the span, speed and rounds of a replay."""
 
     rate: Annotated[str, typer.Option(help="Times real time (0.1, 4, ...), or max: as fast as it goes.")] = "1"
     start: Annotated[str | None, typer.Option("--from", help="Seconds from the first image, UTC ns, or ISO 8601.")] = (
@@ -55,7 +55,7 @@ class PlayOptions:
     step: Annotated[bool, typer.Option("--step", help="Image by image, at the press of a key.")] = False
 
     def controls(self) -> "Controls":
-        """What keys change while it is played."""
+        """Controls that keys change during the replay."""
         from replay.player import Controls
 
         if self.step and not has_keys():

@@ -59,7 +59,7 @@ class PoseOptions:
 
     @property
     def stds(self) -> "Stds":
-        """What ``--std`` says.
+        """Standard deviations that ``--std`` states.
 
         Raises:
             UsageError: It cannot be read.
@@ -74,7 +74,7 @@ class PoseOptions:
         return MeasuredSurface(0.0, self.stds.elevation_m, None)
 
     def stated_pose(self) -> dict[str, Any]:
-        """What is stated of the pose, see ``stated``."""
+        """Options of the pose that are given, see ``stated``."""
         return stated(self, "camera", "calibration", "std", "elevation", "max_range")
 
     def scene(
@@ -179,7 +179,7 @@ def stated(options: PoseOptions | GroundOptions, *without: str) -> dict[str, Any
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stds:
-    """What ``--std`` says.
+    """Standard deviations that ``--std`` states.
 
     Attributes:
         pose: Of height (m), position (m) and angles (deg), by the names of ``--std``.
@@ -194,7 +194,7 @@ class Stds:
     px: float | None = None
 
     def pose_std(self) -> "PoseStd":
-        """Of the pose."""
+        """Standard deviations of the pose."""
         from aerodft.app.measure import PoseStd
 
         units = {"height": "m", "position": "m"}
@@ -335,7 +335,7 @@ def _pixel(word: str, text: str) -> tuple[float, float]:
 
 
 def _is_number(word: str) -> bool:
-    """Whether it is a number, ``nan`` too, which is no name either."""
+    """Whether a word is a number; so is ``nan``, which is no name either."""
     try:
         float(word)
     except ValueError:

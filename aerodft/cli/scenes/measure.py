@@ -130,7 +130,7 @@ def answer(
     explain: bool,
     as_json: bool,
 ) -> None:
-    """What ``measure``, ``explain`` and ``depth-map`` say.
+    """Measure, explain or map one image, and print the answer.
 
     Raises:
         UsageError: Options do not go together.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuestionOptions:
-    """What is asked of each image."""
+    """Options on what is measured in each image."""
 
     water: Annotated[
         list[str] | None,

@@ -369,7 +369,7 @@ def _note_sentences(about: dict[str, Any]) -> list[str]:
 
 
 def _combination(names: Iterable[str]) -> str:
-    """What is known worst, in words."""
+    """Words for the combination of unknowns that is known worst."""
     *others, last = map(_plain, names)
     return f"the combination of {', '.join(others)} and {last}" if others else last
 
@@ -410,7 +410,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1
 
 
 def _parameter_table(about: dict[str, Any]) -> str:
-    """What was found, from a result as JSON has it."""
+    """Table of the fitted parameters, from a result's JSON."""
     rows = []
     for key, each in about["parameters"].items():
         value, std = each["value"], each["std"]
@@ -488,7 +488,7 @@ def _weakest_sentence(result: Result) -> str:
 
 
 def _observation_table(rows: Sequence[Row]) -> str:
-    """What is left of each observation."""
+    """Table of each observation's residuals."""
     head = ("observation", "kind", "px", "sigma", "on the ground (m)", "not having seen it (m)")
     cells = []
     for row in rows:

@@ -47,7 +47,7 @@ class GridLine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridAxes:
-    """What the metres count from.
+    """Axes of coordinates on the ground.
 
     Attributes:
         names: Of the two coordinates.
@@ -64,7 +64,7 @@ class GridAxes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """All lines.
+    """Lines of equal coordinates on the ground, seen in the image.
 
     Attributes:
         axes: What they count from.
@@ -82,7 +82,7 @@ class Grid:
 
     @property
     def note(self) -> str:
-        """What the metres are, in words."""
+        """Sentence on the axes and their zero."""
         based = [
             f"{name} counts from {base:.0f}" for name, base in zip(self.axes.names, self.base_m, strict=True) if base
         ]

@@ -186,7 +186,7 @@ def from_foot(state: State, xy_m: FloatArray, elevation_m: float) -> FloatArray:
 
 
 def _length(state: State, evidence: KnownLength) -> FloatArray:
-    """Both ends, moved along their line by the same amount."""
+    """Ends of a known length, moved along their line by equal amounts until it fits."""
     ends = ground_of(state, np.array(evidence.pixels), state.elevation_m + evidence.elevation_m)
     middle = ends.mean(axis=0)
     return pixels_of(state, middle + (ends - middle) * evidence.length_m / np.linalg.norm(ends[1] - ends[0]))
@@ -277,7 +277,7 @@ class Row:
 
     @property
     def is_plane(self) -> bool:
-        """It says two things, right and down, not one."""
+        """Whether the observation has two residuals, right and down, not one."""
         return len(self.values) == 2  # noqa: PLR2004 - dimensions of an image
 
 

@@ -168,7 +168,7 @@ class Pen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """What is drawn.
+    """Contents of a calibration's picture.
 
     Attributes:
         state: The calibrated camera.

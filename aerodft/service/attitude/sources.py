@@ -49,7 +49,7 @@ class GimbalQuery:
 
 
 class _ReadingMode(NamedTuple):
-    """What reports read together have in common."""
+    """Common properties of reports that are read together."""
 
     reading: tuple[ReportFrame, MountAxes]
     is_body_found: bool

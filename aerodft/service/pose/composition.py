@@ -293,7 +293,7 @@ class PoseComposer:
         return _with_refusals(replace(poses, pose=pose, datum_enu_m=height_m), refusals)
 
     def _check_min_height(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
-        """Poses refused where they are below the minimum height."""
+        """The poses, those below the minimum height refused."""
         minimum_m = self._settings.height.min_m
         is_low = (heights.height_agl_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
         refusals: _Refusals = {}

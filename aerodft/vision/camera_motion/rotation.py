@@ -58,7 +58,7 @@ _LAYER_ROUNDS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Matches:
-    """What two images have in common.
+    """Points matched between two images, as rays of both.
 
     Attributes:
         earlier: ``(n, 2)`` rays at unit depth in the earlier camera's axes.

@@ -191,7 +191,7 @@ class PlanePoses:
         self._zoomed: dict[int, tuple[float, UndistortedView]] = {}
 
     def image_pose(self, image: Image) -> ImagePose | None:
-        """What an image was taken with; None where that is not known."""
+        """Pose and magnification of an image; None where they are not known."""
         sample = self._pose_of(image)
         if sample is None or sample.pose is None or sample.status is not Status.OK:
             return None
@@ -241,7 +241,7 @@ class PlanePoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundDrift:
-    """Where points are, over what they were believed to lie on.
+    """Drift of points over the plane that they were taken to lie on.
 
     Attributes:
         time_s: When.
@@ -259,12 +259,12 @@ class GroundDrift:
 
     @property
     def px(self) -> float:
-        """How far they have gone."""
+        """Length of the drift in pixels."""
         return float(np.linalg.norm(self.px_by_m @ self.by_m))
 
 
 class Stillness:
-    """What is known of some points of a keyframe.
+    """Evidence that some points of a keyframe lie still.
 
     Args:
         time_s: Of the keyframe.
@@ -379,11 +379,11 @@ class Keyframe:
     others_stationarity: Stillness
 
     def stillness_of(self, rows: IntArray) -> Stillness:
-        """That of some points: what was found of one group says nothing of another."""
+        """Stillness of some points: what was found of one group says nothing of another."""
         return self.stillness if 2 * np.count_nonzero(self.are_known[rows]) >= len(rows) else self.others_stationarity
 
     def remember(self, rows: IntArray, drift: GroundDrift) -> None:
-        """These points were taken for land again."""
+        """Mark points as recognised as land again."""
         if self.stillness_of(rows) is self.others_stationarity:
             self.stillness, self.others_stationarity = self.others_stationarity, self.others_stationarity.again()
             self.are_known = np.zeros_like(self.are_known)

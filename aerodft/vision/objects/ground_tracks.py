@@ -289,7 +289,7 @@ class GroundTrack:
 
     @property
     def name(self) -> str:
-        """What its measurements are called."""
+        """Name of the object's measurements."""
         return f"object-{self.number}"
 
     def shrunk(self, footprint: ObjectFootprint) -> bool:
@@ -301,7 +301,7 @@ class GroundTrack:
         return self.shrunk(footprint) and footprint.height_m > _PART * self.height_m
 
     def is_like(self, footprint: ObjectFootprint) -> bool:
-        """Whether it is as high as this."""
+        """Whether a footprint is about as high as the object."""
         return abs(footprint.height_m / self.height_m - 1) < _SAME_HEIGHT
 
     def aside_px(self, footprint: ObjectFootprint) -> float:
@@ -362,7 +362,7 @@ class GroundTrack:
 
 
 class GroundTracks:
-    """All tracks of a camera.
+    """Tracks of all objects that a camera sees.
 
     Args:
         settings: How they are followed.
@@ -377,7 +377,7 @@ class GroundTracks:
 
     @property
     def confirmed(self) -> tuple[GroundTrack, ...]:
-        """The objects that are followed, in the order in which they came."""
+        """Tracks of confirmed objects, in order of their confirmation."""
         return tuple(track for track in self._tracks if track.number)
 
     def advance(self, stamp_ns: int, footprints: list[ObjectFootprint], below: Below, camera_enu_m: FloatArray) -> bool:

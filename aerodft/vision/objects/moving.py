@@ -639,7 +639,7 @@ class MovingOverGround:
         return there
 
     def _is_whole(self, outline: FloatArray) -> bool:
-        """Whether it lies in the image, and not in what is to be ignored."""
+        """Whether an outline lies within the image and outside of ignored regions."""
         height, width = self._allowed.shape
         if not np.all(np.isfinite(outline)):
             return False

@@ -120,7 +120,7 @@ class CalibrationTable(Table):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationFile:
-    """What a calibration file says.
+    """Contents of a calibration file.
 
     Attributes:
         biases: Of the telemetry, all of them 0 without ``[bias]``; their id is the hash of the file's bytes.

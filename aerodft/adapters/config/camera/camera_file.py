@@ -198,7 +198,7 @@ class KnownCamera:
 
 @cache
 def known_cameras() -> tuple[KnownCamera, ...]:
-    """All of them, photos before videos of each."""
+    """All cameras of the library, photo modes before video modes of each."""
     text = files("aerodft.adapters.config.camera").joinpath("library.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(text.splitlines(), delimiter=";")
     return tuple(

@@ -46,7 +46,7 @@ _MOST_NAMES = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvidenceFile:
-    """What a file says.
+    """Contents of an evidence file, in SI units.
 
     Attributes:
         known: Observations and priors, in metres of ``frame`` and radians.

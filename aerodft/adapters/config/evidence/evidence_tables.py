@@ -79,7 +79,7 @@ Rows = Annotated[tuple[Row, ...], Field(strict=False), BeforeValidator(_in_rows)
 
 
 class InDegrees(Table):
-    """What may have a place in degrees."""
+    """A table whose place may be given in degrees."""
 
     lat_deg: Component = None
     lon_deg: Component = None
@@ -102,7 +102,7 @@ def check_geo(table: InDegrees, *, needs_alt: bool) -> None:
 
 
 class ObservationTable(Table):
-    """What is known of an image.
+    """One observation in an image: the keys that all kinds have.
 
     Attributes:
         makes: The observation that the table describes.
@@ -117,17 +117,17 @@ class ObservationTable(Table):
 
     @property
     def place(self) -> Place | None:
-        """Its place in the file's coordinates; None where it has none."""
+        """Place of what is observed in the file's coordinates; None where it has none."""
         return None
 
     @property
     def is_geo(self) -> bool:
-        """Its place is in degrees."""
+        """Whether the place is in degrees."""
         return False
 
     @property
     def all_pixels(self) -> tuple[Px, ...]:
-        """All of its pixels."""
+        """All pixels of the observation."""
         stated = (getattr(self, key, ()) for key in ("pixel", "pixels", "base", "top", "lines"))
         return tuple((float(u), float(v)) for each in stated for u, v in np.reshape(each, (-1, 2)))
 
@@ -148,7 +148,7 @@ class LandmarkTable(ObservationTable, InDegrees):
 
     @property
     def is_geo(self) -> bool:
-        """Its place is in degrees."""
+        """Whether the landmark's place is in degrees."""
         return self.position_m is None
 
     @property
@@ -311,7 +311,7 @@ class CameraPriorTable(InDegrees):
 
     @property
     def is_geo(self) -> bool:
-        """Its place, which it has, is in degrees."""
+        """Whether the camera's stated place is in degrees."""
         return self.position_m is None
 
     @property
@@ -357,7 +357,7 @@ class ImageTable(Table):
 
     @property
     def size_px(self) -> tuple[int, int] | None:
-        """Width and height; None where they are not stated."""
+        """Width and height of the image; None where they are not stated."""
         return None if self.width_px is None or self.height_px is None else (self.width_px, self.height_px)
 
     @model_validator(mode="after")
@@ -387,12 +387,12 @@ class EvidenceTable(Table):
 
     @property
     def images(self) -> Sequence[ImageTable]:
-        """What it says of its images."""
+        """Tables of the images that the evidence is from."""
         return (self.image,)
 
     @property
     def cameras(self) -> Sequence[CameraPriorTable]:
-        """What it says of where a camera is."""
+        """Tables that state where a camera is."""
         return (self.camera,)
 
     @property

@@ -45,7 +45,7 @@ class ImageEntry(ImageTable, CameraPriorTable):
 
     @property
     def is_stamped(self) -> bool:
-        """Its pose is to be looked up."""
+        """Whether the image is named by a stamp or index, so that its pose is looked up."""
         return self.utc is not None or self.index is not None
 
     @property
@@ -167,12 +167,12 @@ class ImagesTable(EvidenceTable):
 
     @property
     def images(self) -> Sequence[ImageEntry]:
-        """What it says of its images."""
+        """Tables of the images that the evidence is from."""
         return self.image
 
     @property
     def cameras(self) -> Sequence[ImageEntry]:
-        """What it says of where a camera is."""
+        """Tables that state where a camera is."""
         return self.image
 
     @property

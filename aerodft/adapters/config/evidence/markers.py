@@ -58,14 +58,14 @@ class MarkerTable(InDegrees):
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """Its centre or its corners, in the file's coordinates."""
+        """The marker's centre or corners, in the file's coordinates."""
         if self.corners_m is not None:
             return self.corners_m
         return (self.position_m if self.position_m is not None else (self.lat_deg, self.lon_deg, self.alt_m),)
 
     @property
     def is_geo(self) -> bool:
-        """Its place is in degrees."""
+        """Whether the marker's place is in degrees."""
         return self.position_m is None and self.corners_m is None
 
     @model_validator(mode="after")
@@ -95,7 +95,7 @@ class MarkersTable(EvidenceTable):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MarkersFile:
-    """What a file says.
+    """Contents of a file of surveyed markers.
 
     Attributes:
         survey: The markers, in metres of ``frame``.

@@ -65,7 +65,7 @@ class GroundTable(Table):
 
     @property
     def path(self) -> Path | None:
-        """Of the elevation model; None of a slope."""
+        """The elevation model's file; None for a slope."""
         return None if self.terrain is None else Path(self.terrain)
 
     @property

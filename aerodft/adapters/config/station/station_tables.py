@@ -66,7 +66,7 @@ class ObjectsTable(Table):
 
 
 class HintsTable(Table):
-    """What a person says of the first image that is looked at."""
+    """Pixels that a person marked as water or land in the first image."""
 
     water: Annotated[keys.Many[keys.Pixel], SiAttribute("water_px")] = ()
     land: Annotated[keys.Many[keys.Pixel], SiAttribute("land_px")] = ()
@@ -198,7 +198,7 @@ class ObservationsTable(Table):
 
 
 class LimitsTable(Table):
-    """What is not believed."""
+    """Limits beyond which nothing is measured."""
 
     max_range_m: keys.Positive | None = None
 

@@ -40,7 +40,7 @@ HEAD_BYTES = LEAST_CHUNK_BYTES + _LONGEST_NAME
 
 @dataclass(slots=True)
 class FileSummary:
-    """What a summary says.
+    """The summary section of an MCAP file.
 
     Attributes:
         start: Where it begins.
@@ -103,7 +103,7 @@ def read_summary(read: Callable[[int, int], bytes], size: int) -> FileSummary | 
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk record says of its content.
+    """The head of a chunk record, which describes its content.
 
     Attributes:
         start_ns: Earliest log time.
@@ -283,7 +283,7 @@ MOST_ATTACHMENTS: Final = 10_000
 
 
 class AttachmentHead(NamedTuple):
-    """What a record says.
+    """The head of an attachment record.
 
     Attributes:
         about: Name and times, without the data.

@@ -57,7 +57,7 @@ class ReadMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChunkTable:
-    """Messages of one chunk, in the order in which they were written.
+    """Messages of one chunk, in the order of writing.
 
     Attributes:
         content: The chunk's records; may hold more than these messages.
@@ -198,7 +198,7 @@ def recording_of(scan: SegmentScan) -> str | None:
 
 
 def content_bytes(place: ChunkLocation) -> int:
-    """What a chunk claims to hold; 0 where it cannot be read.
+    """Stated length of a chunk's uncompressed content; 0 where it cannot be read.
 
     Raises:
         InputError: The file cannot be read.

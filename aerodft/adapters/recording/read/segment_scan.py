@@ -113,7 +113,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SegmentScan:
-    """What a segment holds.
+    """Contents of a segment, found without decoding its messages.
 
     Attributes:
         path: The file.
@@ -163,7 +163,7 @@ class SegmentScan:
         return max((chunk.end_ns for chunk in self.chunks), default=None)
 
     def all_gaps(self) -> list[Gap]:
-        """What it lacks, with the damaged chunks that were met so far."""
+        """Gaps of the segment, those of damaged chunks that were met so far included."""
         met = []
         for number, chunk in enumerate(self.chunks):
             if chunk.offset in self.damaged_offsets:
@@ -255,7 +255,7 @@ class _Scan:
         self._stated_chunks = 0
 
     def run(self) -> SegmentScan:
-        """What the file holds."""
+        """Scan the file from its start."""
         position, is_whole, is_torn = len(MAGIC), False, False
         while not is_torn and position + HEAD.size <= self._size:
             opcode, length = HEAD.unpack(self._read(position, HEAD.size))
@@ -450,7 +450,7 @@ class _Scan:
 
 @dataclass(slots=True)
 class _About:
-    """What a segment says of itself.
+    """Metadata of a segment on itself.
 
     Attributes:
         station: Name of the station; None where it says none.

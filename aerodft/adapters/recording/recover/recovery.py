@@ -81,7 +81,7 @@ class Loss:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SegmentRecovery:
-    """What became of one segment.
+    """Outcome of the recovery of one segment.
 
     Attributes:
         name: Of the file.
@@ -104,7 +104,7 @@ class SegmentRecovery:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovery:
-    """What became of a recording."""
+    """Outcome of the recovery of a recording."""
 
     folder: Path
     segments: tuple[SegmentRecovery, ...]
@@ -245,7 +245,7 @@ def _recover_series(
 
 @dataclass(frozen=True, slots=True)
 class _End:
-    """What shows how much a segment held at its end.
+    """Evidence of how much a segment held at its end.
 
     Attributes:
         start_ns: Earliest log time of the next segment of its series that holds anything; None where none does.
@@ -434,7 +434,7 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
 
 @dataclass(slots=True)
 class _SegmentReport:
-    """What one segment holds, and what it lacks.
+    """Contents and losses of one segment.
 
     Attributes:
         messages: In chunks that are whole, on channels that are defined.
@@ -475,7 +475,7 @@ class _SegmentReport:
 
     @property
     def is_recovered(self) -> bool:
-        """Whether it was made whole before, and says what it lost then."""
+        """Whether the segment has been recovered before, and lists what it lost then."""
         return any(name == RECOVERED_NAME for name, _ in self.metadata)
 
 

@@ -101,7 +101,7 @@ class ImageWriter:
 
     @property
     def lost(self) -> int:
-        """Those that a failing disk cost, or that could not be encoded."""
+        """Number of images that a failing disk cost, or that could not be encoded."""
         return self._writer.lost - self._own_lost + self._failed
 
     @property
@@ -197,7 +197,7 @@ class _PacketPairing:
         return done
 
     def rest(self) -> list[VideoPacket]:
-        """All that still waits."""
+        """All packets that still wait for their stamp."""
         done = [self._timed(packet) for packet in self._waiting]
         self._waiting.clear()
         return done

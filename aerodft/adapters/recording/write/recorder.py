@@ -60,7 +60,7 @@ class RecordingTotals:
 
     @property
     def lost(self) -> int:
-        """What a failing disk cost, messages and images."""
+        """Messages and images that a failing disk cost."""
         return self.lost_messages + self.lost_images
 
     @property

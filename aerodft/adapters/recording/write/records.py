@@ -55,7 +55,7 @@ _BROWN_COEFFICIENTS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MessageRows:
-    """``n`` messages in the order in which they are written.
+    """``n`` messages in the order of writing.
 
     Attributes:
         channels: Theirs.

@@ -158,7 +158,7 @@ def allocate(descriptor: int, offset: int, length: int) -> None:
 
 
 def free_bytes(folder: Path) -> int:
-    """What this user may still write on a folder's disk.
+    """Free space for this user on a folder's disk.
 
     Raises:
         OSError: The folder is gone.
@@ -269,7 +269,7 @@ class Summary:
         )
 
     def forget(self, from_offset: int) -> None:
-        """Forget the chunks from an offset on: they are cut off."""
+        """Drop the chunks from an offset on, which are cut off."""
         while self._indexes and self._indexes[-1].chunk_start_offset >= from_offset:
             del self._indexes[-1]
             self.messages -= sum(self._counts.pop().values())
@@ -315,7 +315,7 @@ class Summary:
 
 
 def index_bytes(chunk: EncodedChunk) -> int:
-    """What a chunk takes in a summary, at most."""
+    """Upper bound of a chunk's share of the summary, in bytes."""
     return _CHUNK_SUMMARY_BYTES + _CHANNEL_SUMMARY_BYTES * len(chunk.counts)
 
 
@@ -414,12 +414,12 @@ class Segment:
 
     @property
     def has_content(self) -> bool:
-        """Whether it holds more than what every segment begins with."""
+        """Whether the segment holds more than its own head."""
         return self._chunks > 1
 
     @property
     def unsynced(self) -> tuple[EncodedChunk, ...]:
-        """What is in the file, but perhaps not on the disk yet."""
+        """Chunks that are in the file, but perhaps not on the disk yet."""
         return tuple(self._unsynced)
 
     @property
@@ -522,7 +522,7 @@ class Segment:
             self.path.unlink()
 
     def _ending(self, *, goes_on: bool) -> bytes:
-        """What comes behind the last chunk."""
+        """Records behind the last chunk."""
         count = self._count() if goes_on else b""
         return count + self._summary.footer(self._whole + len(count))
 

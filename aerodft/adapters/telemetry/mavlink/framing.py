@@ -29,7 +29,7 @@ from aerodft.model import IntArray, RawBlock
 
 @dataclass(frozen=True, slots=True)
 class FrameCounts:
-    """What a framer has seen.
+    """Counts of a framer: good and bad frames, and bytes between them.
 
     Attributes:
         frames: Good frames.
@@ -46,7 +46,7 @@ class FrameCounts:
     truncated: int = 0
 
     def __add__(self, other: "FrameCounts") -> "FrameCounts":
-        """What two framers have seen together."""
+        """Sums of the counts of two framers."""
         return FrameCounts(*(own + more for own, more in zip(astuple(self), astuple(other), strict=True)))
 
 
@@ -89,7 +89,7 @@ class StreamFramer:
 
     @property
     def counts(self) -> FrameCounts:
-        """What was seen so far."""
+        """Counts of the stream so far."""
         return counts_of(self._state)
 
     def push(self, data: bytes) -> list[bytes]:
@@ -101,7 +101,7 @@ class StreamFramer:
         return self._scan(self._rest + data, known=len(self._rest))
 
     def flush(self) -> list[bytes]:
-        """What is left when nothing follows."""
+        """Frames in the remaining bytes, after which nothing follows."""
         return self._scan(self._rest, known=len(self._rest), given_up=len(self._rest)).each()
 
     def overdue(self) -> list[bytes]:

@@ -77,7 +77,7 @@ def checksum(data: Bytes, start: int, stop: int, extra: int) -> int:
 
 @njit
 def measure(data: Bytes, at: int, stop: int, table: Table) -> tuple[int, int, int]:
-    """What the header at ``at`` claims, before any checksum.
+    """Size of the frame that the header at ``at`` claims, before any checksum.
 
     Returns:
         ``FRAME`` where a frame may stand, else the verdict; the claimed size of the frame in bytes (0 where nothing is

@@ -130,12 +130,12 @@ class MavlinkLink:
 
     @property
     def counts(self) -> FrameCounts:
-        """What the framers have seen."""
+        """Counts of all senders' frames."""
         return self._senders.counts
 
     @property
     def signing(self) -> SigningCounts | None:
-        """What became of the frames on a signed link; None on one without keys."""
+        """Counts of the frames of a signed link; None on one without keys."""
         return None if self._signing is None else self._signing.counts
 
     def __enter__(self) -> Self:

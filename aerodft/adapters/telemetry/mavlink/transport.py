@@ -299,7 +299,7 @@ class UdpTransport:
         return str(host), int(port)
 
     def read(self, timeout_s: float) -> Reads:
-        """What has arrived, at most 1024 datagrams at once."""
+        """Datagrams that have arrived, at most 1024 at once."""
         # Waiting costs a turn of the interpreter, which a flood does not leave time for: only where nothing is there.
         return self._read() or (self._read() if self._selector.select(timeout_s) else [])
 
@@ -399,7 +399,7 @@ class TcpListener(_TcpPeers):
         return str(host), int(port)
 
     def read(self, timeout_s: float) -> Reads:
-        """What the peers have sent; takes in new ones."""
+        """Bytes that the peers have sent; accepts new peers."""
         reads: Reads = []
         for key, _ in self._selector.select(timeout_s):
             if key.fileobj is self._listener:

@@ -77,6 +77,22 @@ class NotDetermined(NoAnswerError):  # noqa: N818 - what users catch, by what it
 
 
 @contextmanager
+def os_errors_as(what: str, *, where: object, expected: str = "", hint: str = "") -> Iterator[None]:
+    """Errors of the operating system within the block become an ``InputError`` with the system's reason.
+
+    Args:
+        what: What cannot be done, as the sentence begins.
+        where: The file or folder.
+        expected: What would have been right.
+        hint: What to do next.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(what, where=where, got=error.strerror or error, expected=expected, hint=hint) from error
+
+
+@contextmanager
 def named_in(file: Path) -> Iterator[None]:
     """Errors about a file that is not there say that this one names it, and what a relative name starts from."""
     try:

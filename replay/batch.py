@@ -22,7 +22,7 @@ from urllib.parse import quote
 
 import orjson
 
-from aerodft.errors import InputError, LinkError
+from aerodft.errors import InputError, LinkError, os_errors_as
 from aerodft.version import SOFTWARE
 
 _CONNECT_S: Final = 5
@@ -200,11 +200,8 @@ def recording_hash(segments: Sequence[Path]) -> str:
     """
     data = hashlib.sha256()
     for path in segments:
-        try:
-            with path.open("rb") as file:
-                data.update(hashlib.file_digest(file, "sha256").digest())
-        except OSError as error:
-            raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
+        with os_errors_as("the recording cannot be read", where=path), path.open("rb") as file:
+            data.update(hashlib.file_digest(file, "sha256").digest())
     return f"sha256:{data.hexdigest()}"
 
 
@@ -239,11 +236,9 @@ class Dataset:
         Raises:
             InputError: It holds something else, or cannot be written.
         """
-        try:
+        with os_errors_as("the dataset cannot be written", where=folder):
             folder.mkdir(parents=True, exist_ok=True)
             strange = next((each for each in folder.iterdir() if not each.name.startswith("recording=")), None)
-        except OSError as error:
-            raise InputError("the dataset cannot be written", where=folder, got=error.strerror) from error
         if strange is not None:
             expected = "a new folder, or a dataset of recording=... folders"
             raise InputError("the folder holds something else", where=folder, got=strange.name, expected=expected)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from aerodft.errors import InputError, printable
+from aerodft.errors import InputError, os_errors_as, printable
 
 _MAGIC: tuple[tuple[int, bytes, str], ...] = (
     (0, b"\xff\xd8\xff", "a JPEG image"),
@@ -179,11 +179,8 @@ def output_folder(folder: Path, what: str, expected: str = "a folder to write to
 @contextmanager
 def writable(path: Path, what: str, expected: str = "a folder to write to") -> Iterator[None]:
     """Errors of the system in this block are an ``InputError`` that says what cannot be written, and where."""
-    try:
+    with os_errors_as(f"{what} cannot be written", where=path, expected=expected):
         yield
-    except OSError as error:
-        got = error.strerror or error
-        raise InputError(f"{what} cannot be written", where=path, got=got, expected=expected) from error
 
 
 def csv_cell(value: object) -> object:

@@ -15,7 +15,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.files import write_whole
 from aerodft.adapters.images import NamedImage, common_mode, image_files, named_images
 from aerodft.app.progress import Progress, no_progress
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, os_errors_as
 from aerodft.model import Camera
 from aerodft.reports.lens import lens_document, lens_notes, parameter_names, write_lens_page
 from aerodft.version import SOFTWARE
@@ -69,10 +69,8 @@ class LensCalibration(LensFit):
         Raises:
             InputError: It cannot be written.
         """
-        try:
+        with os_errors_as("the camera file cannot be written", where=path):
             write_whole(Path(path), self._text().encode())
-        except OSError as error:
-            raise InputError("the camera file cannot be written", where=path, got=error.strerror) from error
 
     def write_report(self, folder: Path | str) -> list[Path]:
         """Write a page with its figures.
@@ -231,9 +229,7 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
     place = (round(_MARGIN_M * _PRINT_PX_PER_M), picture.shape[0] - _CAPTION_PX)
     cv2.putText(picture, caption, place, cv2.FONT_HERSHEY_SIMPLEX, 1.2, (90,), 2, cv2.LINE_AA)
     dots = _PRINT_PX_PER_M * _INCH_M
-    try:
+    with os_errors_as("the board cannot be written", where=path):
         PillowImage.fromarray(picture).save(path, format="PNG", dpi=(dots, dots))
-    except OSError as error:
-        raise InputError("the board cannot be written", where=path, got=error.strerror) from error
     size_mm = [round(side / _PRINT_PX_PER_M * 1e3, 1) for side in picture.shape[::-1]]
     return {"schema": "aerodft.board/1", "board": parsed.text, "size_mm": size_mm, "file": str(path)}

@@ -29,7 +29,7 @@ from aerodft.app.assembly import (
     stations_of,
 )
 from aerodft.app.progress import Progress, no_progress
-from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError
+from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, recording_hash, run_batch
 from replay.recordings import PROVENANCE_NAME, Recording, RecordingSource, Redetection, RedetectionStatistics
@@ -202,11 +202,8 @@ def _few_images(tables: tuple[str, ...], kept: int) -> tuple[str, ...]:
 def _copy_images(recording: Recording, output: Path) -> int:
     """Copy the files of images as they are; returns how many there are."""
     for number, segment in enumerate(recording.images, start=1):
-        try:
+        with os_errors_as("images cannot be copied", where=segment.path, hint="the measurements are complete"):
             shutil.copy2(segment.path, output / f"images_{number:03d}.mcap")
-        except OSError as error:
-            hint = "the measurements are complete"
-            raise InputError("images cannot be copied", where=segment.path, got=error.strerror, hint=hint) from error
     return len(recording.images)
 
 

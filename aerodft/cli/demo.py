@@ -18,7 +18,7 @@ from rich.table import Table
 
 from aerodft.cli.options import JsonOption
 from aerodft.cli.output import print_json, say, tables
-from aerodft.errors import AerodftError, InputError
+from aerodft.errors import AerodftError, InputError, os_errors_as
 
 _MARK = ".aerodft-demo"
 _STATION = "demo"
@@ -106,11 +106,9 @@ def _clear(output: Path) -> None:
             "holds something that no demo made", where=output, expected="a new folder", hint="use --output"
         )
     shutil.rmtree(output, ignore_errors=True)
-    try:
+    with os_errors_as("cannot be written", where=output):
         output.mkdir(parents=True)
         (output / _MARK).touch()
-    except OSError as error:
-        raise InputError("cannot be written", where=output, got=error.strerror) from error
 
 
 def _free_ports() -> _Ports:

@@ -22,7 +22,7 @@ from aerodft.adapters.files import output_folder
 from aerodft.adapters.images import read_camera_image
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
 from aerodft.dft.maps import DepthMap, Sampling, TopView, Z, depth_map, measured_plane, range_std, top_view
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.geometry import (
     Float32Array,
     Ground,
@@ -429,11 +429,9 @@ def write_top_view(view: TopView, origin: GeoOrigin | None, folder: Path, name: 
         "files": [*files, f"{name}.json", *([f"{name}.tif"] if has_tif else [])],
     }
     files[f"{name}.json"] = orjson.dumps(about, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
-    try:
+    with os_errors_as("the top view cannot be written", where=folder):
         for file, data in files.items():
             (folder / file).write_bytes(data)
-    except OSError as error:
-        raise InputError("the top view cannot be written", where=folder, got=error.strerror or error) from error
     if has_tif:
         _write_geotiff(view, place, folder / f"{name}.tif")
     return about

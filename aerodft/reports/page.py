@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from aerodft.errors import InputError
+from aerodft.errors import os_errors_as
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
 from aerodft.reports.recording_plot import digits_of, draw_recording, typical, unit_of
@@ -297,21 +297,16 @@ def _files(path: Path) -> str:
     rows = []
     for each in sorted(path.iterdir()) if path.is_dir() else [path]:
         if each.is_file():
-            try:
-                with each.open("rb") as file:
-                    digest = hashlib.file_digest(file, "sha256").hexdigest()
-                    rows.append((each.name, digest, f"{each.stat().st_size:,}"))
-            except OSError as error:
-                raise InputError("the file cannot be read", where=each, got=error.strerror) from error
+            with os_errors_as("the file cannot be read", where=each), each.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+                rows.append((each.name, digest, f"{each.stat().st_size:,}"))
     table = _table(("file", "SHA-256", "bytes"), rows, words=2)
     return re.sub(r"<td>([0-9a-f]{64})</td>", r'<td class="hash">\1</td>', table)
 
 
 def _read(path: Path) -> bytes:
-    try:
+    with os_errors_as("the file cannot be read", where=path):
         return path.read_bytes()
-    except OSError as error:
-        raise InputError("the file cannot be read", where=path, got=error.strerror) from error
 
 
 def _thin(things: Sequence[FloatArray]) -> list[FloatArray]:

@@ -18,7 +18,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.telemetry import TlogSource
 from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, os_errors_as
 from aerodft.geometry import camera_from_gimbal, east_north, inverse, lat_lon, multiply, slerp
 from aerodft.model import (
     NO_BOOT_TIME,
@@ -347,13 +347,11 @@ def write_files(scenario: Scenario, folder: Path, *, video: bool = True, progres
     """
     if (folder / _CAMERA).exists() and not (folder / _TRUTH).exists():
         raise InputError("is no simulated flight", where=folder, got=f"a {_CAMERA} in it", hint="choose another folder")
-    try:
+    with os_errors_as("cannot be written", where=folder, hint="choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
         _write_tables(scenario, folder)
         if video:
             write_video(folder / "video.mp4", images_with_progress(scenario, progress), fps=scenario.fps)
-    except OSError as error:
-        raise InputError("cannot be written", where=folder, got=error.strerror, hint="choose another folder") from None
 
 
 def _write_tables(scenario: Scenario, folder: Path) -> None:

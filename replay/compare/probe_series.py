@@ -17,7 +17,7 @@ import orjson
 from aerodft.adapters.files import cell_text, check_is_no_pipe
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import PROBE_KINDS
-from aerodft.errors import InputError, located
+from aerodft.errors import InputError, located, os_errors_as
 from aerodft.model import CODE_OF, FloatArray, IntArray, ProbeKind, Status
 from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parsed, row_of
 from replay.recordings import Recording
@@ -228,11 +228,8 @@ def _first_images(recording: Recording) -> dict[int, tuple[int, int]]:
 
 
 def _read_table(path: Path) -> ComparisonInput:
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError("the table cannot be read", where=path, got=error.strerror) from error
+    with os_errors_as("the table cannot be read", where=path), path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     rows = parquet_rows(path, _USED) if path.suffix.lower() == ".parquet" else _csv_rows(path)
     series = _series((_row(row, path) for row in rows), path)
     return ComparisonInput(where=path, series=series, digest=f"table {digest}", images={}, recording=None)

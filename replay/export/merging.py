@@ -28,7 +28,7 @@ from aerodft.adapters.recording.read import (
     attachment_head,
 )
 from aerodft.adapters.recording.write import COUNT_NAME, PROFILE, Summary
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.version import SOFTWARE
 from replay.export.annotations import Annotator
 from replay.recordings import Recording, messages_by_time
@@ -63,18 +63,15 @@ class FileAttachment:
         Raises:
             InputError: It cannot be read, or is not all there any more.
         """
-        try:
-            with self.path.open("rb") as file:
-                file.seek(self.offset)
-                left = self.data_bytes
-                while left:
-                    piece = file.read(min(left, _CHUNK_BYTES))
-                    if not piece:
-                        raise InputError("the file became shorter while it was read", where=self.path)
-                    left -= len(piece)
-                    yield piece
-        except OSError as error:
-            raise InputError("the file cannot be read", where=self.path, got=error.strerror) from error
+        with os_errors_as("the file cannot be read", where=self.path), self.path.open("rb") as file:
+            file.seek(self.offset)
+            left = self.data_bytes
+            while left:
+                piece = file.read(min(left, _CHUNK_BYTES))
+                if not piece:
+                    raise InputError("the file became shorter while it was read", where=self.path)
+                left -= len(piece)
+                yield piece
 
 
 def merge_segments(recording: Recording, path: Path) -> "MergedRecordingWriter":
@@ -176,17 +173,14 @@ def _read_bytes(path: Path, offset: int, length: int) -> bytes:
     Raises:
         InputError: The file cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            file.seek(offset)
-            return file.read(length)
-    except OSError as error:
-        raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
+    with os_errors_as("the recording cannot be read", where=path), path.open("rb") as file:
+        file.seek(offset)
+        return file.read(length)
 
 
 def _extra_records(path: Path) -> Iterator[tuple[int, int, int]]:
     """Metadata and attachments of a file, as far as it is whole: opcode, where the content begins, and its length."""
-    try:
+    with os_errors_as("the recording cannot be read", where=path):
         size = path.stat().st_size
         with path.open("rb") as file:
             file.seek(len(MAGIC))
@@ -198,8 +192,6 @@ def _extra_records(path: Path) -> Iterator[tuple[int, int, int]]:
                 if opcode in {Opcode.METADATA, Opcode.ATTACHMENT}:
                     yield opcode, begin, length
                 file.seek(begin + length)
-    except OSError as error:
-        raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
 _CHUNK_BYTES: Final = 1 << 20

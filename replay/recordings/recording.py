@@ -31,7 +31,7 @@ from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_S
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, NoAnswerError, located
+from aerodft.errors import InputError, NoAnswerError, located, os_errors_as
 from aerodft.model import Image, PoseSample, StampClock, WireProtocol
 from aerodft.version import SOFTWARE
 from replay.recordings.segments import is_mcap, message_tables, messages_of, segment_order
@@ -371,10 +371,8 @@ def _segment_paths(folder: Path, stem: str) -> list[Path]:
         if not folder.exists():
             raise InputError("no such file or folder", where=folder)
         raise InputError("there is no recording", where=folder, got="a file", expected="a folder with data_000.mcap")
-    try:
+    with os_errors_as("the recording cannot be read", where=folder):
         entries = list(folder.iterdir())
-    except OSError as error:
-        raise InputError("the recording cannot be read", where=folder, got=error.strerror) from error
     paths = sorted((path for path in entries if path.match(f"{stem}_*.mcap")), key=segment_order)
     if not paths and stem == "data":
         found = entries[0].name if entries else None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from aerodft.adapters.files import check_is_no_pipe, looks_like
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.model import Camera, Image, ImageArray
 
 if TYPE_CHECKING:
@@ -70,11 +70,9 @@ def read_still(path: Path, expected: str = "") -> ImageArray:
     Raises:
         InputError: It cannot be read, or is no image.
     """
-    try:
+    with os_errors_as("the image cannot be read", where=path, expected=expected):
         check_is_no_pipe(path)
         data = path.read_bytes()
-    except OSError as error:
-        raise InputError("the image cannot be read", where=path, got=error.strerror, expected=expected) from error
     if not data:
         raise InputError("not a readable image", where=path, got=looks_like(path), expected=expected or "an image")
     return StillPixels(data, str(path))()

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from aerodft.adapters.telemetry.mavlink import AT_QUIET, AT_SYNC, STATE_SIZE, Bytes, Followed, FrameCounts, counts_of
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.model import IntArray, RawBlock
 from aerodft.service import Source, TelemetryDecoder
 
@@ -127,14 +127,12 @@ class LogFile:
         self.path = path
         self._expected = expected
         self._state = np.zeros(state_size, dtype=np.int64)
-        try:
+        with os_errors_as("cannot be read", where=path, expected=expected):
             if path.stat().st_size == 0:  # asked first: to open a pipe would wait for somebody who writes
                 raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
             weakref.finalize(self, os.close, self._descriptor)
             self.size = os.fstat(self._descriptor).st_size
-        except OSError as error:
-            raise InputError("cannot be read", where=path, got=error.strerror or error, expected=expected) from error
 
     @property
     def counts(self) -> FrameCounts:
@@ -150,10 +148,8 @@ class LogFile:
         parts = []
         stop = min(stop, self.size)
         while start < stop:
-            try:
+            with os_errors_as("cannot be read", where=self.path):
                 parts.append(os.pread(self._descriptor, stop - start, start))
-            except OSError as error:
-                raise InputError("cannot be read", where=self.path, got=error.strerror or error) from error
             if not parts[-1]:
                 got, expected = f"{start} bytes", f"{self.size} bytes, as when it was opened"
                 raise InputError(

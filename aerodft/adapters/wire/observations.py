@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from aerodft.adapters.config import Many, Pixel, Positive, Real, Table, Text, impossible, validated
 from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.wire.payload import StampNs, load_object
-from aerodft.errors import InputError, located
+from aerodft.errors import InputError, located, os_errors_as
 from aerodft.model import Box, Observation, StampClock
 
 _EXAMPLE = (
@@ -94,14 +94,12 @@ def load_observations(path: Path, image_stamps_ns: Mapping[int, int] | None = No
         InputError: The file cannot be read, or a line is wrong; names the line.
     """
     observations: list[Observation] = []
-    try:
+    with os_errors_as("the observation file cannot be read", where=path):
         check_is_no_pipe(path)
         with path.open("rb") as lines:
             for number, line in enumerate(iter(lambda: lines.readline(_MAX_LINE_BYTES), b""), start=1):
                 if line.strip():
                     observations.append(_observation(line, f"{path}:{number}", path.name, image_stamps_ns or {}))
-    except OSError as error:
-        raise InputError("the observation file cannot be read", where=path, got=error.strerror) from error
     return ObservationList(observations)
 
 

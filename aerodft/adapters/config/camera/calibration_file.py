@@ -23,7 +23,7 @@ from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import SiAttribute, Table, Uncertain, si_value
 from aerodft.adapters.files import write_whole
-from aerodft.errors import InputError, located
+from aerodft.errors import located, os_errors_as
 from aerodft.model import BIASES, BiasValues, Calibration, Camera, PoseStd, ProjectionModel
 
 _IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east_m", "north_m", "time_s")
@@ -185,8 +185,5 @@ def write_calibration(
         pose=CalibratedPoseTable.from_si(found, stds=found.std) if isinstance(found, FixedPose) else None,
         camera=None if camera is None else camera_document(camera),
     )
-    try:
+    with os_errors_as("the calibration cannot be written", where=path, expected="a file to write to"):
         write_whole(path, tomli_w.dumps(table.to_toml()).encode())
-    except OSError as error:
-        what, expected = "the calibration cannot be written", "a file to write to"
-        raise InputError(what, where=path, got=error.strerror, expected=expected) from error

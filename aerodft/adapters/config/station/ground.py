@@ -13,7 +13,7 @@ from aerodft.adapters.config import keys
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, Table
 from aerodft.adapters.files import check_is_no_pipe, looks_like
-from aerodft.errors import ConfigError, InputError
+from aerodft.errors import ConfigError, os_errors_as
 from aerodft.geometry import Ground, Plane, east_north
 from aerodft.model import GeoOrigin
 
@@ -182,9 +182,7 @@ def copy_terrain(path: Path, folder: Path) -> None:
     """
     copies = {path: COPY_NAME, path.with_name(f"{path.name}.aux.xml"): f"{COPY_NAME}.aux.xml"}
     copies |= {path.with_suffix(suffix): f"terrain{suffix}" for suffix in (".tfw", ".wld")}
-    try:
+    with os_errors_as("the elevation model cannot be copied", where=folder):
         for source, name in copies.items():
             if source == path or source.is_file():
                 shutil.copyfile(source, folder / name)
-    except OSError as error:
-        raise InputError("the elevation model cannot be copied", where=folder, got=error.strerror) from error

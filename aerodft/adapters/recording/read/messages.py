@@ -22,7 +22,7 @@ from aerodft.adapters.recording.channels import (
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, NO_OPCODE, RECORD_HEAD
 from aerodft.adapters.recording.read.chunks import DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, chunk_content, chunk_head
 from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.jit import njit
 from aerodft.model import BoolArray, ImageArray, IntArray
 
@@ -222,18 +222,15 @@ def _content(place: ChunkLocation) -> bytes:
         InputError: The file cannot be read.
         ValueError: The chunk is damaged.
     """
-    try:
-        with place.path.open("rb") as file:
-            file.seek(place.offset)
-            if place.is_bare:
-                if place.length > MAX_CHUNK_BYTES:
-                    raise ValueError(f"claims {place.length} bytes")
-                return file.read(place.length)
-            head = chunk_head(file.read(min(HEAD_BYTES, place.length)), place.length)
-            file.seek(place.offset + head.data_at)
-            data = file.read(head.data_bytes)
-    except OSError as error:
-        raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
+    with os_errors_as("the recording cannot be read", where=place.path), place.path.open("rb") as file:
+        file.seek(place.offset)
+        if place.is_bare:
+            if place.length > MAX_CHUNK_BYTES:
+                raise ValueError(f"claims {place.length} bytes")
+            return file.read(place.length)
+        head = chunk_head(file.read(min(HEAD_BYTES, place.length)), place.length)
+        file.seek(place.offset + head.data_at)
+        data = file.read(head.data_bytes)
     return chunk_content(head, data)
 
 

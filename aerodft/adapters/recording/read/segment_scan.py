@@ -38,7 +38,7 @@ from aerodft.adapters.recording.write import (
     PROFILE,
     RECOVERED_NAME,
 )
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 
 _CHUNK_TIMES = struct.Struct("<QQ")
 _STATISTICS = struct.Struct("<22xI")
@@ -179,7 +179,7 @@ def scan_segment(path: Path) -> SegmentScan:
     Raises:
         InputError: The file cannot be read, or is no MCAP file.
     """
-    try:
+    with os_errors_as("the recording cannot be read", where=path):
         check_is_no_pipe(path)
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))
@@ -192,8 +192,6 @@ def scan_segment(path: Path) -> SegmentScan:
             if found is not None:
                 return found
             return _Scan(path, file, size).run()
-    except OSError as error:
-        raise InputError("the recording cannot be read", where=path, got=error.strerror) from error
 
 
 def log_times(place: ChunkLocation) -> dict[int, tuple[int, ...]] | None:

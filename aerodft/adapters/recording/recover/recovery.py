@@ -40,7 +40,7 @@ from aerodft.adapters.recording.write import (
     sync_folder,
 )
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.version import SOFTWARE
 
 SERIES = ("data", "images")
@@ -156,13 +156,11 @@ def recordings_in(root: Path) -> dict[Path, bool]:
         InputError: The folder cannot be read.
     """
     found: dict[Path, bool] = {}
-    try:
+    with os_errors_as("the folder cannot be read", where=root):
         for folder in sorted(root.iterdir()) if root.is_dir() else []:
             segments = [path for stem in SERIES for path in folder.glob(f"{stem}_*.mcap")]
             if segments:
                 found[folder] = all(map(_ends, segments))
-    except OSError as error:
-        raise InputError("the folder cannot be read", where=root, got=error.strerror) from error
     return found
 
 

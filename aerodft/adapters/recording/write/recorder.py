@@ -26,7 +26,7 @@ from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.dft import MeasurementBatch
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.model import Image, ImageRows, Observation, VideoPacket
 from aerodft.service import Batches, StepOutputs
 from aerodft.version import SOFTWARE
@@ -118,7 +118,7 @@ class McapRecorder:
         self._is_open = False
         warm_up()
         _prepare(folder)
-        try:
+        with os_errors_as("the recording cannot be written", where=folder):
             for name, text in (texts or {}).items():
                 _write_synced(folder / name, text)
             with suppress(OSError):  # a folder above that may not be read
@@ -131,8 +131,6 @@ class McapRecorder:
             except OSError:
                 self._data.close()
                 raise
-        except OSError as error:
-            raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
         self._data_queue: WorkerQueue[_Work] = WorkerQueue(
             "record-data",
             self._write_item,
@@ -294,11 +292,9 @@ def _prepare(folder: Path) -> None:
     Raises:
         InputError: It holds something, is a file, or cannot be made.
     """
-    try:
+    with os_errors_as("the recording cannot be written", where=folder):
         folder.mkdir(parents=True, exist_ok=True)
         found = next(folder.iterdir(), None)
-    except OSError as error:
-        raise InputError("the recording cannot be written", where=folder, got=error.strerror) from error
     if found is not None:
         raise InputError(
             "a recording is never written over something else",

@@ -17,13 +17,16 @@ from enum import StrEnum
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 from urllib.parse import quote
 
 import orjson
 
 from aerodft.errors import InputError, LinkError, os_errors_as
 from aerodft.version import SOFTWARE
+
+DaskObject: TypeAlias = Any
+"""Of Dask, an extra, which is loaded when it is needed."""
 
 _CONNECT_S: Final = 5
 _WORKERS_S: Final = 30
@@ -113,13 +116,13 @@ def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int) -> 
                 futures.add(submitted)
 
 
-def _threads(client: Any) -> int:  # noqa: ANN401 - an extra's
+def _threads(client: DaskObject) -> int:
     """How many jobs run at once; a worker that died is being replaced."""
     count: int = sum(client.nthreads().values())
     return max(count, 1)
 
 
-def _outcome(job: Job, future: Any) -> Outcome:  # noqa: ANN401 - an extra's
+def _outcome(job: Job, future: DaskObject) -> Outcome:
     error = future.exception()
     if error is None:
         outcome: Outcome = future.result()
@@ -132,12 +135,12 @@ def _outcome(job: Job, future: Any) -> Outcome:  # noqa: ANN401 - an extra's
 
 
 @contextmanager
-def _client(scheduler: str, workers: int) -> Iterator[Any]:
+def _client(scheduler: str, workers: int) -> Iterator[DaskObject]:
     """A client of a scheduler with workers; a local one listens on loopback only, and has no dashboard."""
     distributed = _distributed()
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what a worker died of is said here
     with ExitStack() as stack:
-        address: Any = scheduler
+        address: DaskObject = scheduler
         if scheduler == "processes":
             settings = {
                 "distributed.scheduler.allowed-failures": _MOST_DEATHS,
@@ -164,7 +167,7 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:
         yield client
 
 
-def _distributed() -> Any:  # noqa: ANN401 - an extra's, and slow to load
+def _distributed() -> DaskObject:
     try:
         return import_module("distributed")
     except ImportError as error:

@@ -112,7 +112,7 @@ def session_on(listen: str | None, connect: Sequence[str] = ()) -> Iterator[zeno
 def close_session(session: zenoh.Session) -> None:
     """Close a session; one that cannot say goodbye to a stuck peer is left to the end of the process."""
     try:
-        session.close()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+        session.close()
     except zenoh.ZError as error:
         _log.warning("zenoh did not close in time: %s", _short(error))
 
@@ -201,7 +201,7 @@ class StationQueries:
     def close(self) -> None:
         """Answer nothing any more."""
         for each in self._declared:
-            each.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+            each.undeclare()
 
     def _answer_history(self, data: bytes) -> bytes:
         last, probe = parse_history_request(data)
@@ -404,7 +404,7 @@ class _Publishers:
     def close(self) -> None:
         """Withdraw all publishers."""
         for publisher in self._declared.values():
-            publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+            publisher.undeclare()
         self._declared.clear()
 
     def _publisher(

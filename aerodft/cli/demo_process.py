@@ -31,7 +31,7 @@ def listen(endpoint: str, station: str, path: Path) -> int:
 
         subscriber = session.declare_subscriber(f"aerodft/{station}/measurement/*", write)
         wait_in_main_thread(done)
-        subscriber.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+        subscriber.undeclare()
     return received
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -21,7 +21,7 @@ GIMBAL_FLAGS = (
 )
 _RANGEFINDER_CM = (20, 12000)
 _TERRAIN_SPACING_M = 100
-
+_Message: TypeAlias = Any  # pymavlink has no types
 
 DEFAULT_RATES_HZ = {
     "HEARTBEAT": 1.0,
@@ -235,7 +235,7 @@ def write_tlog(path: Path, arrived: list[Datagram]) -> None:
             file.write((datagram.due_ns // 1000).to_bytes(8, "big") + datagram.data)
 
 
-def _heartbeat(_state: ReportedState) -> Any:  # noqa: ANN401 (pymavlink is untyped, here and below)
+def _heartbeat(_state: ReportedState) -> _Message:
     return dialect.MAVLink_heartbeat_message(
         dialect.MAV_TYPE_QUADROTOR,
         dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -246,16 +246,16 @@ def _heartbeat(_state: ReportedState) -> Any:  # noqa: ANN401 (pymavlink is unty
     )
 
 
-def _system_time(state: ReportedState) -> Any:  # noqa: ANN401
+def _system_time(state: ReportedState) -> _Message:
     return dialect.MAVLink_system_time_message(state.unix_us, state.boot_ms)
 
 
-def _attitude(state: ReportedState) -> Any:  # noqa: ANN401
+def _attitude(state: ReportedState) -> _Message:
     yaw, pitch, roll = (float(angle) for angle in yaw_pitch_roll(state.ned_wxyz_body))
     return dialect.MAVLink_attitude_message(state.boot_ms, roll, pitch, yaw, *state.rate_body_radps.tolist())
 
 
-def _global_position_int(state: ReportedState) -> Any:  # noqa: ANN401
+def _global_position_int(state: ReportedState) -> _Message:
     return dialect.MAVLink_global_position_int_message(
         state.boot_ms,
         *state.lat_lon_dege7,
@@ -266,24 +266,24 @@ def _global_position_int(state: ReportedState) -> Any:  # noqa: ANN401
     )
 
 
-def _gimbal_device_attitude_status(state: ReportedState) -> Any:  # noqa: ANN401
+def _gimbal_device_attitude_status(state: ReportedState) -> _Message:
     return dialect.MAVLink_gimbal_device_attitude_status_message(
         0, 0, state.boot_ms, GIMBAL_FLAGS, state.level_wxyz_gimbal.tolist(), math.nan, math.nan, math.nan, 0, math.nan
     )
 
 
-def _mount_orientation(state: ReportedState) -> Any:  # noqa: ANN401
+def _mount_orientation(state: ReportedState) -> _Message:
     yaw, pitch, roll = (math.degrees(angle) for angle in yaw_pitch_roll(state.level_wxyz_gimbal))
     absolute = (math.degrees(state.heading_rad) + yaw + 180) % 360 - 180
     return dialect.MAVLink_mount_orientation_message(state.boot_ms, roll, pitch, yaw, absolute)
 
 
-def _mount_status(state: ReportedState) -> Any:  # noqa: ANN401
+def _mount_status(state: ReportedState) -> _Message:
     yaw, pitch, roll = (round(math.degrees(angle) * 100) for angle in yaw_pitch_roll(state.level_wxyz_gimbal))
     return dialect.MAVLink_mount_status_message(0, 0, pitch, roll, yaw, 0)
 
 
-def _distance_sensor(state: ReportedState) -> Any:  # noqa: ANN401
+def _distance_sensor(state: ReportedState) -> _Message:
     _, pitch, roll = yaw_pitch_roll(state.ned_wxyz_body)
     slant_m = state.height_agl_m / float(np.cos(pitch) * np.cos(roll))
     low, high = _RANGEFINDER_CM
@@ -292,14 +292,14 @@ def _distance_sensor(state: ReportedState) -> Any:  # noqa: ANN401
     return dialect.MAVLink_distance_sensor_message(state.boot_ms, low, high, distance_cm, laser, 0, down, 255)
 
 
-def _terrain_report(state: ReportedState) -> Any:  # noqa: ANN401
+def _terrain_report(state: ReportedState) -> _Message:
     terrain_m = state.alt_msl_m - state.height_home_m
     return dialect.MAVLink_terrain_report_message(
         *state.lat_lon_dege7, _TERRAIN_SPACING_M, terrain_m, state.height_agl_m, 0, 504
     )
 
 
-def _gps_raw_int(state: ReportedState) -> Any:  # noqa: ANN401
+def _gps_raw_int(state: ReportedState) -> _Message:
     speed_cmps = round(float(np.hypot(*state.velocity_ned_mps[:2])) * 100)
     return dialect.MAVLink_gps_raw_int_message(
         state.unix_us,
@@ -317,7 +317,7 @@ def _gps_raw_int(state: ReportedState) -> Any:  # noqa: ANN401
     )
 
 
-PACKERS: dict[str, Callable[[ReportedState], Any]] = {
+PACKERS: dict[str, Callable[[ReportedState], _Message]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": _system_time,
     "ATTITUDE": _attitude,

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeAlias
 
 import orjson
 
@@ -18,6 +18,9 @@ from replay.export.maps import MapCrs, geojson_text, map_features
 from replay.export.table import COLUMNS, LISTS, Kind, parsed, row_of
 
 _ROWS_AT_ONCE: Final = 16_384
+
+ArrowObject: TypeAlias = Any
+"""Of pyarrow, an extra without types."""
 
 
 class ExportFormat(StrEnum):
@@ -143,7 +146,7 @@ class ParquetRows:
             self._rows.clear()
 
 
-def arrow_table(rows: Iterable[dict[str, object]]) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+def arrow_table(rows: Iterable[dict[str, object]]) -> ArrowObject:
     """Rows with the keys of ``COLUMNS`` as a ``pyarrow.Table``, typed as in a Parquet file.
 
     Raises:
@@ -152,7 +155,7 @@ def arrow_table(rows: Iterable[dict[str, object]]) -> Any:  # noqa: ANN401 - pya
     return _table(rows, _schema({}, {}))
 
 
-def _table(rows: Iterable[dict[str, object]], schema: Any) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+def _table(rows: Iterable[dict[str, object]], schema: ArrowObject) -> ArrowObject:
     pyarrow, _ = _libraries()
     try:
         return pyarrow.Table.from_pylist([row | {"time_utc": row["stamp_ns"]} for row in rows], schema=schema)
@@ -193,7 +196,7 @@ def parquet_metadata(path: Path) -> dict[str, str] | None:
         return None
 
 
-def _schema(constants: Mapping[str, str | None], metadata: Mapping[str, str]) -> Any:  # noqa: ANN401 - pyarrow has no stubs
+def _schema(constants: Mapping[str, str | None], metadata: Mapping[str, str]) -> ArrowObject:
     """The columns of ``COLUMNS``, and behind them those that are the same in every row."""
     pyarrow, _ = _libraries()
     types = {
@@ -208,7 +211,7 @@ def _schema(constants: Mapping[str, str | None], metadata: Mapping[str, str]) ->
     return pyarrow.schema(list(fields.items()), metadata=dict(metadata))
 
 
-def _libraries() -> tuple[Any, Any]:
+def _libraries() -> tuple[ArrowObject, ArrowObject]:
     try:
         import pyarrow as pa  # noqa: PLC0415 - an extra
         from pyarrow import parquet  # noqa: PLC0415

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import orjson
 
-from aerodft.adapters.wire.payload import LATEST_NS, load_bounded_json
+from aerodft.adapters.wire.payload import LATEST_NS, JsonValue, load_bounded_json
 from aerodft.errors import InputError
 from aerodft.model import ProbeKind
 
@@ -118,7 +118,7 @@ def check_on_earth(row: Mapping[str, object]) -> None:
             raise ValueError("no place on Earth")
 
 
-def _is_held(value: Any, kind: Kind, count: int | None) -> bool:  # noqa: ANN401 - what JSON holds
+def _is_held(value: JsonValue, kind: Kind, count: int | None) -> bool:
     """Whether a column of this kind can hold a value; a list of ``count``, or where that is None of any length."""
     if kind is Kind.VECTORS:
         return isinstance(value, list) and all(_is_held(each, Kind.NUMBERS, count) for each in value)
@@ -281,7 +281,7 @@ def _wkt(geometry: Item | None) -> str | None:
     return f"{kind.upper()}{z} " + (texts[0] if lines is not coordinates else f"({', '.join(texts)})")
 
 
-def _at(values: Sequence[Any], index: int, otherwise: object) -> Any:  # noqa: ANN401 - what JSON holds
+def _at(values: Sequence[JsonValue], index: int, otherwise: object) -> JsonValue:
     return values[index] if index < len(values) else otherwise
 
 

@@ -19,9 +19,10 @@ from aerodft.adapters.telemetry.mavlink import (
     V2,
     FrameCounts,
     FrameSpans,
+    MessageClass,
     StreamFramer,
 )
-from aerodft.adapters.wire.payload import load_bounded_json
+from aerodft.adapters.wire.payload import JsonValue, load_bounded_json
 from aerodft.model import IntArray
 from replay.foreign.messages import JSON, ROS1, RosFields, type_of
 
@@ -62,13 +63,13 @@ class JsonPacker:
         return frame
 
 
-def _counts(kind: Any) -> list[int]:  # noqa: ANN401 - pymavlink's classes have no type
+def _counts(kind: MessageClass) -> list[int]:
     """Array lengths (0: no array) in the order of ``fieldnames``."""
     lengths = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
     return [lengths[name] for name in kind.fieldnames]
 
 
-def _value(value: Any, wire_type: str, count: int) -> Any:  # noqa: ANN401 - whatever JSON holds
+def _value(value: JsonValue, wire_type: str, count: int) -> JsonValue:
     if wire_type == "char":
         text = "".join(map(str, value)) if isinstance(value, list) else str(value or "")
         return text.encode()[: max(count, 1)]
@@ -78,7 +79,7 @@ def _value(value: Any, wire_type: str, count: int) -> Any:  # noqa: ANN401 - wha
     return _number(value, wire_type)
 
 
-def _number(value: Any, wire_type: str) -> int | float:  # noqa: ANN401 - whatever JSON holds
+def _number(value: JsonValue, wire_type: str) -> int | float:
     if isinstance(value, dict):
         value = value["type"] if "type" in value else value["bits"]
     if value is None:
@@ -169,7 +170,7 @@ class FrameReader:
         return b"".join(_bytes_in(item, _DEPTH))
 
 
-def _bytes_in(item: Any, depth: int) -> Iterator[bytes]:  # noqa: ANN401 - whatever JSON holds
+def _bytes_in(item: JsonValue, depth: int) -> Iterator[bytes]:
     """Bytes in base64 texts and lists of numbers anywhere in a JSON value."""
     if isinstance(item, str):
         try:

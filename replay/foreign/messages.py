@@ -18,7 +18,7 @@ from google.protobuf.message import DecodeError
 
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
-from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, load_bounded_json
+from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, JsonValue, load_bounded_json
 from aerodft.conventions import SECOND_NS
 from aerodft.model import Camera, LensModel
 
@@ -230,7 +230,7 @@ def _of_json(data: bytes) -> EncodedImage:
         raise ValueError(f"{type(error).__name__}: {error}") from error
 
 
-def json_stamp_ns(stamp: Any) -> int | None:  # noqa: ANN401 - whatever somebody writes
+def json_stamp_ns(stamp: JsonValue) -> int | None:
     """Seconds and nanoseconds in their usual names, or ISO 8601; None where it is neither.
 
     Raises:

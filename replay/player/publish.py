@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import orjson
 import zenoh
@@ -26,7 +26,7 @@ from aerodft.adapters.telemetry.mavlink import V1, V2, Transport
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, encode_image
 from aerodft.adapters.wire.keys import Keys, key_part
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
-from aerodft.adapters.wire.payload import load_bounded_json, load_payload
+from aerodft.adapters.wire.payload import JsonValue, load_bounded_json, load_payload
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
 from aerodft.adapters.wire.status import CALIBRATION_SCHEMA, CAMERA_MOTION_SCHEMA, STATUS_SCHEMA
 from aerodft.conventions import SECOND_NS
@@ -127,7 +127,7 @@ def _shift_json(data: bytes, shift_ns: int) -> bytes:
         return data
 
 
-def _shifted_json(item: Any, shift_ns: int) -> Any:  # noqa: ANN401 - whatever JSON holds
+def _shifted_json(item: JsonValue, shift_ns: int) -> JsonValue:
     if isinstance(item, list):
         return [_shifted_json(each, shift_ns) for each in item]
     if not isinstance(item, dict):
@@ -414,7 +414,7 @@ def is_matched(publisher: zenoh.Publisher) -> bool:
 
 def undeclare(publisher: zenoh.Publisher) -> None:
     """Withdraw a publisher."""
-    publisher.undeclare()  # type: ignore[no-untyped-call]  # zenoh is annotated in part
+    publisher.undeclare()
 
 
 _PERIOD_NS: Final = SECOND_NS // 2  # as a live station does

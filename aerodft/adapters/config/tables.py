@@ -13,7 +13,7 @@ from dataclasses import dataclass, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Generic, Literal, Self, TypeAlias, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -29,6 +29,8 @@ GEO: Final = "geo"
 _LARGEST_STD = LARGEST / 1000  # it is squared on the way to the resolved configuration, and must come back
 
 Value = TypeVar("Value")
+AnyValue: TypeAlias = Any
+"""Whatever TOML, dataclasses and annotations hold."""
 
 
 class Table(BaseModel):
@@ -48,7 +50,7 @@ class Table(BaseModel):
         return self
 
     @classmethod
-    def from_si(cls, *values: object, stds: object = None, **keys: Any) -> Self:  # noqa: ANN401 - whatever keys hold
+    def from_si(cls, *values: object, stds: object = None, **keys: AnyValue) -> Self:
         """The table of dataclasses of SI values.
 
         Args:
@@ -197,7 +199,7 @@ AS_SHARE = _INTO_SI["percent", "share"]
 """Percent to a share and back, where no name tells."""
 
 
-def unless_zero(value: Any) -> Any:  # noqa: ANN401 - whatever attributes hold
+def unless_zero(value: AnyValue) -> AnyValue:
     """The value; None where it is 0 or holds nothing, so that its key is left out."""
     return value or None
 
@@ -231,7 +233,7 @@ def si_value(
     return _built(kind, found | stated)
 
 
-def _to_key(value: Any, key: str, attribute: str, si: SiAttribute, nested: type[Table] | None) -> Any:  # noqa: ANN401 - whatever TOML and dataclasses hold
+def _to_key(value: AnyValue, key: str, attribute: str, si: SiAttribute, nested: type[Table] | None) -> AnyValue:
     """A key's value, of an attribute's."""
     if si.out is not None:
         return si.out(value)
@@ -296,7 +298,7 @@ def _keys(table: type[Table]) -> tuple[tuple[str, SiAttribute, type[Table] | Non
     return tuple(found)
 
 
-def _types(hint: Any) -> Iterator[type]:  # noqa: ANN401 - whatever annotations are
+def _types(hint: AnyValue) -> Iterator[type]:
     """The classes that an annotation names, those within others too."""
     if isinstance(hint, type) and not get_args(hint):
         yield hint
@@ -309,7 +311,7 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind) if is_dataclass(kind) else {}
 
 
-def _within(kind: type, attribute: str) -> Any:  # noqa: ANN401 - its class, or None
+def _within(kind: type, attribute: str) -> AnyValue:
     """The dataclass that an attribute is; None where it is none."""
     return next((each for each in _types(_hints(kind).get(attribute)) if is_dataclass(each)), None)
 
@@ -325,7 +327,7 @@ def _units(key: str, attribute: str) -> tuple[Callable[[Any], Any], Callable[[An
     return _INTO_SI.get((key.rpartition("_")[2], attribute.rpartition("_")[2]))
 
 
-def _typed(said: Any, hint: Any, folder: Path) -> Any:  # noqa: ANN401 - whatever TOML and dataclasses hold
+def _typed(said: AnyValue, hint: AnyValue, folder: Path) -> AnyValue:
     """Text as the path or the name that an attribute is; all else as it is."""
     if isinstance(said, tuple):
         return tuple(_typed(each, hint, folder) for each in said)
@@ -335,7 +337,7 @@ def _typed(said: Any, hint: Any, folder: Path) -> Any:  # noqa: ANN401 - whateve
     return folder / said if issubclass(kind, Path) else kind(said)
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever TOML and dataclasses hold
+def _plain(value: AnyValue) -> AnyValue:
     """A value with text for paths."""
     if isinstance(value, tuple):
         return tuple(map(_plain, value))

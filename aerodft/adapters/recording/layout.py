@@ -188,7 +188,7 @@ def encoded(*records: McapRecord) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]  # the library is annotated in part
+    return bytes(builder.end())
 
 
 class Registry:

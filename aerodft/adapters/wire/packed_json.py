@@ -7,12 +7,12 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import orjson
 
-from aerodft.adapters.wire.payload import Json, dump_payload
+from aerodft.adapters.wire.payload import Json, JsonValue, dump_payload
 from aerodft.jit import njit
 from aerodft.model import FloatArray, ImageArray, IntArray
 
@@ -147,7 +147,7 @@ class JsonTemplate:
         used = int(stop[-1]) if count else 0
         return PackedBytes(out[:used].data, np.concatenate([[0], stop[:-1]])[:count], stop)
 
-    def _hollow(self, value: Any, kept: Collection[str]) -> Any:  # noqa: ANN401 - whatever JSON holds
+    def _hollow(self, value: JsonValue, kept: Collection[str]) -> JsonValue:
         """A value with holes for texts and for numbers, which are noted in their order; ``kept`` keys stay."""
         if isinstance(value, float):
             if math.isnan(value):

@@ -7,7 +7,7 @@ double survives JSON exactly; degrees and back cost up to ``DEGREES_RTOL``.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Annotated, Any, Final, NoReturn, TypeVar
+from typing import Annotated, Any, Final, NoReturn, TypeAlias, TypeVar
 
 import orjson
 from pydantic import BeforeValidator, Field
@@ -15,6 +15,9 @@ from pydantic import BeforeValidator, Field
 from aerodft.conventions import LARGEST
 from aerodft.errors import InputError
 from aerodft.version import SOFTWARE
+
+JsonValue: TypeAlias = Any
+"""Whatever JSON holds: text, a number, a list, an object, ..."""
 
 MOST_JSON_BYTES: Final = 4 << 20
 """Of a payload without an image: a thousand measurements of one image take one or two."""
@@ -37,7 +40,7 @@ COUNT: Final[Schema] = {"type": "integer"}
 STAMP_OR_NULL: Final[Schema] = {**STAMP, "type": ["string", "null"]}
 
 
-def load_bounded_json(data: bytes, most_bytes: int = MOST_JSON_BYTES) -> Any:  # noqa: ANN401 - whatever JSON holds
+def load_bounded_json(data: bytes, most_bytes: int = MOST_JSON_BYTES) -> JsonValue:
     """The value of a JSON text.
 
     Args:
@@ -67,7 +70,7 @@ _WRONG: Final = (KeyError, TypeError, ValueError, IndexError, AttributeError)
 T = TypeVar("T")
 
 
-Json = dict[str, Any]
+Json = dict[str, JsonValue]
 
 
 def dump_payload(payload: Json) -> bytes:
@@ -246,14 +249,14 @@ def payload_of(schema: Schema, value: object, /, **known: object) -> Json:
     }
 
 
-def _attribute(value: object, key: str) -> Any:  # noqa: ANN401 - whatever values hold
+def _attribute(value: object, key: str) -> JsonValue:
     if key.endswith("_deg") and not hasattr(value, key):
         angle_rad = getattr(value, f"{key.removesuffix('deg')}rad")
         return None if angle_rad is None else math.degrees(angle_rad)
     return getattr(value, key)
 
 
-def _json(schema: Schema, value: Any) -> object:  # noqa: ANN401 - whatever values hold
+def _json(schema: Schema, value: JsonValue) -> object:
     if value is None:
         return None
     if "pattern" in schema:

@@ -45,7 +45,7 @@ from aerodft.adapters.config.station.station_tables import (
     probes_from,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
-from aerodft.adapters.config.tables import si_value
+from aerodft.adapters.config.tables import AnyValue, si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
 from aerodft.errors import ConfigError, located, named_in
 from aerodft.model import Calibration, Camera, ProjectionModel
@@ -204,7 +204,7 @@ def config_id(station: StationConfig) -> str:
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
-def _as_numbers(value: Any) -> Any:  # noqa: ANN401 (whatever TOML can hold)
+def _as_numbers(value: AnyValue) -> AnyValue:
     """Every number as the float that equals it: 50 m and 50.0 m are one height, and so are 0.0 and -0.0."""
     if isinstance(value, dict):
         return {key: _as_numbers(each) for key, each in value.items()}

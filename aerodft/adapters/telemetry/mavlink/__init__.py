@@ -24,7 +24,7 @@ from aerodft.adapters.telemetry.mavlink.decoding import (
     MavlinkDecoder,
     is_peripheral,
 )
-from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, frame_table, message_name, payload_dtype
+from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, MessageClass, frame_table, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.framing import (
     FrameCounts,
     FrameSpans,

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS, message_name, payload_dtype
+from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS, field_offset, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
 from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
 from aerodft.adapters.telemetry.tracks import (
@@ -83,12 +83,12 @@ CHOSEN_COMPONENT, CHOSEN_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8,
 ORIENTATION_DOWN = 25
 
 _UNDECIDED = -1
-_TYPE_AT = payload_dtype(HEARTBEAT).fields["type"][1]  # type: ignore[index] # structured: it has fields
-_AUTOPILOT_AT = payload_dtype(HEARTBEAT).fields["autopilot"][1]  # type: ignore[index] # structured: it has fields
-_ORIENTATION_AT = payload_dtype(DISTANCE_SENSOR).fields["orientation"][1]  # type: ignore[index] # as above
-_DEVICE_AT = payload_dtype(GIMBAL_DEVICE_ATTITUDE_STATUS).fields["gimbal_device_id"][1]  # type: ignore[index] # as above
-_SPACING_AT = payload_dtype(TERRAIN_REPORT).fields["spacing"][1]  # type: ignore[index] # as above
-_SENSOR_AT = payload_dtype(DISTANCE_SENSOR).fields["id"][1]  # type: ignore[index] # as above
+_TYPE_AT = field_offset(HEARTBEAT, "type")
+_AUTOPILOT_AT = field_offset(HEARTBEAT, "autopilot")
+_ORIENTATION_AT = field_offset(DISTANCE_SENSOR, "orientation")
+_DEVICE_AT = field_offset(GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal_device_id")
+_SPACING_AT = field_offset(TERRAIN_REPORT, "spacing")
+_SENSOR_AT = field_offset(DISTANCE_SENSOR, "id")
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
 _TYPE_GCS, _AUTOPILOT_NONE = 6, 8
 # A gimbal's number: up to 6 one that an autopilot speaks for, from 7 on the component that it is itself.

@@ -1,7 +1,7 @@
 """What pymavlink's ``ardupilotmega`` dialect says about messages, as tables for the hot loops."""
 
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,10 @@ from pymavlink.generator.mavcrc import x25crc
 TABLE_IDS: Final = 1 << 16
 """Message ids that tables have a row for."""
 
-MESSAGES: Final[dict[int, Any]] = ardupilotmega.mavlink_map
+MessageClass: TypeAlias = Any
+"""A class of pymavlink, which has no types."""
+
+MESSAGES: Final[dict[int, MessageClass]] = ardupilotmega.mavlink_map
 _NUMPY_TYPES: Final = {
     "char": "i1",
     "int8_t": "<i1",
@@ -33,7 +36,7 @@ def message_name(message_id: int) -> str:
     return f"UNKNOWN_{message_id}" if message is None else str(message.msgname)
 
 
-def _wire_fields(message: Any) -> list[tuple[str, str, int]]:  # noqa: ANN401 - pymavlink's classes have no type
+def _wire_fields(message: MessageClass) -> list[tuple[str, str, int]]:
     """Name, MAVLink type and array length (0: no array) of every field, in wire order, extensions last."""
     types = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     names = message.ordered_fieldnames
@@ -53,7 +56,12 @@ def payload_dtype(message_id: int) -> np.dtype[np.void]:
     )
 
 
-def _base_length(message: Any) -> int:  # noqa: ANN401 - pymavlink's classes have no type
+def field_offset(message_id: int, field: str) -> int:
+    """Offset of a field in a whole payload, in bytes."""
+    return dict(payload_dtype(message_id).fields or {})[field][1]
+
+
+def _base_length(message: MessageClass) -> int:
     """Payload bytes without extensions: CRC_EXTRA covers exactly the fields before them.
 
     By chance (1 in 256) a shorter run of fields has the same CRC_EXTRA; then the frame check is wider than it need be,

@@ -27,10 +27,9 @@ from aerodft.adapters.recording.read import (
     SegmentScan,
     attachment_head,
 )
-from aerodft.adapters.recording.write import COUNT_NAME, PROFILE, Summary
+from aerodft.adapters.recording.write import COUNT_NAME, PROFILE, Annotator, Summary
 from aerodft.errors import InputError, os_errors_as
 from aerodft.version import SOFTWARE
-from replay.export.annotations import Annotator
 from replay.recordings import Recording, messages_by_time
 
 _MOST_METADATA_BYTES: Final = 4 << 20

@@ -1,5 +1,6 @@
 """The recorder: a sink that writes a folder of MCAP segments from threads of its own."""
 
+from aerodft.adapters.recording.write.annotations import Annotator
 from aerodft.adapters.recording.write.image_writer import RecorderSettings
 from aerodft.adapters.recording.write.recorder import McapRecorder, RecordingTotals
 from aerodft.adapters.recording.write.records import image_sequence

@@ -18,7 +18,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from aerodft.adapters.recording import Channel, protobuf_channel
+from aerodft.adapters.recording.channels import Channel, protobuf_channel
 from aerodft.adapters.recording.read import ReadMessage
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.keys import Keys

@@ -19,11 +19,19 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
-from aerodft.adapters.recording import MAGIC, RECORD_HEAD, RECORDING_KEY, Channel, ChunkBuffer, Registry, encoded
+from aerodft.adapters.recording import (
+    MAGIC,
+    RECORD_HEAD,
+    RECORDING_KEY,
+    Channel,
+    ChannelMessage,
+    ChunkBuffer,
+    Registry,
+    encoded,
+)
 from aerodft.adapters.recording.read import (
     ATTACHMENT_HEAD_BYTES,
     MOST_ATTACHMENTS,
-    ReadMessage,
     SegmentScan,
     attachment_head,
 )
@@ -106,9 +114,9 @@ def merge_segments(recording: Recording, path: Path) -> "MergedRecordingWriter":
     return merged
 
 
-def _by_time(segments: list[SegmentScan]) -> Iterator[ReadMessage]:
+def _by_time(segments: list[SegmentScan]) -> Iterator[ChannelMessage]:
     """The messages of all segments by log time; of the same time, in order of the segments. Opens each when due."""
-    waiting: list[tuple[int, int, ReadMessage | None]] = [
+    waiting: list[tuple[int, int, ChannelMessage | None]] = [
         (min(chunk.start_ns for chunk in segment.chunks), number, None)
         for number, segment in enumerate(segments)
         if segment.chunks
@@ -244,7 +252,7 @@ class MergedRecordingWriter:
         self._summary.attach(offset, RECORD_HEAD.size + length, about, found.data_bytes)
         self.attachments += 1
 
-    def add(self, message: ReadMessage) -> None:
+    def add(self, message: ChannelMessage) -> None:
         """Add a message; segments that have the same channel share it."""
         channel = self._ids.get(id(message.channel))
         if channel is None:

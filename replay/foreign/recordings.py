@@ -20,8 +20,8 @@ from PIL import Image as PillowImage
 
 from aerodft.adapters.config.station import Topics
 from aerodft.adapters.images import FramePixels, PacketDecoder, StillPixels
-from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ChannelFilter, ReadMessage, SegmentScan, content_bytes, scan_segment
+from aerodft.adapters.recording import Channel, ChannelMessage
+from aerodft.adapters.recording.read import ChannelFilter, SegmentScan, content_bytes, scan_segment
 from aerodft.adapters.telemetry.mavlink import FrameCounts, StreamFramer
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
@@ -207,7 +207,7 @@ class ForeignRecording:
         """Whether a channel has the vehicle's MAVLink frames."""
         return channel.topic in self.mavlink
 
-    def by_time(self, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter) -> Iterator[ReadMessage]:
+    def by_time(self, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter) -> Iterator[ChannelMessage]:
         """Messages of log times in ``[from_ns, to_ns)``, in order of time."""
         streams = (_by_time(each, from_ns, to_ns, wanted) for each in self.segments)
         return heapq.merge(*streams, key=lambda message: message.log_ns)
@@ -234,7 +234,7 @@ class ForeignRecording:
 
     def messages(
         self, topic: str | None = None, *, from_ns: int | None = None, to_ns: int | None = None
-    ) -> Iterator[ReadMessage]:
+    ) -> Iterator[ChannelMessage]:
         """Messages as they were written, log times in ``[from_ns, to_ns)``; None for all topics."""
 
         def wanted(channel: Channel) -> bool:
@@ -274,7 +274,7 @@ class ForeignRecording:
 
 def _by_time(
     segment: SegmentScan, from_ns: int | None, to_ns: int | None, is_wanted: ChannelFilter
-) -> Iterator[ReadMessage]:
+) -> Iterator[ChannelMessage]:
     """One file's messages by log time, also where a converter wrote one topic after the other."""
     if all(one.end_ns <= other.start_ns + _APART_NS for one, other in pairwise(segment.chunks)):
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=is_wanted)
@@ -286,7 +286,7 @@ def _by_time(
         _log.warning(warning, segment.path, len(topics))
         return (each for each in messages_by_time(segment, is_wanted) if is_within(each, from_ns, to_ns))
 
-    def stream(topic: str) -> Iterator[ReadMessage]:
+    def stream(topic: str) -> Iterator[ChannelMessage]:
         return messages_of([segment], from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.topic == topic)
 
     streams = map(stream, sorted(topics))
@@ -428,9 +428,9 @@ class _TopicFrames:
             )
 
 
-def _batches(messages: Iterable[ReadMessage]) -> Iterator[list[ReadMessage]]:
+def _batches(messages: Iterable[ChannelMessage]) -> Iterator[list[ChannelMessage]]:
     """Messages, some thousands together: of no more bytes than are quickly gone through."""
-    batch: list[ReadMessage] = []
+    batch: list[ChannelMessage] = []
     size = 0
     for message in messages:
         batch.append(message)
@@ -490,7 +490,7 @@ class ForeignImages:
                 yield image
         losses.report(self._where())
 
-    def _image(self, decoder: "_Decoder", losses: _ImageLosses, indexed: tuple[int, ReadMessage]) -> Image | None:
+    def _image(self, decoder: "_Decoder", losses: _ImageLosses, indexed: tuple[int, ChannelMessage]) -> Image | None:
         """The image of a message; None, and counted, where there is none."""
         index, message = indexed
         try:

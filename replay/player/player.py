@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol, TypeAlias
 
-from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ReadMessage
+from aerodft.adapters.recording import Channel, ChannelMessage
 from aerodft.conventions import SECOND_NS
 from aerodft.service import Clock
 from aerodft.service.clocks import PAUSE_NS
@@ -33,7 +32,7 @@ class TimelineMessage(NamedTuple):
 
     log_ns: int
     recording: AnyRecording
-    message: ReadMessage
+    message: ChannelMessage
     is_step: bool
 
 

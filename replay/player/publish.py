@@ -20,8 +20,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError, Message
 
 from aerodft.adapters.images import FramePixels, PacketDecoder, encode_jpeg
-from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ReadMessage
+from aerodft.adapters.recording import Channel, ChannelMessage
 from aerodft.adapters.telemetry.mavlink import V1, V2, Transport
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, encode_image
 from aerodft.adapters.wire.keys import Keys, key_part
@@ -428,7 +427,7 @@ class VideoStills:
         self._decoder: PacketDecoder | None = None
         self._last_ns = self._next_ns = 0
 
-    def still(self, message: ReadMessage) -> bytes | None:
+    def still(self, message: ChannelMessage) -> bytes | None:
         """A packet's image as JPEG; None where none is due, or where it cannot be decoded."""
         if message.log_ns < self._last_ns:  # what was seen last is no reference for what comes now
             self._decoder, self._next_ns = None, 0

@@ -10,7 +10,8 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from google.protobuf.message import DecodeError
 
 from aerodft.adapters.images import FramePixels, PacketDecoder, decode_jpeg, is_key_packet
-from aerodft.adapters.recording.read import ChunkLocation, ChunkReader, ReadMessage, SegmentScan, log_times
+from aerodft.adapters.recording import ChannelMessage
+from aerodft.adapters.recording.read import ChunkLocation, ChunkReader, SegmentScan, log_times
 from aerodft.adapters.recording.write import image_sequence
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
@@ -74,7 +75,7 @@ class _VideoReader:
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._packets: Iterator[ReadMessage] = iter(())
+        self._packets: Iterator[ChannelMessage] = iter(())
         self._decoder: PacketDecoder | None = None
         self._last: tuple[int, FramePixels | None] = (0, None)
 
@@ -110,7 +111,7 @@ class _VideoReader:
                 return found
         return None
 
-    def _decoded(self, message: ReadMessage, most_px: int | None) -> FramePixels | None:
+    def _decoded(self, message: ChannelMessage, most_px: int | None) -> FramePixels | None:
         try:
             packet = CompressedVideo.FromString(message.data)
             self._decoder = self._decoder or PacketDecoder(packet.format, most_px)
@@ -171,7 +172,7 @@ def _images_in(segment: SegmentScan, place: ChunkLocation, schemas: dict[int, st
             yield from ((schemas[number], log_ns) for log_ns in each)
 
 
-def _messages_at(segment: SegmentScan, place: ChunkLocation) -> Iterator[ReadMessage]:
+def _messages_at(segment: SegmentScan, place: ChunkLocation) -> Iterator[ChannelMessage]:
     """The messages of one chunk; where no index names the channels, the first chunk does."""
     first = segment.chunks[0]
     reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)

@@ -14,12 +14,11 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
 from aerodft.adapters.files import looks_like
-from aerodft.adapters.recording import Channel
+from aerodft.adapters.recording import Channel, ChannelMessage
 from aerodft.adapters.recording.read import (
     ChannelFilter,
     ChunkTable,
     Gap,
-    ReadMessage,
     SegmentScan,
     recording_of,
     scan_segment,
@@ -242,7 +241,7 @@ class Recording:
 
     def messages(
         self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: ChannelFilter | None = None
-    ) -> Iterator[ReadMessage]:
+    ) -> Iterator[ChannelMessage]:
         """The messages of the data segments as they were written, log times in ``[from_ns, to_ns)``.
 
         Args:
@@ -265,7 +264,7 @@ class Recording:
         """``messages`` as columns, a chunk's at a time."""
         return message_tables(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
 
-    def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ReadMessage]:
+    def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ChannelMessage]:
         """The images and video packets of the image segments, log times in ``[from_ns, to_ns)``."""
         return messages_of(
             self.images,
@@ -287,7 +286,7 @@ class Recording:
         """Whether a channel has MAVLink frames."""
         return channel.encoding == WireProtocol.MAVLINK
 
-    def by_time(self, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter) -> Iterator[ReadMessage]:
+    def by_time(self, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter) -> Iterator[ChannelMessage]:
         """Data and images of log times in ``[from_ns, to_ns)``; a picture comes after its image's stamps."""
         data = self.messages(from_ns=from_ns, to_ns=to_ns, wanted=wanted)
         images = filter(lambda message: wanted(message.channel), self.image_messages(from_ns=from_ns, to_ns=to_ns))
@@ -460,5 +459,5 @@ def measurements_of(recording: Recording, image: Image) -> Iterator[bytes]:
             yield payload
 
 
-def _poses(recording: Recording, from_ns: int | None, to_ns: int | None) -> Iterator[ReadMessage]:
+def _poses(recording: Recording, from_ns: int | None, to_ns: int | None) -> Iterator[ChannelMessage]:
     return recording.messages(from_ns=from_ns, to_ns=to_ns, wanted=lambda channel: channel.schema == POSE_SCHEMA)

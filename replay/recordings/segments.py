@@ -9,13 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.recording import MAGIC, Channel
+from aerodft.adapters.recording import MAGIC, Channel, ChannelMessage
 from aerodft.adapters.recording.read import (
     ChannelFilter,
     ChunkLocation,
     ChunkReader,
     ChunkTable,
-    ReadMessage,
     SegmentScan,
 )
 
@@ -44,7 +43,7 @@ def messages_of(
     from_ns: int | None = None,
     to_ns: int | None = None,
     wanted: ChannelFilter | None = None,
-) -> Iterator[ReadMessage]:
+) -> Iterator[ChannelMessage]:
     """Messages in the order of writing, file after file.
 
     Args:
@@ -63,7 +62,7 @@ def messages_of(
         yield from filter(lambda message: is_within(message, from_ns, to_ns), messages)
 
 
-def is_within(message: ReadMessage, from_ns: int | None, to_ns: int | None) -> bool:
+def is_within(message: ChannelMessage, from_ns: int | None, to_ns: int | None) -> bool:
     """Whether a log time is in ``[from_ns, to_ns)``; None for the start, and for the end."""
     return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
 
@@ -128,7 +127,7 @@ _MOST_WAITING_BYTES: Final = 16 << 20  # while something is written
 _MESSAGE_BYTES: Final = 300  # what a message takes in memory besides its payload
 
 
-def messages_by_time(segment: SegmentScan, wanted: ChannelFilter | None = None) -> Iterator[ReadMessage]:
+def messages_by_time(segment: SegmentScan, wanted: ChannelFilter | None = None) -> Iterator[ChannelMessage]:
     """One segment's messages by log time, else as they were written; chunks that overlap are held together.
 
     Where these are too much to be held, what is earliest of it goes out: a file need not be in order.
@@ -158,19 +157,19 @@ class _MessageHeap:
     """Messages by log time, of the same time in the order in which they came."""
 
     def __init__(self) -> None:
-        self._heap: list[tuple[int, int, ReadMessage]] = []
+        self._heap: list[tuple[int, int, ChannelMessage]] = []
         self._count = self.bytes = 0
 
     def is_due(self, limit_ns: int | None) -> bool:
         """Whether there is one from before the limit."""
         return bool(self._heap) and (limit_ns is None or self._heap[0][0] < limit_ns)
 
-    def add(self, message: ReadMessage) -> None:
+    def add(self, message: ChannelMessage) -> None:
         heapq.heappush(self._heap, (message.log_ns, self._count, message))
         self._count += 1
         self.bytes += len(message.data) + _MESSAGE_BYTES
 
-    def pop(self) -> ReadMessage:
+    def pop(self) -> ChannelMessage:
         message = heapq.heappop(self._heap)[2]
         self.bytes -= len(message.data) + _MESSAGE_BYTES
         return message

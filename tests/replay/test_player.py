@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from aerodft.adapters.recording import Channel
-from aerodft.adapters.recording.read import ReadMessage
+from aerodft.adapters.recording import Channel, ChannelMessage
 from replay.player import Controls, Player
 from replay.player.player import TimelineMessage
 from tests.clock import VirtualClock
@@ -30,7 +29,7 @@ def row(times_s: list[float], marks: set[float] | None = None) -> Callable[[], I
     def items() -> Iterator[TimelineMessage]:
         for time_s in times_s:
             log_ns = START_NS + round(time_s * SECOND_NS)
-            message = ReadMessage(log_ns, CHANNEL, b"{}", 0)
+            message = ChannelMessage(log_ns, CHANNEL, b"{}", 0)
             yield TimelineMessage(log_ns, None, message, marks is None or time_s in marks)  # type: ignore[arg-type]
 
     return items

@@ -5,7 +5,7 @@ Whatever a file claims, no more of its schemas and channels is kept than is beli
 
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 from google.protobuf.message import Message
 from mcap.data_stream import ReadDataStream
@@ -48,6 +48,15 @@ class Channel:
     schema_encoding: str = ""
     schema_data: bytes = b""
     metadata: tuple[tuple[str, str], ...] = ()
+
+
+class ChannelMessage(NamedTuple):
+    """One message of a channel; ``log_ns`` is an input's arrival, or the tick that made an output."""
+
+    log_ns: int
+    channel: Channel
+    data: bytes
+    sequence: int = 0
 
 
 def raw_channel(protocol: str, sender: str) -> Channel:

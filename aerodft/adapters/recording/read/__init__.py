@@ -21,7 +21,6 @@ from aerodft.adapters.recording.read.messages import (
     ChannelFilter,
     ChunkReader,
     ChunkTable,
-    ReadMessage,
     content_bytes,
     is_one_of,
     recording_of,

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from aerodft.adapters.recording.channels import (
     DEFINITIONS,
     RECORDING_KEY,
     Channel,
+    ChannelMessage,
     Channels,
     ForeignChunkError,
     TooMuchDefinedError,
@@ -46,15 +47,6 @@ _LOOKED_AT: Final = 3  # chunks: one of them is whole
 _log = logging.getLogger(__name__)
 
 
-class ReadMessage(NamedTuple):
-    """One message; ``log_ns`` is an input's arrival, or the tick that made an output."""
-
-    log_ns: int
-    channel: Channel
-    data: bytes
-    sequence: int
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ChunkTable:
     """Messages of one chunk, in the order of writing.
@@ -81,11 +73,11 @@ class ChunkTable:
         """The messages of the given rows, by index or mask."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
-    def messages(self) -> Iterator[ReadMessage]:
+    def messages(self) -> Iterator[ChannelMessage]:
         """The messages one by one."""
         columns = (self.log_ns, self.channel, self.start, self.stop, self.sequence)
         for log_ns, channel, start, stop, sequence in zip(*(column.tolist() for column in columns), strict=True):
-            yield ReadMessage(log_ns, self.channels[channel], self.content[start:stop], sequence)
+            yield ChannelMessage(log_ns, self.channels[channel], self.content[start:stop], sequence)
 
     def kept(self) -> "ChunkTable":
         """The messages without the rest of a large content, which a few of them would keep in memory."""
@@ -132,7 +124,9 @@ class ChunkReader:
     damaged: int = 0
     damaged_offsets: set[int] = field(default_factory=set)
 
-    def messages(self, chunks: Iterable[ChunkLocation], wanted: ChannelFilter | None = None) -> Iterator[ReadMessage]:
+    def messages(
+        self, chunks: Iterable[ChunkLocation], wanted: ChannelFilter | None = None
+    ) -> Iterator[ChannelMessage]:
         """The messages of chunks of one file; arguments and errors are those of ``tables``."""
         return chain.from_iterable(map(ChunkTable.messages, self.tables(chunks, wanted)))
 

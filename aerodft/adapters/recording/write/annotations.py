@@ -18,8 +18,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from aerodft.adapters.recording.channels import Channel, protobuf_channel
-from aerodft.adapters.recording.read import ReadMessage
+from aerodft.adapters.recording.channels import Channel, ChannelMessage, protobuf_channel
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
@@ -59,7 +58,7 @@ class Annotator:
         self._numbers: dict[str, Channel] = {}
         self._damaged: set[str] = set()  # topics
 
-    def messages(self, message: ReadMessage) -> list[ReadMessage]:
+    def messages(self, message: ChannelMessage) -> list[ChannelMessage]:
         """What viewers need beside a message; nothing beside most, nor beside a damaged one (the first is said)."""
         try:
             return list(self._drawn_from(message))
@@ -70,7 +69,7 @@ class Annotator:
             self._damaged.add(topic)
             return []
 
-    def _drawn_from(self, message: ReadMessage) -> Iterator[ReadMessage]:
+    def _drawn_from(self, message: ChannelMessage) -> Iterator[ChannelMessage]:
         schema = message.channel.schema
         if schema == _CAMERA_SCHEMA:
             self._frame = _frame_of(message.data) or self._frame
@@ -86,7 +85,7 @@ class Annotator:
         elif schema == MEASUREMENT_SCHEMA:
             yield from self._measured(message, [orjson.loads(message.data)])
 
-    def _transforms(self, message: ReadMessage) -> Iterator[ReadMessage]:
+    def _transforms(self, message: ChannelMessage) -> Iterator[ChannelMessage]:
         sample = decode_pose(message.data)
         if sample.pose is None:
             return
@@ -99,15 +98,15 @@ class Annotator:
             translation=Vector3(x=east_m, y=north_m, z=up_m),
             rotation=Quaternion(w=w, x=x, y=y, z=z),
         )
-        yield ReadMessage(message.log_ns, self._transform, bytes(transform.SerializeToString()), 0)
+        yield ChannelMessage(message.log_ns, self._transform, bytes(transform.SerializeToString()), 0)
 
-    def _measured(self, message: ReadMessage, items: Sequence[dict[str, Any]]) -> Iterator[ReadMessage]:
+    def _measured(self, message: ChannelMessage, items: Sequence[dict[str, Any]]) -> Iterator[ChannelMessage]:
         for item in items:
-            yield ReadMessage(message.log_ns, self._number(item["name"]), _number_payload(item), 0)
+            yield ChannelMessage(message.log_ns, self._number(item["name"]), _number_payload(item), 0)
         for image in dict.fromkeys(item["image"] for item in items if item["image"] is not None and _pixels(item)):
             yield self._drawing(message, image, [item for item in items if item["image"] == image and _pixels(item)])
 
-    def _drawing(self, message: ReadMessage, image: int, items: Sequence[dict[str, Any]]) -> ReadMessage:
+    def _drawing(self, message: ChannelMessage, image: int, items: Sequence[dict[str, Any]]) -> ChannelMessage:
         """All that was measured in an image so far: a viewer keeps the last message of a stamp alone."""
         seen = self._drawn.setdefault(image, {})
         seen.update({item["name"]: item for item in items})
@@ -117,7 +116,7 @@ class Annotator:
         drawn = ImageAnnotations(
             points=[_line(item, stamp) for item in seen.values()], texts=[_text(item, stamp) for item in seen.values()]
         )
-        return ReadMessage(message.log_ns, self._annotations, bytes(drawn.SerializeToString()), 0)
+        return ChannelMessage(message.log_ns, self._annotations, bytes(drawn.SerializeToString()), 0)
 
     def _number(self, probe: str) -> Channel:
         if probe not in self._numbers:

@@ -17,9 +17,9 @@ from typing import TypeAlias
 import orjson
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-from aerodft.adapters.recording.channels import RECORDING_KEY, STATION_KEY, Channel, protobuf_channel
+from aerodft.adapters.recording.channels import RECORDING_KEY, STATION_KEY, Channel, ChannelMessage, protobuf_channel
 from aerodft.adapters.recording.write.image_writer import ImageWriter, RecorderSettings, image_channels
-from aerodft.adapters.recording.write.records import Record, RecordEncoder, camera_calibration, warm_up
+from aerodft.adapters.recording.write.records import RecordEncoder, camera_calibration, warm_up
 from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME, sync_folder
 from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter, SegmentedWriterSettings
 from aerodft.adapters.wire.keys import Keys
@@ -213,7 +213,7 @@ class McapRecorder:
         stem: str,
         metadata: Mapping[str, dict[str, str]],
         channels: tuple[Channel, ...],
-        first: Callable[[int, int | None], Iterable[Record]],
+        first: Callable[[int, int | None], Iterable[ChannelMessage]],
     ) -> SegmentedWriter:
         is_data = stem == "data"
         settings = SegmentedWriterSettings(
@@ -230,13 +230,13 @@ class McapRecorder:
         )
         return SegmentedWriter(settings, first)
 
-    def _first_data(self, number: int, at_ns: int | None) -> Iterable[Record]:
+    def _first_data(self, number: int, at_ns: int | None) -> Iterable[ChannelMessage]:
         status = self._status_now("running" if number else "starting")
         return (self._encoder.from_status(status if at_ns is None else replace(status, stamp_ns=at_ns)),)
 
-    def _first_images(self, number: int, at_ns: int | None) -> Iterable[Record]:  # noqa: ARG002 - all begin alike
+    def _first_images(self, number: int, at_ns: int | None) -> Iterable[ChannelMessage]:  # noqa: ARG002 - all begin alike
         now_ns = self._now_ns if at_ns is None else at_ns
-        return (Record(now_ns, self._camera, camera_calibration(self._settings.camera, now_ns)),)
+        return (ChannelMessage(now_ns, self._camera, camera_calibration(self._settings.camera, now_ns)),)
 
     def _status_now(self, state: str) -> StationStatus:
         shed_images = self._image_writer.shed if self._is_open else 0
@@ -255,7 +255,7 @@ class McapRecorder:
         else:
             self._data.write_rows(self._encoder.from_step(*work))
 
-    def _write(self, record: Record) -> None:
+    def _write(self, record: ChannelMessage) -> None:
         self._data.write(record.channel, record.log_ns, record.data, record.sequence)
 
 

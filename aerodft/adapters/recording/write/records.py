@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.opcode import Opcode
 
-from aerodft.adapters.recording.channels import Channel, json_channel, protobuf_channel, raw_channel
+from aerodft.adapters.recording.channels import Channel, ChannelMessage, json_channel, protobuf_channel, raw_channel
 from aerodft.adapters.recording.layout import MESSAGE_HEAD, RECORD_HEAD, ChunkBuffer
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, encode_images, encode_observation
 from aerodft.adapters.wire.keys import Keys
@@ -79,9 +79,10 @@ class MessageRows:
         """``(n,)`` bytes of the payloads."""
         return self.texts.stop - self.texts.start
 
-    def message(self, row: int) -> tuple[Channel, int, bytes, int]:
-        """One of them: channel, log time, payload, sequence."""
-        return self.channels[self.channel[row]], int(self.log_ns[row]), self.texts.text(row), int(self.sequence[row])
+    def message(self, row: int) -> ChannelMessage:
+        """One of them."""
+        channel, log_ns = self.channels[self.channel[row]], int(self.log_ns[row])
+        return ChannelMessage(log_ns, channel, self.texts.text(row), int(self.sequence[row]))
 
     def lay(self, first: int, stop: int, ids: IntArray, buffer: ChunkBuffer) -> None:
         """Add some of them to a chunk, by the channels' ids ``(channels,)``."""
@@ -147,15 +148,6 @@ def image_sequence(index: int) -> int:
     return index & _SEQUENCE_MASK
 
 
-class Record(NamedTuple):
-    """One message to be written."""
-
-    log_ns: int
-    channel: Channel
-    data: bytes
-    sequence: int = 0
-
-
 class RecordEncoder:
     """Makes records; remembers the channels of senders and observed probes. Used by one thread."""
 
@@ -186,9 +178,9 @@ class RecordEncoder:
         self._add_outputs(rows, outputs)
         return rows.sorted()
 
-    def from_status(self, value: StationStatus) -> Record:
+    def from_status(self, value: StationStatus) -> ChannelMessage:
         """A station's state."""
-        return Record(value.stamp_ns, self._status, encode_status(value))
+        return ChannelMessage(value.stamp_ns, self._status, encode_status(value))
 
     def _add_inputs(self, rows: "_TickRows", batches: Batches) -> None:
         """What arrived at the very same time comes in this order: frames, the stamps of images, observations."""

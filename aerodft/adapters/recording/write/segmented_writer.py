@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.recording.channels import Channel, id_channel
+from aerodft.adapters.recording.channels import Channel, ChannelMessage, id_channel
 from aerodft.adapters.recording.layout import ChunkBuffer, EncodedChunk, Registry, compressor
-from aerodft.adapters.recording.write.records import MessageRows, Record
+from aerodft.adapters.recording.write.records import MessageRows
 from aerodft.adapters.recording.write.segment import Segment, free_bytes, sync_folder
 from aerodft.conventions import SECOND_NS
 
@@ -82,7 +82,7 @@ class SegmentedWriter:
     """
 
     def __init__(
-        self, settings: SegmentedWriterSettings, first_records: Callable[[int, int | None], Iterable[Record]]
+        self, settings: SegmentedWriterSettings, first_records: Callable[[int, int | None], Iterable[ChannelMessage]]
     ) -> None:
         self._settings = settings
         self._first_records = first_records
@@ -168,7 +168,8 @@ class SegmentedWriter:
                 self._room_bytes -= int(taken[stop - 1]) - ahead
             if stop < len(rows):
                 stop = max(stop, row)
-                self.write(*rows.message(stop))
+                log_ns, channel, data, sequence = rows.message(stop)
+                self.write(channel, log_ns, data, sequence)
                 stop += 1
             row = stop
 

@@ -10,7 +10,12 @@ def free_udp_port() -> int:
         return int(free.getsockname()[1])
 
 
+def free_tcp_port() -> int:
+    """A TCP port."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
 def free_endpoint() -> str:
     """A TCP port, as zenoh writes it."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_tcp_port()}"

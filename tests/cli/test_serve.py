@@ -1,5 +1,6 @@
 """The live service as its user meets it: real processes, real sockets, a subscriber on the bus, and a signal."""
 
+import io
 import json
 import signal
 import socket
@@ -10,8 +11,13 @@ import time
 from pathlib import Path
 
 import jsonschema
+import PIL.Image
 import pytest
 import tomli_w
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 
 from aerodft.adapters.bus import session_on
 from aerodft.adapters.config.camera import camera_document
@@ -20,7 +26,8 @@ from aerodft.model import Image
 from aerodft.sim import default_camera
 from replay.compare import compare_measurements
 from replay.recordings import Recording, RecordingSource
-from tests.ports import free_endpoint, free_udp_port
+from tests.adapters.outputs.foxglove_client import Viewer
+from tests.ports import free_endpoint, free_tcp_port, free_udp_port
 
 PATIENCE_S = 60.0
 
@@ -74,14 +81,15 @@ class Service:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
-    """A short live flight: the folder, what a subscriber got, and the service's words and exit code."""
+    """A short live flight: the folder, what a subscriber and a viewer got, and the service's words and exit code."""
     folder = tmp_path_factory.mktemp("live")
-    endpoint, mavlink, video = free_endpoint(), free_udp_port(), free_udp_port()
+    endpoint, mavlink, video, foxglove = free_endpoint(), free_udp_port(), free_udp_port(), free_tcp_port()
     config = write_station(
         folder,
         endpoint,
         telemetry={"connection": f"udpin:127.0.0.1:{mavlink}", "height": {"order": ["home"]}},
         images={"stream": f"udp://127.0.0.1:{video}"},
+        foxglove={"port": foxglove, "image_hz": 100.0},
     )
     service = Service(config, "-o", folder / "recording")
     simulator = [
@@ -92,7 +100,7 @@ def flown(tmp_path_factory):
     received = []
     try:
         service.wait_for("recording to")
-        with session_on(None, [endpoint]) as session:
+        with session_on(None, [endpoint]) as session, Viewer(foxglove) as viewer:
             subscriber = session.declare_subscriber(
                 "aerodft/**", lambda sample: received.append((str(sample.key_expr), sample.payload.to_bytes()))
             )
@@ -103,18 +111,18 @@ def flown(tmp_path_factory):
             subscriber.undeclare()
     finally:
         service.end()
-    return folder, received, service.said, code
+    return folder, received, viewer, service.said, code
 
 
 def test_a_signal_ends_it_cleanly_and_it_says_where_the_recording_is(flown):
-    folder, _, said, code = flown
+    folder, _, _, said, code = flown
     assert code == 0
     assert any(f"recording: {folder / 'recording'}" in line for line in said)
     assert Recording(folder / "recording").is_whole
 
 
 def test_a_subscriber_gets_every_measurement_valid_against_the_schema(flown):
-    folder, received, _, _ = flown
+    folder, received, *_ = flown
     got = [payload for key, payload in received if key.startswith("aerodft/live/measurement/")]
     assert got == list(Recording(folder / "recording").measurements())
     validator = jsonschema.Draft202012Validator(SCHEMAS["aerodft.measurement/1"])
@@ -124,9 +132,34 @@ def test_a_subscriber_gets_every_measurement_valid_against_the_schema(flown):
 
 
 def test_image_pose_and_status_are_on_the_bus_too(flown):
-    _, received, _, _ = flown
+    _, received, *_ = flown
     keys = {key for key, _ in received}
     assert {"aerodft/live/pose", "aerodft/live/status", "aerodft/live/image"} <= keys
+
+
+def test_a_viewer_sees_what_is_recorded_and_what_is_drawn_over_the_images(flown):
+    folder, _, viewer, said, _ = flown
+    recording, root = Recording(folder / "recording"), "aerodft/live"
+    recorded = {(message.channel.topic, message.data) for message in recording.messages()}
+    for topic in ("measurements", "pose", "image", "location", "status"):
+        got = viewer.of(f"{root}/{topic}")
+        assert got
+        assert topic == "status" or {(f"{root}/{topic}", data) for data in got} <= recorded
+    assert not any("mavlink" in topic for topic in viewer.channels)
+    images = {int(json.loads(data)["stamp_ns"]) for data in viewer.of(f"{root}/image")}
+    pictures = list(map(CompressedImage.FromString, viewer.of(f"{root}/image/jpeg")))
+    assert {picture.timestamp.ToNanoseconds() for picture in pictures} <= images
+    assert PIL.Image.open(io.BytesIO(pictures[-1].data)).size == (640, 360)
+    camera = CameraCalibration.FromString(viewer.of(f"{root}/camera")[-1])
+    transform = FrameTransform.FromString(viewer.of(f"{root}/transform")[-1])
+    assert pictures[-1].frame_id == camera.frame_id == transform.child_frame_id
+    drawn = [ImageAnnotations.FromString(data) for data in viewer.of(f"{root}/annotations")]
+    assert {each.timestamp.ToNanoseconds() for drawing in drawn for each in drawing.texts} <= images
+    numbers = [json.loads(data)["value"] for data in viewer.of(f"{root}/number/centre")]
+    values = [each["value"] for each in map(json.loads, recording.measurements()) if each["name"] == "centre"]
+    assert len(numbers) > 10
+    assert numbers == values[-len(numbers) :]
+    assert any("ws://127.0.0.1:" in line for line in said)
 
 
 def test_live_recomputed_is_the_same_to_the_byte(aerodft, flown, tmp_path):
@@ -191,6 +224,15 @@ def test_busy_bus_endpoint_is_named(aerodft, tmp_path):
         )
     assert done.code == 3
     assert endpoint in done.err
+
+
+def test_busy_port_of_the_viewer_is_named(aerodft, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        config = write_station(tmp_path, free_endpoint(), pose=FIXED, images={"rate_hz": 5.0}, foxglove={"port": port})
+        done = aerodft("serve", config, "-o", tmp_path / "recording")
+    assert done.code == 3
+    assert f"127.0.0.1:{port}" in done.last
 
 
 def test_recorded_input_is_for_import(aerodft, tmp_path):

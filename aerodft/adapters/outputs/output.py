@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from aerodft.adapters.config import Table
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus
-from aerodft.model import Image, Measurement, Observation, Probe
+from aerodft.model import Camera, Image, Measurement, Observation, Probe
 from aerodft.service import Sink
 
 
@@ -17,6 +17,7 @@ class Run:
 
     Attributes:
         station: Name of the station.
+        camera: What its images are taken with.
         probes: What it measures.
         is_live: Whether it measures as images come, not from files.
         measure: Measures at once what somebody asks for.
@@ -25,6 +26,7 @@ class Run:
     """
 
     station: str
+    camera: Camera
     probes: tuple[Probe, ...]
     is_live: bool
     measure: Callable[[MeasureRequest], list[Measurement]]

@@ -18,12 +18,12 @@ class Keys:
         self.root = f"aerodft/{key_part(station)}"
         self.pose = f"{self.root}/pose"  # the pose of every image
         self.image = f"{self.root}/image"  # JPEGs, with the image's index and UTC stamp attached
-        self.jpeg = f"{self.root}/image/jpeg"  # in a recording: images as JPEG
+        self.jpeg = f"{self.root}/image/jpeg"  # in a recording, in Foxglove: images as JPEG
         self.video = f"{self.root}/image/video"  # in a recording: an H.264 stream as it came
         self.camera = f"{self.root}/camera"  # in a recording: the camera file
         self.measurements = f"{self.root}/measurements"  # in a recording: all of an image's
-        self.annotations = f"{self.root}/annotations"  # in an exported file: what viewers draw over the images
-        self.transform = f"{self.root}/transform"  # in an exported file: from the camera to the station's axes
+        self.annotations = f"{self.root}/annotations"  # in an exported file, in Foxglove: lines over the images
+        self.transform = f"{self.root}/transform"  # in an exported file, in Foxglove: the camera in station axes
         self.height = f"{self.root}/height"  # heights are of another source from now on, with the step
         self.location = f"{self.root}/location"  # in a recording: the vehicle's place
         self.calibration = f"{self.root}/calibration"  # what landmarks add to the telemetry, after each image
@@ -40,7 +40,7 @@ class Keys:
         return f"{self.root}/measurement/{key_part(probe)}"
 
     def number(self, probe: str) -> str:
-        """Where an exported file has a probe's values alone."""
+        """Where an exported file, and Foxglove, have a probe's values alone."""
         return f"{self.root}/number/{key_part(probe)}"
 
     def observation(self, probe: str) -> str:

@@ -234,6 +234,7 @@ def outputs_run(station: StationConfig, pipeline: Pipeline, inbox: Inbox | None 
 
     return Run(
         station=station.pipeline.station,
+        camera=station.pipeline.camera,
         probes=station.pipeline.probes,
         is_live=inbox is not None,
         measure=measure,

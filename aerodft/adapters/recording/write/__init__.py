@@ -3,7 +3,7 @@
 from aerodft.adapters.recording.write.annotations import Annotator
 from aerodft.adapters.recording.write.image_writer import RecorderSettings
 from aerodft.adapters.recording.write.recorder import McapRecorder, RecordingTotals
-from aerodft.adapters.recording.write.records import image_sequence
+from aerodft.adapters.recording.write.records import RecordEncoder, camera_calibration, compressed_image, image_sequence
 from aerodft.adapters.recording.write.segment import (
     CONFIG_NAME,
     COUNT_BYTES,

@@ -1,0 +1,79 @@
+"""The live view in Foxglove where something is wrong with its viewers, or with the machine."""
+
+import sys
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from aerodft.adapters.outputs import Run
+from aerodft.adapters.outputs.foxglove_server import FoxgloveServer, FoxgloveTable, open_output
+from aerodft.adapters.wire.status import StationStatus
+from aerodft.errors import InputError
+from aerodft.model import Image
+from aerodft.sim import default_camera
+from tests.adapters.outputs.foxglove_client import Viewer, deaf_viewer
+from tests.batches import one_tick, step_outputs
+from tests.ports import free_tcp_port
+
+NOISE = np.random.default_rng(1).integers(0, 255, (720, 1280, 3), dtype=np.uint8)
+
+
+def a_run(*, is_live=True):
+    return Run(
+        station="s",
+        camera=default_camera(1280, 720),
+        probes=(),
+        is_live=is_live,
+        measure=lambda _: [],
+        put_observation=None,
+        in_utc=lambda image: image,
+    )
+
+
+def show(server, index):
+    image = Image(
+        index=index,
+        stamp_ns=index * 10**9,
+        arrival_ns=index * 10**9,
+        width_px=1280,
+        height_px=720,
+        pixels=lambda: NOISE,
+    )
+    server.take(one_tick(index * 10**9, [image]), step_outputs([()]))
+
+
+def test_a_viewer_that_does_not_read_takes_nothing_from_others():
+    port = free_tcp_port()
+    with (
+        closing(FoxgloveServer(FoxgloveTable(port=port), a_run())) as server,
+        deaf_viewer(port),
+        Viewer(port) as viewer,
+    ):
+        while not viewer.of("aerodft/s/status"):  # until it has subscribed
+            server.status(StationStatus(station="s", stamp_ns=1, state="running"))
+            time.sleep(0.01)
+        for index in range(60):  # some 60 MB for the deaf one
+            show(server, index)
+            viewer.wait_for(lambda index=index: len(viewer.of("aerodft/s/image")) > index)
+    assert len(viewer.of("aerodft/s/image/jpeg")) > 10
+    assert server.warnings() == ()
+
+
+def test_a_machine_that_is_too_slow_measures_on_and_says_what_was_not_shown(monkeypatch):
+    with closing(FoxgloveServer(FoxgloveTable(port=free_tcp_port()), a_run())) as server:
+        monkeypatch.setattr(server._queue, "put", lambda _: False)  # noqa: SLF001 - full
+        show(server, 1)
+        show(server, 2)
+    assert server.warnings() == ("2 ticks were not shown in Foxglove: the machine was too slow",)
+
+
+def test_without_the_sdk_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(InputError, match=r"aerodft\[foxglove\]"):
+        open_output(FoxgloveTable(), a_run())
+
+
+def test_only_a_live_run_has_it():
+    assert open_output(FoxgloveTable(), a_run(is_live=False)) is None

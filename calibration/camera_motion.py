@@ -74,14 +74,14 @@ class KnownTurn:
     Attributes:
         wxyz: ``(4,)`` ``now_SO3_reference``.
         cov: ``(..., 3, 3)`` of a small rotation about the camera's axes now, without the lens's part (rad^2).
-        by_intrinsics: ``(3, m)``: that small rotation by errors of the intrinsics.
+        jac_intrinsics: ``(3, m)``: that small rotation by errors of the intrinsics.
         lens_cov: ``(m, m)`` of the intrinsics.
         shift_m: Standard deviation, along each axis, of how far the lens went along.
     """
 
     wxyz: FloatArray
     cov: FloatArray
-    by_intrinsics: FloatArray
+    jac_intrinsics: FloatArray
     lens_cov: FloatArray
     shift_m: float
 
@@ -93,7 +93,7 @@ class KnownTurn:
     @property
     def std_rad(self) -> FloatArray:
         """``(..., 3)`` about the camera's axes now, the lens's part included."""
-        by_lens = self.by_intrinsics @ self.lens_cov @ self.by_intrinsics.T
+        by_lens = self.jac_intrinsics @ self.lens_cov @ self.jac_intrinsics.T
         return np.asarray(np.sqrt(np.diagonal(self.cov + by_lens, axis1=-2, axis2=-1)))
 
 
@@ -106,7 +106,7 @@ def rotated_pose(pose: Pose, turn: KnownTurn) -> Pose:
     carry = np.eye(6)
     carry[3:, 3:] = matrix(turn.wxyz)
     by_lens = np.zeros((6, len(turn.lens_cov)))
-    by_lens[3:] = -turn.by_intrinsics  # the pose's rotation is the turn's inverse
+    by_lens[3:] = -turn.jac_intrinsics  # the pose's rotation is the turn's inverse
     with_lens = carry @ (pose.lens_cov if pose.lens_cov.shape[-1] else np.zeros_like(by_lens))
     crossed = with_lens @ by_lens.T
     cov = carry @ pose.cov @ carry.T + crossed + np.swapaxes(crossed, -1, -2) + by_lens @ turn.lens_cov @ by_lens.T
@@ -464,7 +464,7 @@ class CameraMotionCalibrator:
         return KnownTurn(
             wxyz=rest.wxyz,
             cov=cov + self._unwatched_rad2(stamp_ns)[:, None, None] * np.eye(3),
-            by_intrinsics=rest.last.by_intrinsics,
+            jac_intrinsics=rest.last.jac_intrinsics,
             lens_cov=self._lens_cov,
             shift_m=2 * self._settings.lever_arm_m * math.sin(half_rad),  # of what is at the end of a lever
         )

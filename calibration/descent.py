@@ -99,7 +99,7 @@ class Rows:
 
     Attributes:
         values: ``(m,)`` in standard deviations.
-        by_unknowns: ``(m, s + k)``.
+        jac_unknowns: ``(m, s + k)``.
         owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
         px: ``(m,)`` in pixels; 0 for priors.
         images: Rows of each image; behind them those that depend on shared unknowns alone, all of them without images.
@@ -107,7 +107,7 @@ class Rows:
     """
 
     values: FloatArray
-    by_unknowns: FloatArray
+    jac_unknowns: FloatArray
     owner: np.ndarray
     px: FloatArray
     images: tuple[slice, ...] = ()
@@ -115,7 +115,7 @@ class Rows:
 
     def normal(self, weights: FloatArray) -> NormalEquations:
         """Normal equations with weights ``(m,)`` of the rows."""
-        by, size = self.by_unknowns, self.by_unknowns.shape[1]
+        by, size = self.jac_unknowns, self.jac_unknowns.shape[1]
         weighted, count = by * weights[:, None], size - self.own
         shared = slice(self.images[-1].stop if self.images else 0, None)
         return NormalEquations(
@@ -132,7 +132,7 @@ def concatenate_residuals(parts: list[Rows]) -> Rows:
         return parts[0]
     return Rows(
         np.concatenate([part.values for part in parts]),
-        np.concatenate([part.by_unknowns for part in parts]),
+        np.concatenate([part.jac_unknowns for part in parts]),
         np.concatenate([part.owner for part in parts]),
         np.concatenate([part.px for part in parts]),
     )

@@ -227,14 +227,14 @@ class BiasFilter:
         if place is not None:
             point = point + state[place]
         seen = reproject(self._camera, pose.position_enu_m, matrix(pose.wxyz), point)
-        by_pose = np.hstack([-seen.by_point, seen.by_rotation])
+        by_pose = np.hstack([-seen.jac_point, seen.jac_rotation])
         by = np.zeros((2, len(state)))
         by[:, self._biases] = by_pose @ sight.image.by_biases(biases, pose.wxyz)
         by[:, self._image] = by_pose
         if self._lens.stop > self._lens.start:
-            by[:, self._lens] = seen.by_intrinsics
+            by[:, self._lens] = seen.jac_intrinsics
         if place is not None:
-            by[:, place] = seen.by_point
+            by[:, place] = seen.jac_point
         return seen.pixels_px, by
 
     def _propagate(self, stamp_ns: int) -> None:

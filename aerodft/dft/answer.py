@@ -80,9 +80,10 @@ _MIN_ELLIPSE_RATIO: Final = 5e-3
 """Smallest ratio of an ellipse's axes when draws are compared with first order."""
 _GRAZING_RAD: Final = math.radians(15)  # depression below which reasons name it: small angles become large errors
 _NO_DIRECTIONS: Final = np.empty((0, 3))
+_SHARED_AXES: Final = 2  # of pixels, and of rays, that all images share
 
 ReasonsOf: TypeAlias = Callable[[IntArray, IntArray], Iterable[str]]
-"""Function that gives a reason for each refused request, by images ``(r,)`` and requests ``(r,)``."""
+"""Function that gives a reason for each refused request, by indices ``(r,)`` of images and of requests."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,30 +151,30 @@ class Answers:
         reasons: Of each request, by image, where they differ from those of the image's pose.
         is_undefined: ``(n, g)`` whether there is no value, however small the errors.
         value: ``(n, g)`` in SI units; NaN for a position.
-        by_shared: ``(n, g, s)`` derivatives of the values.
-        by_px: ``(n, g, q, 2)`` derivatives of the values by the pixels.
+        jac_shared: ``(n, g, s)`` derivatives of the values.
+        jac_px: ``(n, g, q, 2)`` derivatives of the values by the pixels.
         std_px: ``(g,)`` of each pixel coordinate.
 
     Args:
         view: The view.
         kind: What is measured.
-        columns: ``(g, q)`` indices of the view's pixels.
+        pixel_index: ``(g, q)`` indices of the view's pixels.
     """
 
-    def __init__(self, view: ProjectedPixels, kind: ProbeKind, columns: IntArray) -> None:
+    def __init__(self, view: ProjectedPixels, kind: ProbeKind, pixel_index: IntArray) -> None:
         self.kind = kind
         self._kind = PROBE_KINDS[kind]
-        self._view, self._columns = view, columns
-        first = columns[:, 0]
+        self._view, self._pixel_index = view, pixel_index
+        first = pixel_index[:, 0]
         self._elevation_std_m, self.std_px = view.elevation_std_m[first], view.std_px[first]
         self._vars = np.square(self._elevation_std_m), np.square(self.std_px)
-        self._ground = view.ground.take(columns)
+        self._ground = view.ground.take(pixel_index)
         self._camera_m = view.poses.pose.position_enu_m[:, None]
-        count = columns.shape[1]
+        count = pixel_index.shape[1]
         self.is_pinhole = view.setup.model is ProjectionModel.PINHOLE
         self._on_ground = self._kind.on_ground(count) if self.is_pinhole else count
         self.code = np.full(self._ground.status.shape[:2], _OK, dtype=np.int64)
-        self.reasons: list[dict[int, tuple[str, ...]]] = [{} for _ in columns]
+        self.reasons: list[dict[int, tuple[str, ...]]] = [{} for _ in pixel_index]
         self._compute_ranges()
         self._refuse_undefined()
         self.is_undefined = self.code != _OK
@@ -217,16 +218,20 @@ class Answers:
                 numbers[name] = np.where(missing.reshape(*missing.shape, *[1] * (values.ndim - 2)), np.nan, values)
         return numbers
 
-    def variance_terms(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """One request's variance in each image as ``by_shared``, the pixels' part, and the shared covariance."""
-        pixel_var = self._vars[1][member] * np.sum(np.square(self.by_px[:, member]), axis=(1, 2))
-        rows = np.arange(len(self.code))
-        return self.by_shared[:, member], pixel_var, self._cov_of(rows, np.full(len(rows), member))
+    def variance_terms(self, request: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """One request's variance in each image as ``jac_shared``, the pixels' part, and the shared covariance."""
+        pixel_var = self._vars[1][request] * np.sum(np.square(self.jac_px[:, request]), axis=(1, 2))
+        images = np.arange(len(self.code))
+        return self.jac_shared[:, request], pixel_var, self._cov_of(images, np.full(len(images), request))
 
-    def base_elevation(self, member: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def base_elevation(self, request: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Height of a request's first point ``(n,)``; Jacobians by shared errors ``(n, s)``, its pixel ``(n, 2)``."""
         ground = self._ground
-        return ground.points_enu_m[:, member, 0, 2], ground.jac_shared[:, member, 0, 2], ground.jac_px[:, member, 0, 2]
+        return (
+            ground.points_enu_m[:, request, 0, 2],
+            ground.jac_shared[:, request, 0, 2],
+            ground.jac_px[:, request, 0, 2],
+        )
 
     def _compute_ranges(self) -> None:
         """Slant ranges ``(n, g, k)`` of points that must lie on the ground, with first-order standard deviations."""
@@ -234,12 +239,12 @@ class Answers:
         away = ground.points_enu_m - self._camera_m[:, :, None]
         self._range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
         unit = away / self._range_m[..., None]
-        self._range_by_shared = np.einsum("ngqi,ngqis->ngqs", unit, ground.jac_shared)
-        self._range_by_shared[..., POSITION] -= unit
-        self._range_by_px = np.einsum("ngqi,ngqij->ngqj", unit, ground.jac_px)
+        self._range_jac_shared = np.einsum("ngqi,ngqis->ngqs", unit, ground.jac_shared)
+        self._range_jac_shared[..., POSITION] -= unit
+        self._range_jac_px = np.einsum("ngqi,ngqij->ngqj", unit, ground.jac_px)
         shape = self._range_m.shape
         vars_ = [np.repeat(each, shape[2]) for each in self._vars]
-        by = [each.reshape(shape[0], -1, each.shape[-1]) for each in (self._range_by_shared, self._range_by_px)]
+        by = [each.reshape(shape[0], -1, each.shape[-1]) for each in (self._range_jac_shared, self._range_jac_px)]
         self._range_std_m = standard_deviations(by[0], by[1], self._view.shared_cov, *vars_).reshape(shape)
 
     def _refuse_undefined(self) -> None:
@@ -250,7 +255,7 @@ class Answers:
         if is_miss.any():
             first = np.argmax(is_miss, axis=-1)
             codes = np.take_along_axis(status, first[..., None], axis=-1)[..., 0]
-            self._refuse(np.any(is_miss, axis=-1), codes, lambda *rows: self._say_no_ground(first, *rows))
+            self._refuse(np.any(is_miss, axis=-1), codes, lambda *images: self._say_no_ground(first, *images))
         limit = self._view.setup.max_range_m
         if limit is not None:
             self._refuse(np.any(self._range_m > limit, axis=-1), Status.BEYOND_RANGE, self._say_beyond)
@@ -274,19 +279,19 @@ class Answers:
             self._ends = Interval(self.value, self.value)
             return
         if self._kind.sees_rays and self.is_pinhole:
-            self._rays = _directions(self._view.rays, self._columns, self._view.poses)
+            self._rays = _directions(self._view.rays, self._pixel_index, self._view.poses)
             self.geometry = RayGeometry(self._camera_m, self._rays.directions_enu, self._ground.points_enu_m)
-        elevation = self._view.elevation_m[:, self._columns[:, 0]]
+        elevation = self._view.elevation_m[:, self._pixel_index[:, 0]]
         self.value, by = scalars(self._kind, self._view.setup.model, self.geometry, self._view.poses.pose, elevation)
-        self.by_shared, self.by_px = scalar_jacobians(by, self._ground, self._rays)
-        self.linear_std = self._std(self.by_shared, self.by_px)
+        self.jac_shared, self.jac_px = scalar_jacobians(by, self._ground, self._rays)
+        self.linear_std = self._std(self.jac_shared, self.jac_px)
         self.std = self.linear_std.copy()
         low = self.value - Z95 * self.std
         self._ends = Interval(low if self._kind.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
 
-    def _std(self, by_shared: FloatArray, by_px: FloatArray) -> FloatArray:
-        px = by_px.reshape(*by_px.shape[:2], -1)
-        return standard_deviations(by_shared, px, self._view.shared_cov, *self._vars)
+    def _std(self, jac_shared: FloatArray, jac_px: FloatArray) -> FloatArray:
+        px = jac_px.reshape(*jac_px.shape[:2], -1)
+        return standard_deviations(jac_shared, px, self._view.shared_cov, *self._vars)
 
     def _refine_by_draws(self) -> None:
         """Replace first order by draws where it is not enough; refuse requests whose ranges are too uncertain."""
@@ -301,31 +306,33 @@ class Answers:
         needs_draws |= self._is_nonlinear(self.is_open & ~needs_draws)
         surface = self._view.setup.ground
         if surface is not None and surface.has_edges and self._on_ground:
-            needs_draws |= self._has_edge(self.is_open & ~needs_draws)
+            needs_draws |= self._differs_over_edges(self.is_open & ~needs_draws)
         if needs_draws.any():
             self._draw_intervals(*np.nonzero(needs_draws))
         if has_length_bias.any():
             self._subtract_noise_length(*np.nonzero(has_length_bias & self.is_open))
 
-    def _draw_intervals(self, rows: IntArray, members: IntArray) -> None:
+    def _draw_intervals(self, images: IntArray, requests: IntArray) -> None:
         """Intervals from Monte-Carlo draws; refuse requests whose ranges are too uncertain by these."""
-        first_m = self._ground.points_enu_m[rows, members, 0]
-        max_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[rows, members]
-        found: DrawResult = draw(self._draw_input(rows, members), max_half_m, self.value[rows, members], first_m)
+        first_m = self._ground.points_enu_m[images, requests, 0]
+        max_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[images, requests]
+        found: DrawResult = draw(self._draw_input(images, requests), max_half_m, self.value[images, requests], first_m)
         half = np.full(self._range_m.shape, np.nan)
-        half[rows, members] = found.ranges.half
+        half[images, requests] = found.ranges.half
         refused = np.zeros(self.code.shape, dtype=np.bool_)
-        refused[rows, members] = ~found.is_known
+        refused[images, requests] = ~found.is_known
         if self._on_ground and not self._kind.may_be_unbounded and self._kind.scalar is not None:
-            refused[rows, members] |= ~np.isfinite(found.scalar.high)
+            refused[images, requests] |= ~np.isfinite(found.scalar.high)
         self._refuse(refused, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
-        self._cov[rows, members] = found.cov_enu_m2
+        self._cov[images, requests] = found.cov_enu_m2
         if self._kind.scalar is not None:
             low, high = found.scalar.low, found.scalar.high
             if not self._kind.is_signed:  # a value not significantly above 0 may be 0
-                low = np.where(self.value[rows, members] <= math.sqrt(CHI2_2D_95) * self.std[rows, members], 0.0, low)
-            self._ends.low[rows, members], self._ends.high[rows, members] = low, high
-            self.std[rows, members] = (high - low) / (2 * Z95)
+                low = np.where(
+                    self.value[images, requests] <= math.sqrt(CHI2_2D_95) * self.std[images, requests], 0.0, low
+                )
+            self._ends.low[images, requests], self._ends.high[images, requests] = low, high
+            self.std[images, requests] = (high - low) / (2 * Z95)
 
     def _has_length_bias(self) -> BoolArray:
         """Whether pixel noise makes a line of several segments significantly longer, by second order."""
@@ -335,31 +342,33 @@ class Answers:
         steps = np.diff(points_m, axis=2)
         length = np.hypot(steps[..., 0], steps[..., 1])
         across = np.stack([-steps[..., 1], steps[..., 0]], axis=-1) / length[..., None]
-        by_px = self._ground.jac_px[..., :2, :]
-        ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (by_px[:, :, :-1], by_px[:, :, 1:])]
+        jac_px = self._ground.jac_px[..., :2, :]
+        ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (jac_px[:, :, :-1], jac_px[:, :, 1:])]
         across_var = np.sum(np.square(ends), axis=(0, -1)) * self._vars[1][:, None]
         return np.asarray(~(np.sum(across_var / (2 * length), axis=-1) <= _BIAS_CORRECTION_LIMIT * self.std))
 
-    def _subtract_noise_length(self, rows: IntArray, members: IntArray) -> None:
+    def _subtract_noise_length(self, images: IntArray, requests: IntArray) -> None:
         """Subtract the bias by pixel noise from the lengths of lines."""
-        if not len(rows):
+        if not len(images):
             return
-        view, columns = self._view, self._columns[members]
-        is_shared = view.pixels_px.ndim == 2  # noqa: PLR2004 - all images share the pixels
-        pixels = view.pixels_px[columns] if is_shared else view.pixels_px[rows[:, None], columns]
-        zoom = view.poses.zoom[rows, 0]
-        rays = pixel_rays(view.setup.camera, _smooth(pixels, self.std_px[members]), np.where(np.isnan(zoom), 1.0, zoom))
-        result = draw_lengths(replace(self._draw_input(rows, members), rays=rays))
-        value = np.maximum(self.value[rows, members] - result.bias_m, 0.0)
+        view, pixel_index = self._view, self._pixel_index[requests]
+        is_shared = view.pixels_px.ndim == _SHARED_AXES
+        pixels = view.pixels_px[pixel_index] if is_shared else view.pixels_px[images[:, None], pixel_index]
+        zoom = view.poses.zoom[images, 0]
+        rays = pixel_rays(
+            view.setup.camera, _smooth(pixels, self.std_px[requests]), np.where(np.isnan(zoom), 1.0, zoom)
+        )
+        result = draw_lengths(replace(self._draw_input(images, requests), rays=rays))
+        value = np.maximum(self.value[images, requests] - result.bias_m, 0.0)
         low, high = np.minimum(result.interval.low, 0.0), np.maximum(result.interval.high, 0.0)
-        self.value[rows, members] = value
-        self._ends.low[rows, members], self._ends.high[rows, members] = np.maximum(value + low, 0.0), value + high
-        self.std[rows, members] = std = (high - low) / (2 * Z95)
-        for row, member, bias_m, own_std in zip(rows, members, result.bias_m, std, strict=True):
+        self.value[images, requests] = value
+        self._ends.low[images, requests], self._ends.high[images, requests] = np.maximum(value + low, 0.0), value + high
+        self.std[images, requests] = std = (high - low) / (2 * Z95)
+        for image, request, bias_m, own_std in zip(images, requests, result.bias_m, std, strict=True):
             if bias_m > own_std:
                 sentence = f"noise of the pixels made the line longer: {bias_m:.2g} m are taken off"
-                sample = view.poses.variants[view.poses.variant_index[row]]
-                self.reasons[int(member)][int(row)] = (sentence, *sample.reasons)
+                sample = view.poses.variants[view.poses.variant_index[image]]
+                self.reasons[int(request)][int(image)] = (sentence, *sample.reasons)
 
     def _is_nonlinear(self, candidates: BoolArray) -> BoolArray:
         """Whether values depend on the errors too nonlinearly for first order."""
@@ -383,17 +392,17 @@ class Answers:
             else:
                 second, first = self._kind.second_order(self), self.std
             candidates = candidates & ~(second <= _SECOND_ORDER_LIMIT * first)
-        rows, members = np.nonzero(candidates)
-        if len(rows):
-            is_nonlinear[rows, members] = self._draws_differ(rows, members)
+        images, requests = np.nonzero(candidates)
+        if len(images):
+            is_nonlinear[images, requests] = self._draws_differ(images, requests)
         return is_nonlinear
 
-    def _draws_differ(self, rows: IntArray, members: IntArray) -> BoolArray:
+    def _draws_differ(self, images: IntArray, requests: IntArray) -> BoolArray:
         """Requests ``(p,)`` of which a few draws differ from first order."""
-        at = rows, members
-        uncertain = self._draw_input(rows, members)
+        at = images, requests
+        uncertain = self._draw_input(images, requests)
         if self._kind.scalar is not None:
-            by = self.by_shared[at][:, None], self.by_px[at][:, None]
+            by = self.jac_shared[at][:, None], self.jac_px[at][:, None]
             errors = linearity_errors(uncertain, *by, self.value[at][:, None])[:, 0]
             return np.asarray(~(np.sqrt(np.mean(np.square(errors), axis=-1)) <= _NONLINEARITY_LIMIT * self.std[at]))
         east_north = (*at, 0, slice(2))
@@ -406,60 +415,63 @@ class Answers:
         det = bound_cov[:, 0, 0] * bound_cov[:, 1, 1] - bound_cov[:, 0, 1] * bound_cov[:, 1, 0]
         return np.asarray(~((bound_cov[:, 0, 0] >= 0) & (bound_cov[:, 1, 1] >= 0) & (det >= 0)))  # semidefinite
 
-    def _has_edge(self, candidates: BoolArray) -> BoolArray:
+    def _differs_over_edges(self, candidates: BoolArray) -> BoolArray:
         """Whether draws over the actual ground give other range intervals than its slope at the point (first order)."""
-        has_edge = np.zeros(self.code.shape, dtype=np.bool_)
-        rows, members = np.nonzero(candidates)
-        if len(rows):
-            ranges = draw_ranges(self._draw_input(rows, members), self._on_ground, _QUICK_DRAWS)
-            width = 2 * Z95 * self._range_std_m[rows, members]
-            has_edge[rows, members] = np.any(np.abs(2 * ranges.half - width) > _MAX_WIDTH_CHANGE * width, axis=-1)
-        return has_edge
+        differs = np.zeros(self.code.shape, dtype=np.bool_)
+        images, requests = np.nonzero(candidates)
+        if len(images):
+            ranges = draw_ranges(self._draw_input(images, requests), self._on_ground, _QUICK_DRAWS)
+            width = 2 * Z95 * self._range_std_m[images, requests]
+            differs[images, requests] = np.any(np.abs(2 * ranges.half - width) > _MAX_WIDTH_CHANGE * width, axis=-1)
+        return differs
 
-    def _draw_input(self, rows: IntArray, members: IntArray) -> DrawInput:
+    def _draw_input(self, images: IntArray, requests: IntArray) -> DrawInput:
         view = self._view
         return DrawInput(
             kind=self.kind,
             pose=view.poses.pose,
             shared_cov=view.shared_cov,
             heading_std_rad=view.poses.std[:, STD_NAMES.index("heading_rad")],
-            rays=_select_rays(view.rays, rows[:, None], self._columns[members]),
+            rays=_select_rays(view.rays, images[:, None], self._pixel_index[requests]),
             surface=view.setup.ground,
-            image=rows,
-            elevation_m=view.elevation_m[rows, self._columns[members, 0]],
-            elevation_std_m=self._elevation_std_m[members],
-            std_px=self.std_px[members],
+            image=images,
+            elevation_m=view.elevation_m[images, self._pixel_index[requests, 0]],
+            elevation_std_m=self._elevation_std_m[requests],
+            std_px=self.std_px[requests],
         )
 
     def _refuse(self, selection: BoolArray, code: Status | Codes, reasons_of: ReasonsOf) -> None:
         """Set status and reasons of selected requests that are still open."""
-        rows, members = np.nonzero(selection & self.is_open)
-        if not len(rows):
+        images, requests = np.nonzero(selection & self.is_open)
+        if not len(images):
             return
-        self.code[rows, members] = CODE_OF[code] if isinstance(code, Status) else code[rows, members]
+        self.code[images, requests] = CODE_OF[code] if isinstance(code, Status) else code[images, requests]
         variants, variant_index = self._view.poses.variants, self._view.poses.variant_index
-        for row, member, sentence in zip(rows.tolist(), members.tolist(), reasons_of(rows, members), strict=True):
-            self.reasons[member][row] = (sentence, *variants[variant_index[row]].reasons)
+        for image, request, sentence in zip(
+            images.tolist(), requests.tolist(), reasons_of(images, requests), strict=True
+        ):
+            self.reasons[request][image] = (sentence, *variants[variant_index[image]].reasons)
 
-    def _say_no_ground(self, first: IntArray, rows: IntArray, members: IntArray) -> Iterable[str]:
-        for row, member in zip(rows.tolist(), members.tolist(), strict=True):
-            index = int(first[row, member])
-            column = int(self._columns[member, index])
-            u, v = self._view.pixels_px[column] if self._view.pixels_px.ndim == 2 else self._view.pixels_px[row, column]  # noqa: PLR2004
-            yield f"pixel {index} ({u:g}, {v:g}) {self._describe_miss(row, column)}"
+    def _say_no_ground(self, first: IntArray, images: IntArray, requests: IntArray) -> Iterable[str]:
+        for image, request in zip(images.tolist(), requests.tolist(), strict=True):
+            index = int(first[image, request])
+            pixel = int(self._pixel_index[request, index])
+            pixels = self._view.pixels_px
+            u, v = pixels[pixel] if pixels.ndim == _SHARED_AXES else pixels[image, pixel]
+            yield f"pixel {index} ({u:g}, {v:g}) {self._describe_miss(image, pixel)}"
 
-    def _describe_miss(self, row: int, column: int) -> str:
+    def _describe_miss(self, image: int, pixel: int) -> str:
         """Why a pixel shows no ground, as the end of a sentence."""
         view = self._view
-        camera, surface, position = view.setup.camera, view.setup.ground, view.poses.pose.position_enu_m[row]
-        status = CODES[view.ground.status[row, column]]
+        camera, surface, position = view.setup.camera, view.setup.ground, view.poses.pose.position_enu_m[image]
+        status = CODES[view.ground.status[image, pixel]]
         if status is Status.ABOVE_HORIZON:
-            below = math.degrees(float(view.ground.depression_rad[row, column]))
+            below = math.degrees(float(view.ground.depression_rad[image, pixel]))
             if below > 0 and surface is not None:
                 return f"looks {below:.1f} deg below the horizon, along ground that falls away as steeply"
             return f"looks {abs(below):.1f} deg above the horizon"
         if status is Status.BELOW_SURFACE:
-            up_m, elevation_m = float(position[2]), float(view.elevation_m[row, column])
+            up_m, elevation_m = float(position[2]), float(view.elevation_m[image, pixel])
             if surface is not None:
                 foot_m = float(surface.height_at(position[:2]))
                 return f"is seen from {up_m - foot_m:.2f} m above the ground, measured is {elevation_m:.2f} m above it"
@@ -470,26 +482,26 @@ class Answers:
             Status.NO_ELEVATION: "looks over a hole in the elevation model",
         }.get(status, "is outside the valid radius of the lens model")
 
-    def _say_beyond(self, rows: IntArray, members: IntArray) -> Iterable[str]:
-        for ranges in self._range_m[rows, members]:
+    def _say_beyond(self, images: IntArray, requests: IntArray) -> Iterable[str]:
+        for ranges in self._range_m[images, requests]:
             farthest = int(np.argmax(ranges))
             limit = self._view.setup.max_range_m
             yield f"point {farthest} is {ranges[farthest]:.1f} m away, the limit is {limit:g} m"
 
-    def _say_range(self, half_m: FloatArray, rows: IntArray, members: IntArray) -> Iterable[str]:
+    def _say_range(self, half_m: FloatArray, images: IntArray, requests: IntArray) -> Iterable[str]:
         """Reasons that name the most uncertain point, its range and the main cause.
 
         Args:
             half_m: ``(n, g, k)`` half widths of the slant ranges' 95 % intervals.
-            rows: Images ``(r,)``.
-            members: Requests ``(r,)``.
+            images: ``(r,)`` indices.
+            requests: ``(r,)`` indices.
         """
-        index = np.argmax(half_m[rows, members] / self._range_m[rows, members], axis=-1)
-        worst = rows, members, index
-        pixel_var = self._vars[1][members] * np.sum(np.square(self._range_by_px[worst]), axis=-1)
-        poses = self._view.poses.rows(rows)
-        covs = self._cov_of(rows, members)
-        budgets = variance_budgets(self._range_by_shared[worst], pixel_var, poses, covs, largest=1)
+        index = np.argmax(half_m[images, requests] / self._range_m[images, requests], axis=-1)
+        worst = images, requests, index
+        pixel_var = self._vars[1][requests] * np.sum(np.square(self._range_jac_px[worst]), axis=-1)
+        poses = self._view.poses.rows(images)
+        covs = self._cov_of(images, requests)
+        budgets = variance_budgets(self._range_jac_shared[worst], pixel_var, poses, covs, largest=1)
         numbers = (half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
         columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):
@@ -498,18 +510,18 @@ class Answers:
             cause = _main_cause(budget[0], poses.variants[variant], stds) if budget else "its error is not known"
             yield f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}"
 
-    def _cov_of(self, rows: IntArray, members: IntArray) -> FloatArray:
+    def _cov_of(self, images: IntArray, requests: IntArray) -> FloatArray:
         """Covariances ``(r, s, s)`` of the errors that all points of a request share."""
-        cov = self._view.shared_cov[rows]
-        cov[:, ELEVATION, ELEVATION] += self._vars[0][members]
+        cov = self._view.shared_cov[images]
+        cov[:, ELEVATION, ELEVATION] += self._vars[0][requests]
         return cov
 
 
 def _reason(sentence: str, number: FloatArray | None = None) -> ReasonsOf:
     """Reasons by one sentence, formatted with a number ``(n, g)`` of each request if given."""
     if number is None:
-        return lambda rows, _: [sentence] * len(rows)
-    return lambda rows, members: [sentence.format(each) for each in number[rows, members].tolist()]
+        return lambda images, _: [sentence] * len(images)
+    return lambda images, requests: [sentence.format(each) for each in number[images, requests].tolist()]
 
 
 def _main_cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
@@ -523,12 +535,12 @@ def _main_cause(first: Share, sample: PoseSample, stds: Sequence[float]) -> str:
     return f"{100 * first.share:.0f} % of the variance is from {first.source}{accuracy}; {first.remedy}"
 
 
-def _select_rays(rays: PixelRays, rows: IntArray | slice, columns: IntArray) -> PixelRays:
-    """Rays of columns of pixels, in the images ``rows`` where each image has its own pixels."""
-    parts = rays.rays_cam, rays.by_px, rays.by_intrinsics
-    if rays.rays_cam.ndim == 2:  # noqa: PLR2004 - all images share the pixels
-        return PixelRays(*(part[columns] for part in parts))
-    return PixelRays(*(part[rows, columns] for part in parts))
+def _select_rays(rays: PixelRays, images: IntArray | slice, pixel_index: IntArray) -> PixelRays:
+    """Rays of pixels by their indices, in ``images`` where each image has pixels of its own."""
+    parts = rays.rays_cam, rays.jac_px, rays.jac_intrinsics
+    if rays.rays_cam.ndim == _SHARED_AXES:
+        return PixelRays(*(part[pixel_index] for part in parts))
+    return PixelRays(*(part[images, pixel_index] for part in parts))
 
 
 def _smooth(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
@@ -549,8 +561,8 @@ def _smooth(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
     return np.where((noise <= max_noise)[:, None, None], smooth, pixels_px)
 
 
-def _directions(rays: PixelRays, columns: IntArray, poses: PoseBatch) -> Directions:
-    """Directions ``(n, g, q)`` in ENU of the rays of columns of pixels."""
-    directions = pixel_directions(_select_rays(rays, slice(None), columns.ravel()), poses.pose)
+def _directions(rays: PixelRays, pixel_index: IntArray, poses: PoseBatch) -> Directions:
+    """Directions ``(n, g, q)`` in ENU of the rays of pixels by their indices."""
+    directions = pixel_directions(_select_rays(rays, slice(None), pixel_index.ravel()), poses.pose)
     parts = (directions.directions_enu, directions.jac_shared, directions.jac_px)
-    return Directions(*(part.reshape(len(poses), *columns.shape, *part.shape[2:]) for part in parts))
+    return Directions(*(part.reshape(len(poses), *pixel_index.shape, *part.shape[2:]) for part in parts))

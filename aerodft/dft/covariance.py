@@ -136,20 +136,20 @@ def scalar_jacobians(by: Gradient, ground: GroundPoints, rays: Directions | None
 
 
 def standard_deviations(
-    by_shared: FloatArray, by_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
+    jac_shared: FloatArray, jac_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
 ) -> FloatArray:
     """First-order standard deviations ``(n, g)`` of scalars.
 
     Args:
-        by_shared: ``(n, g, s)`` derivatives of the scalars.
-        by_px: ``(n, g, p)`` by their pixels' coordinates.
+        jac_shared: ``(n, g, s)`` derivatives of the scalars.
+        jac_px: ``(n, g, p)`` by their pixels' coordinates.
         shared_cov: ``(n, s, s)``.
         elevation_var: ``(g,)`` of each scalar's own elevation, in addition.
         pixel_var: ``(g,)`` of each pixel coordinate.
     """
-    rows = by_shared @ shared_cov
-    rows[..., ELEVATION] += elevation_var * by_shared[..., ELEVATION]
-    variance = np.einsum("ngs,ngs->ng", rows, by_shared) + pixel_var * np.einsum("ngp,ngp->ng", by_px, by_px)
+    rows = jac_shared @ shared_cov
+    rows[..., ELEVATION] += elevation_var * jac_shared[..., ELEVATION]
+    variance = np.einsum("ngs,ngs->ng", rows, jac_shared) + pixel_var * np.einsum("ngp,ngp->ng", jac_px, jac_px)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -206,7 +206,7 @@ class Share:
 
 
 def variance_budgets(
-    by_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray, largest: int | None = None
+    jac_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray, largest: int | None = None
 ) -> list[tuple[Share, ...]]:
     """Variance budgets of scalars in ``r`` images, largest part first; empty where nothing is uncertain.
 
@@ -215,7 +215,7 @@ def variance_budgets(
     themselves where inputs are independent.
 
     Args:
-        by_shared: ``(r, s)`` derivatives of the scalars.
+        jac_shared: ``(r, s)`` derivatives of the scalars.
         pixel_var: ``(r,)`` the pixels' part of the variances.
         poses: The ``(r,)`` poses. Where the standard deviations do not reproduce the covariance (a calibration's full
             one), tilt, pan, roll and heading become one ``attitude``.
@@ -223,12 +223,12 @@ def variance_budgets(
         largest: How many parts of each; None for all.
     """
     motion = np.concatenate([poses.pose.velocity_enu_mps, poses.pose.rate_cam_radps], axis=-1)
-    by_motion = np.sum(by_shared[:, :6] * motion, axis=-1)
+    by_motion = np.sum(jac_shared[:, :6] * motion, axis=-1)
     cov = shared_cov.copy()
     cov[:, :6, :6] = pose_cov = poses.pose.cov  # without the motion
-    attitude, is_stated = _stated_attitude(by_shared[:, ROTATION], cov[:, ROTATION], poses)
+    attitude, is_stated = _stated_attitude(jac_shared[:, ROTATION], cov[:, ROTATION], poses)
     cov[:, ROTATION, ROTATION] *= ~is_stated[:, None, None]
-    parts = _decorrelated(by_shared, cov)
+    parts = _decorrelated(jac_shared, cov)
     variances_by_source = {
         **{name: np.sum(parts[:, columns], axis=-1) for name, columns in _SLICES.items()},
         **attitude,
@@ -263,22 +263,22 @@ def advice(budget: tuple[Share, ...]) -> str:
     return f"{100 * first.share:.0f} % from {first.source}: {first.remedy}"
 
 
-def _decorrelated(by_shared: FloatArray, cov: FloatArray) -> FloatArray:
+def _decorrelated(jac_shared: FloatArray, cov: FloatArray) -> FloatArray:
     """Parts ``(r, s)`` of the variances ``g C g`` of scalars with gradients ``g``, which add up to them."""
     stds = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
     scale = np.where(stds > 0.0, stds, 1.0)
     values, axes = np.linalg.eigh(cov / (scale[:, :, None] * scale[:, None]))
-    along = np.einsum("rij,ri->rj", axes, by_shared * stds) * np.sqrt(np.maximum(values, 0.0))
+    along = np.einsum("rij,ri->rj", axes, jac_shared * stds) * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(np.square(np.einsum("rij,rj->ri", axes, along)))
 
 
 def _stated_attitude(
-    by_rotation: FloatArray, rows: FloatArray, poses: PoseBatch
+    jac_rotation: FloatArray, rows: FloatArray, poses: PoseBatch
 ) -> tuple[dict[str, FloatArray], BoolArray]:
     """Parts ``(r,)`` of variances that are from an attitude's standard deviations; where these say all about it.
 
     Args:
-        by_rotation: ``(r, 3)`` derivatives of the scalars.
+        jac_rotation: ``(r, 3)`` derivatives of the scalars.
         rows: ``(r, 3, s)`` of the attitude in the covariance; parts are 0 where the stds do not reproduce them.
         poses: The ``(r,)`` poses.
     """
@@ -288,9 +288,9 @@ def _stated_attitude(
     stated[..., :6] = pose_covariance(poses.pose.wxyz, poses.std)[:, ROTATION]
     is_stated = np.all(np.abs(stated - rows) <= 1e-15 + 1e-6 * np.abs(rows), axis=(1, 2))
     parts = {
-        "tilt": by_rotation[:, 0] * tilt,
-        "pan": by_rotation[:, 1] * pan,
-        "roll": by_rotation[:, 2] * roll,
-        "heading": np.sum(by_rotation * up_cam, axis=-1) * heading,
+        "tilt": jac_rotation[:, 0] * tilt,
+        "pan": jac_rotation[:, 1] * pan,
+        "roll": jac_rotation[:, 2] * roll,
+        "heading": np.sum(jac_rotation * up_cam, axis=-1) * heading,
     }
     return {name: np.square(part) * is_stated for name, part in parts.items()}, is_stated

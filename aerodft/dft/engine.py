@@ -91,11 +91,11 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
         answers = Answers(view, request.probe.kind, np.arange(request.count)[None])
         if answers.is_undefined[0, 0]:
             return ()
-        by_shared, pixel_var, cov = answers.variance_terms(0)
+        jac_shared, pixel_var, cov = answers.variance_terms(0)
         if top is not None:
-            pixel_var = pixel_var + np.square(by_shared[:, ELEVATION] * top.own_std_m)
-            by_shared, cov = (by_shared[:, None] @ top.top_from_ground)[:, 0], top.ground_cov
-        (budget,) = variance_budgets(by_shared, pixel_var, poses, cov)
+            pixel_var = pixel_var + np.square(jac_shared[:, ELEVATION] * top.own_std_m)
+            jac_shared, cov = (jac_shared[:, None] @ top.top_from_ground)[:, 0], top.ground_cov
+        (budget,) = variance_budgets(jac_shared, pixel_var, poses, cov)
     return tuple(replace(share, std=kind.scale * share.std) for share in budget)
 
 
@@ -119,13 +119,13 @@ class _Tops:
     def from_object(support: Answers) -> "_Tops":
         """Tops of the one object measured in ``support``."""
         base_m, shared, own = support.base_elevation(0)
-        by_shared, _, cov = support.variance_terms(0)
-        by_px = support.by_px[:, 0].copy()
-        by_px[:, 0] += own
+        jac_shared, _, cov = support.variance_terms(0)
+        jac_px = support.jac_px[:, 0].copy()
+        jac_px[:, 0] += own
         top_from_ground = np.zeros(cov.shape)
         top_from_ground[:] = np.eye(cov.shape[-1])
-        top_from_ground[:, ELEVATION] = by_shared + shared
-        own_std = support.std_px[0] * np.sqrt(np.sum(np.square(by_px), axis=(1, 2)))
+        top_from_ground[:, ELEVATION] = jac_shared + shared
+        own_std = support.std_px[0] * np.sqrt(np.sum(np.square(jac_px), axis=(1, 2)))
         return _Tops(base_m + support.value[:, 0], top_from_ground, own_std, cov)
 
     def project(self, setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProjectedPixels:

@@ -166,21 +166,21 @@ def draw_ranges(probes: DrawInput, on_ground: int, count: int) -> Interval:
     return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in _draws(probes, count)], axis=1))
 
 
-def linearity_errors(probes: DrawInput, by_shared: FloatArray, by_px: FloatArray, first: FloatArray) -> FloatArray:
+def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArray, first: FloatArray) -> FloatArray:
     """Differences ``(p, c, 32)`` of a few draws from first order; infinite where a draw has no value.
 
     Args:
         probes: The probes.
-        by_shared: ``(p, c, s)`` derivatives of the value, or of the east and north of a position.
-        by_px: ``(p, c, q, 2)`` derivatives by the pixels.
+        jac_shared: ``(p, c, s)`` derivatives of the value, or of the east and north of a position.
+        jac_px: ``(p, c, q, 2)`` derivatives by the pixels.
         first: ``(p, c)`` values without errors.
     """
     kind, (roots, poses) = PROBE_KINDS[probes.kind], _covariance_roots(probes)
     count = roots.shape[-1]
-    normal = standard_draws(count + 2 * by_px.shape[2], _SAMPLE).T
-    by_enu_errors = by_shared.copy()
-    by_enu_errors[..., ROTATION] = by_shared[..., ROTATION] @ matrix(probes.pose.wxyz)[probes.image].swapaxes(-1, -2)
-    px = probes.std_px[:, None, None] * by_px.reshape(*first.shape, -1)
+    normal = standard_draws(count + 2 * jac_px.shape[2], _SAMPLE).T
+    by_enu_errors = jac_shared.copy()
+    by_enu_errors[..., ROTATION] = jac_shared[..., ROTATION] @ matrix(probes.pose.wxyz)[probes.image].swapaxes(-1, -2)
+    px = probes.std_px[:, None, None] * jac_px.reshape(*first.shape, -1)
     linear = first[..., None] + (by_enu_errors @ roots[poses]) @ normal[:count] + px @ normal[count:]
     if kind.scalar is None:
         drawn = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, _SAMPLE)])
@@ -300,8 +300,8 @@ def _draws(probes: DrawInput, size: int) -> Iterator[tuple[slice, _RayDraws]]:
     pixels = rays.rays_cam.shape[1]
     draws = standard_draws(roots.shape[-1] + 2 * pixels, size).T
     is_lens_uncertain = np.any(probes.shared_cov[:, INTRINSICS, INTRINSICS])
-    by_px = probes.std_px[:, None, None, None] * rays.by_px
-    by_intrinsics = np.ascontiguousarray(rays.by_intrinsics[..., slice(None if is_lens_uncertain else 0)])
+    jac_px = probes.std_px[:, None, None, None] * rays.jac_px
+    jac_intrinsics = np.ascontiguousarray(rays.jac_intrinsics[..., slice(None if is_lens_uncertain else 0)])
     wxyz, cameras_m = probes.pose.wxyz[image], probes.pose.position_enu_m[image]
     batch = max(_RAYS_PER_CHUNK // (size * pixels), 1)
     # Chunks reuse one buffer: allocating takes longer than drawing.
@@ -309,7 +309,7 @@ def _draws(probes: DrawInput, size: int) -> Iterator[tuple[slice, _RayDraws]]:
     for first in range(0, len(image), batch):
         chunk = slice(first, first + batch)
         pose, place = (poses[chunk], roots, wxyz[chunk]), (cameras_m[chunk], probes.elevation_m[chunk])
-        pixel_rays = rays.rays_cam[chunk], by_px[chunk], by_intrinsics[chunk]
+        pixel_rays = rays.rays_cam[chunk], jac_px[chunk], jac_intrinsics[chunk]
         cameras, elevations, directions, points = (part[: len(image) - first] for part in buffers)
         _draw_rays(pose, place, pixel_rays, draws, (cameras, elevations, directions, points))
         if probes.surface is not None:
@@ -337,7 +337,7 @@ def _draw_rays(
         out: Receives cameras ``(m, 3, d)``, elevations ``(m, d)``, directions ``(m, q, 3, d)``, and points
             ``(m, q, 3, d)`` of the level planes at the elevations.
     """
-    (poses, roots, wxyz), (camera_m, elevation_m), (rays_cam, by_px, by_intrinsics) = shared_by, places, rays
+    (poses, roots, wxyz), (camera_m, elevation_m), (rays_cam, jac_px, jac_intrinsics) = shared_by, places, rays
     cameras, elevations, directions, points = out
     (count, pixels, _), size, errors = rays_cam.shape, draws.shape[1], roots.shape[1]
     shared, rotation, ray = np.empty((errors, size)), np.empty((9, size)), np.empty((3, size))
@@ -357,8 +357,8 @@ def _draw_rays(
         for k in range(pixels):
             for axis in range(3):
                 ray[axis] = rays_cam[m, k, axis]
-                _add_scaled(by_px[m, k, axis], draws[errors + 1 + 2 * k :], ray[axis])
-                _add_scaled(by_intrinsics[m, k, axis], shared[7:], ray[axis])
+                _add_scaled(jac_px[m, k, axis], draws[errors + 1 + 2 * k :], ray[axis])
+                _add_scaled(jac_intrinsics[m, k, axis], shared[7:], ray[axis])
             _intersect_level(cameras[m], elevations[m], rotation, ray, directions[m, k], points[m, k])
 
 

@@ -165,9 +165,9 @@ class _GroundContact:
     """Ground points of rays and their Jacobians, as ``ground.GroundHits`` and ``GroundJacobians``."""
 
     points_enu_m: FloatArray
-    by_direction: FloatArray
-    by_position: FloatArray
-    by_elevation: FloatArray
+    jac_direction: FloatArray
+    jac_position: FloatArray
+    jac_elevation: FloatArray
     status: Codes
 
 
@@ -177,13 +177,13 @@ class PixelRays:
 
     Attributes:
         rays_cam: ``(..., 3)``, see ``lens.Rays``.
-        by_px: ``(..., 3, 2)``.
-        by_intrinsics: ``(..., 3, m)``.
+        jac_px: ``(..., 3, 2)``.
+        jac_intrinsics: ``(..., 3, m)``.
     """
 
     rays_cam: FloatArray
-    by_px: FloatArray
-    by_intrinsics: FloatArray
+    jac_px: FloatArray
+    jac_intrinsics: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,17 +242,17 @@ def pixel_rays(camera: Camera, pixels_px: FloatArray, magnification: FloatArray 
     # A pixel of a zoomed image has the ray of the pixel nearer to the principal point in an unzoomed one.
     centre, scale = np.array([camera.cx_px, camera.cy_px]), magnification[:, None, None]
     unzoomed_px = np.where(scale == 1.0, pixels_px, centre + (pixels_px - centre) / scale)
-    rays, by_intrinsics = rays_with_jacobian(camera, unzoomed_px), rays_by_intrinsics(camera, unzoomed_px).copy()
-    by_intrinsics[..., :PINHOLE_PARAMETERS] /= scale[..., None]
-    return PixelRays(rays.rays_cam, rays.jac_px / scale[..., None], by_intrinsics)
+    rays, jac_intrinsics = rays_with_jacobian(camera, unzoomed_px), rays_by_intrinsics(camera, unzoomed_px).copy()
+    jac_intrinsics[..., :PINHOLE_PARAMETERS] /= scale[..., None]
+    return PixelRays(rays.rays_cam, rays.jac_px / scale[..., None], jac_intrinsics)
 
 
 def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
     """Directions in ENU ``(..., 3)`` of rays of one pose; ``(k, 3)`` or ``(n, k, 3)`` of poses ``(n,)``."""
     rotation = _per_point(pose, matrix(pose.wxyz))
     directions = rotate(rotation, rays.rays_cam)
-    by_direction, by_position = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
-    by = by_direction, by_position, np.zeros(directions.shape)
+    jac_direction, jac_position = np.broadcast_to(np.eye(3), (*directions.shape, 3)), np.zeros((*directions.shape, 3))
+    by = jac_direction, jac_position, np.zeros(directions.shape)
     return Directions(directions, *_ground_jacobians(rotation, rays, by))
 
 
@@ -263,8 +263,10 @@ def _pinhole(rays: PixelRays, pose: Pose, elevation: FloatArray, ground: Ground 
     contact = (
         _level(position, direction, elevation) if ground is None else _uneven(position, direction, elevation, ground)
     )
-    shared, by_px = _ground_jacobians(rotation, rays, (contact.by_direction, contact.by_position, contact.by_elevation))
-    return GroundPoints(contact.points_enu_m, shared, by_px, contact.status, depression)
+    shared, jac_px = _ground_jacobians(
+        rotation, rays, (contact.jac_direction, contact.jac_position, contact.jac_elevation)
+    )
+    return GroundPoints(contact.points_enu_m, shared, jac_px, contact.status, depression)
 
 
 def _per_point(pose: Pose, values: FloatArray) -> FloatArray:
@@ -282,16 +284,16 @@ def _ground_jacobians(
         rays: The rays.
         by: Derivatives of the points by direction and position ``(..., 3, 3)`` and by elevation ``(..., 3)``.
     """
-    by_direction, by_position, by_elevation = by
+    jac_direction, jac_position, jac_elevation = by
     # A small rotation w in camera axes moves a ray r by w x r = -skew(r) w.
-    by_errors = np.concatenate([-skew(rays.rays_cam), rays.by_intrinsics, rays.by_px], axis=-1)
+    by_errors = np.concatenate([-skew(rays.rays_cam), rays.jac_intrinsics, rays.jac_px], axis=-1)
     image_rotation = rotation if rotation.ndim == 2 else rotation[:, 0]  # noqa: PLR2004 - one for each image
-    by_ray = (by_direction.reshape(*image_rotation.shape[:-2], -1, 3) @ image_rotation).reshape(by_direction.shape)
+    by_ray = (jac_direction.reshape(*image_rotation.shape[:-2], -1, 3) @ image_rotation).reshape(jac_direction.shape)
     by_all = by_ray @ by_errors
     intrinsics = slice(3, by_errors.shape[-1] - 2)
-    shared = np.empty((*by_elevation.shape, INTRINSICS.start + rays.by_intrinsics.shape[-1]))
-    shared[..., POSITION], shared[..., ROTATION] = by_position, by_all[..., :3]
-    shared[..., ELEVATION], shared[..., INTRINSICS] = by_elevation, by_all[..., intrinsics]
+    shared = np.empty((*jac_elevation.shape, INTRINSICS.start + rays.jac_intrinsics.shape[-1]))
+    shared[..., POSITION], shared[..., ROTATION] = jac_position, by_all[..., :3]
+    shared[..., ELEVATION], shared[..., INTRINSICS] = jac_elevation, by_all[..., intrinsics]
     return shared, np.ascontiguousarray(by_all[..., intrinsics.stop :])
 
 
@@ -301,18 +303,18 @@ def _level(position: FloatArray, direction: FloatArray, elevation: FloatArray) -
     reach = (elevation - position[..., 2]) / down
     points = position + reach[..., None] * direction
     points[..., 2] = elevation  # exactly, not within rounding
-    by_elevation = direction / down[..., None]
+    jac_elevation = direction / down[..., None]
     along_plane = np.zeros((*direction.shape, 3))
     along_plane[..., 0, 0] = along_plane[..., 1, 1] = along_plane[..., 2, 2] = 1.0
-    along_plane[..., 2] -= by_elevation
+    along_plane[..., 2] -= jac_elevation
     status = _level_status(position[..., 2], elevation, -down)
-    return _GroundContact(points, reach[..., None, None] * along_plane, along_plane, by_elevation, status)
+    return _GroundContact(points, reach[..., None, None] * along_plane, along_plane, jac_elevation, status)
 
 
 def _uneven(position: FloatArray, direction: FloatArray, elevation: FloatArray, ground: Ground) -> _GroundContact:
     hits = ground.meet(position, direction, elevation)
     by = jacobians(position, direction, hits)
-    return _GroundContact(hits.points_enu_m, by.by_direction, by.by_position, by.by_elevation, hits.status)
+    return _GroundContact(hits.points_enu_m, by.jac_direction, by.jac_position, by.jac_elevation, hits.status)
 
 
 def _dft(

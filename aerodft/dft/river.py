@@ -121,12 +121,12 @@ def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
         width = np.linalg.norm(difference, axis=-1)
         unit = difference / width[:, None]
     by_points = np.stack([unit, -unit], axis=1)
-    by_shared = np.einsum("nki,nkis->ns", by_points, ground.jac_shared)
+    jac_shared = np.einsum("nki,nkis->ns", by_points, ground.jac_shared)
     by_offset = np.einsum("nki,nkij,nkj->nk", by_points, ground.jac_px, banks.across_px)
     own = np.sqrt(np.sum(np.square(by_offset * banks.std_px), axis=-1))
     root = _symmetric_root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
     common = banks.common_px * by_offset.sum(axis=-1)
-    shared = np.concatenate([by_shared @ root, common[:, None], banks.alternative_width_delta_m[:, None]], axis=-1)
+    shared = np.concatenate([jac_shared @ root, common[:, None], banks.alternative_width_delta_m[:, None]], axis=-1)
     return RiverWidths(width, shared, own, _relative_range_std(ground, pose, root), points.reshape(count, 2, 3))
 
 

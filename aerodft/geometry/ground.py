@@ -115,14 +115,14 @@ class GroundJacobians:
     """Jacobians of ``GroundHits.points_enu_m``; NaN where no ground is hit.
 
     Attributes:
-        by_direction: ``(..., 3, 3)`` by the components of the ray's direction, of its own length (m).
-        by_position: ``(..., 3, 3)`` by the camera's position in ENU.
-        by_elevation: ``(..., 3)`` by the height of the ground, all of it raised together.
+        jac_direction: ``(..., 3, 3)`` by the components of the ray's direction, of its own length (m).
+        jac_position: ``(..., 3, 3)`` by the camera's position in ENU.
+        jac_elevation: ``(..., 3)`` by the height of the ground, all of it raised together.
     """
 
-    by_direction: FloatArray
-    by_position: FloatArray
-    by_elevation: FloatArray
+    jac_direction: FloatArray
+    jac_position: FloatArray
+    jac_elevation: FloatArray
 
 
 def meet_level(camera_enu_m: FloatArray, directions_enu: FloatArray, elevation_m: npt.ArrayLike) -> GroundHits:
@@ -200,11 +200,11 @@ def jacobians(camera_enu_m: FloatArray, directions_enu: FloatArray, hits: Ground
         normal_seen = ground.copy()  # in the camera's uncurved axes ground falls away with distance
         normal_seen[..., :2] += 2 * hits.curvature_per_m * (hits.points_enu_m - camera)[..., :2]
         along = np.sum(normal_seen * directions, axis=-1)
-        by_elevation = np.asarray(directions / along[..., None])
-        by_position = np.eye(3) - by_elevation[..., :, None] * ground[..., None, :]
-        by_direction = reach[..., None, None] * (np.eye(3) - by_elevation[..., :, None] * normal_seen[..., None, :])
+        jac_elevation = np.asarray(directions / along[..., None])
+        jac_position = np.eye(3) - jac_elevation[..., :, None] * ground[..., None, :]
+        jac_direction = reach[..., None, None] * (np.eye(3) - jac_elevation[..., :, None] * normal_seen[..., None, :])
     if hits.curvature_per_m:
-        for jac in (by_position, by_direction):
+        for jac in (jac_position, jac_direction):
             jac[..., 2, :] = -np.einsum("...i,...ij->...j", ground[..., :2], jac[..., :2, :])
-        by_elevation[..., 2] = 1.0 - np.sum(ground[..., :2] * by_elevation[..., :2], axis=-1)
-    return GroundJacobians(by_direction, by_position, by_elevation)
+        jac_elevation[..., 2] = 1.0 - np.sum(ground[..., :2] * jac_elevation[..., :2], axis=-1)
+    return GroundJacobians(jac_direction, jac_position, jac_elevation)

@@ -319,15 +319,15 @@ class Reprojection:
         camera: The camera.
         rays_cam: ``(..., 3)`` to the points, in camera axes.
         distorted: ``(..., 2)`` pixels from the principal point in focal lengths.
-        by_point: ``(..., 2, 3)`` pixels by the point (ENU); its negative is that by the camera's position.
-        by_rotation: ``(..., 2, 3)`` pixels by a small rotation of the camera, in its axes.
+        jac_point: ``(..., 2, 3)`` pixels by the point (ENU); its negative is that by the camera's position.
+        jac_rotation: ``(..., 2, 3)`` pixels by a small rotation of the camera, in its axes.
     """
 
     camera: Camera
     rays_cam: FloatArray
     distorted: FloatArray
-    by_point: FloatArray
-    by_rotation: FloatArray
+    jac_point: FloatArray
+    jac_rotation: FloatArray
 
     @property
     def pixels_px(self) -> FloatArray:
@@ -336,7 +336,7 @@ class Reprojection:
         return np.asarray(self.distorted * [lens.fx_px, lens.fy_px] + [lens.cx_px, lens.cy_px])
 
     @property
-    def by_intrinsics(self) -> FloatArray:
+    def jac_intrinsics(self) -> FloatArray:
         """Jacobian ``(..., 2, m)`` of the pixels by the intrinsics, see ``intrinsics_covariance``."""
         return pixels_by_intrinsics(self.camera, self.rays_cam, self.distorted)
 
@@ -355,8 +355,8 @@ def reproject(
     rays = (points_enu_m - position_enu_m) @ rotation
     distorted, by_ray = distorted_with_jacobian(camera, rays)
     by_ray = np.array([[camera.fx_px], [camera.fy_px]]) * by_ray
-    by_point = (by_ray.reshape(-1, 3) @ rotation.T).reshape(by_ray.shape)
-    return Reprojection(camera, rays, distorted, by_point, _rotation_jacobian(by_ray, rays[..., None, :]))
+    jac_point = (by_ray.reshape(-1, 3) @ rotation.T).reshape(by_ray.shape)
+    return Reprojection(camera, rays, distorted, jac_point, _rotation_jacobian(by_ray, rays[..., None, :]))
 
 
 def _rotation_jacobian(a: FloatArray, b: FloatArray) -> FloatArray:

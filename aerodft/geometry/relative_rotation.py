@@ -34,7 +34,7 @@ class RelativeRotation:
     Attributes:
         wxyz: ``(4,)`` ``later_SO3_earlier``: bearings in the earlier image, in camera axes, to those in the later one.
         cov: ``(3, 3)`` of a small rotation about the later camera's axes (rad^2), from the residuals.
-        by_intrinsics: ``(3, m)`` Jacobian of that small rotation by the intrinsics, see ``intrinsics_covariance``.
+        jac_intrinsics: ``(3, m)`` Jacobian of that small rotation by the intrinsics, see ``intrinsics_covariance``.
         inliers: ``(n,)`` whether the rotation explains the point.
         residual_px: ``(n, 2)`` observed minus predicted; NaN where the prediction is out of view.
         std_px: Of one coordinate of an inlier.
@@ -42,7 +42,7 @@ class RelativeRotation:
 
     wxyz: FloatArray
     cov: FloatArray
-    by_intrinsics: FloatArray
+    jac_intrinsics: FloatArray
     inliers: BoolArray
     residual_px: FloatArray
     std_px: float

@@ -206,7 +206,7 @@ def _leave_one_out_camera(
     problem: ImagesProblem, solution: ImagesSolution, reduced: FloatArray, image: int, rows: np.ndarray
 ) -> State | None:
     """Camera of an image one Newton step after removal of an observation; None where it is undetermined."""
-    normal, by, values = solution.normal, solution.residuals.by_unknowns[rows], solution.residuals.values[rows]
+    normal, by, values = solution.normal, solution.residuals.jac_unknowns[rows], solution.residuals.values[rows]
     count = len(normal.shared_slope)
     block, slope = normal.blocks[image : image + 1], normal.slopes[image : image + 1]
     reduced_block, reduced_slope = block - by.T @ by, slope - by.T @ values

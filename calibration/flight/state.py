@@ -205,7 +205,7 @@ class SharedUnknowns:
         for column, name in enumerate(self.names):
             if name in BIASES:
                 by[BIASES.index(name), column] = 1.0
-        by[count:, self._columns(self.lens.names)] = self.lens.by_unknowns(state.base)[INTRINSICS]
+        by[count:, self._columns(self.lens.names)] = self.lens.jac_unknowns(state.base)[INTRINSICS]
         return by
 
     def camera(self, state: ImagesState, index: int, view: View) -> State:
@@ -237,7 +237,7 @@ class SharedUnknowns:
         biases = [name for name in self.names if name in BIASES]
         by[:6, self._columns(biases)] = by_bias[:, [ORDER.index(BIASES.index(name)) for name in biases]]
         if self.lens.names:
-            by[:, self._columns(self.lens.names)] = self.lens.by_unknowns(found.camera)
+            by[:, self._columns(self.lens.names)] = self.lens.jac_unknowns(found.camera)
         by[:3, count : count + 3] = np.diag(view.noise[:3])
         by[ROTATION, count + 3 : -1] = found.by_own * view.noise[3:6]
         by[ROTATION, -1] = found.by_own @ found.down_cam * view.noise[6]

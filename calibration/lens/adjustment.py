@@ -183,7 +183,7 @@ def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = No
     """
     rows = _Adjustment(bundle, corners, weights).evaluate(bundle)
     off = residuals_px(bundle, corners)
-    spare = off.size - rows.by_unknowns.shape[1] + _POSE - _POSE * len(rows.images)
+    spare = off.size - rows.jac_unknowns.shape[1] + _POSE - _POSE * len(rows.images)
     variance = float(np.sum(off * off)) / spare if spare > 0 else np.inf
     inverse = covariance_of(rows.normal(np.ones(len(rows.values))).reduced())
     return variance * (inverse + inverse.T) / 2, float(np.sqrt(variance))

@@ -513,8 +513,8 @@ def ray_std_px(camera: Camera, cov: FloatArray, pixels_px: FloatArray) -> FloatA
     sound = np.all(np.isfinite(rays), axis=-1)
     rays = rays[sound]
     by_ray = distorted_with_jacobian(camera, rays)[1] * np.array([[camera.fx_px], [camera.fy_px]])
-    by_intrinsics = by_ray @ rays_by_intrinsics(camera, pixels_px[sound])
-    flat, turned = by_intrinsics.reshape(-1, len(cov)), (by_ray @ skew(rays)).reshape(-1, 3)
+    jac_intrinsics = by_ray @ rays_by_intrinsics(camera, pixels_px[sound])
+    flat, turned = jac_intrinsics.reshape(-1, len(cov)), (by_ray @ skew(rays)).reshape(-1, 3)
     left = (flat - turned @ np.linalg.lstsq(turned, flat, rcond=None)[0]).reshape(-1, 2, len(cov))
     found = np.full(len(pixels_px), np.nan)
     found[sound] = np.sqrt(np.linalg.eigvalsh(left @ cov @ left.swapaxes(-1, -2))[:, -1].clip(0))

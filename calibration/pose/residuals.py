@@ -74,13 +74,13 @@ class ConditionResidual:
 
     Attributes:
         off: ``(m,)`` computed minus known value.
-        by_shared: ``(m, s)`` by the errors of ``dft.projection``.
+        jac_shared: ``(m, s)`` by the errors of ``dft.projection``.
         cov: ``(m, m)`` of ``off``, from pixels and known values.
         std_px: Of the pixels, to convert residuals to pixels.
     """
 
     off: FloatArray
-    by_shared: FloatArray
+    jac_shared: FloatArray
     cov: FloatArray
     std_px: float
 
@@ -137,8 +137,8 @@ class Distances:
             shared = np.einsum("kpi,kpij->kj", by_points, ground.jac_shared)
             if is_range:
                 shared[:, POSITION] -= directions
-            by_px = np.einsum("kpi,kpij->kpj", by_points, ground.jac_px)
-            variance = self.std_px**2 * np.sum(by_px * by_px, axis=(-1, -2)) + self._std_m**2
+            jac_px = np.einsum("kpi,kpij->kpj", by_points, ground.jac_px)
+            variance = self.std_px**2 * np.sum(jac_px * jac_px, axis=(-1, -2)) + self._std_m**2
             return distance_m - self._known_m, shared, variance
 
 
@@ -156,8 +156,8 @@ def _height(evidence: KnownHeight, state: State) -> ConditionResidual:
         geometry = RayGeometry(state.position_m, rays.directions_enu, ground.points_enu_m)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         value, by = scalars(PROBE_KINDS[ProbeKind.HEIGHT], state.model, geometry, pose, np.array(state.elevation_m))
-        shared, by_px = scalar_jacobians(by, ground, rays)
-    variance = evidence.std_px**2 * float(np.sum(by_px * by_px)) + evidence.std_m**2
+        shared, jac_px = scalar_jacobians(by, ground, rays)
+    variance = evidence.std_px**2 * float(np.sum(jac_px * jac_px)) + evidence.std_m**2
     residual_m = float(value) - evidence.height_m
     return ConditionResidual(np.array([residual_m]), shared[None], np.array([[variance]]), evidence.std_px)
 
@@ -168,14 +168,14 @@ def _ground_point(evidence: GroundPoint, state: State) -> ConditionResidual:
     axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
     ground = _ground(state, (evidence.pixel,), 0.0)
     offset = ground.points_enu_m[0, :2] - state.position_m[:2]
-    by_shared = ground.jac_shared[0, :2].copy()
-    by_shared[:, :2] -= np.eye(2)
+    jac_shared = ground.jac_shared[0, :2].copy()
+    jac_shared[:, :2] -= np.eye(2)
     # The ground frame rotates with the camera's heading, clockwise.
     across = np.array([-offset[1], offset[0]])
-    by_shared[:, ROTATION] -= np.outer(-across, _heading_by_rotation(state))
-    by_px = ground.jac_px[0, :2]
-    cov = evidence.std_px**2 * by_px @ by_px.T + evidence.std_m**2 * np.eye(2)
-    return ConditionResidual(axes @ offset - evidence.xy_m, axes @ by_shared, axes @ cov @ axes.T, evidence.std_px)
+    jac_shared[:, ROTATION] -= np.outer(-across, _heading_by_rotation(state))
+    jac_px = ground.jac_px[0, :2]
+    cov = evidence.std_px**2 * jac_px @ jac_px.T + evidence.std_m**2 * np.eye(2)
+    return ConditionResidual(axes @ offset - evidence.xy_m, axes @ jac_shared, axes @ cov @ axes.T, evidence.std_px)
 
 
 def _heading_by_rotation(state: State) -> FloatArray:
@@ -215,7 +215,7 @@ def _landmark(evidence: Landmark, state: State) -> ConditionResidual:
     if not cross(to_line, along) @ across > 0:  # behind the camera
         across = np.full(3, np.nan)
     found = _from_rays(float(across @ to_line) / size, cross(along, to_line)[None] / size, rays, evidence.std_px)
-    found.by_shared[0, POSITION] -= across / size
+    found.jac_shared[0, POSITION] -= across / size
     variance = float(np.square(across / size) @ np.square(evidence.std_m))
     return replace(found, cov=found.cov + variance)
 
@@ -225,12 +225,12 @@ def _on_level(evidence: Landmark, state: State) -> ConditionResidual:
     ground = _ground(state, (evidence.pixel,), (up or 0.0) - state.elevation_m)
     rows = [axis for axis, known in enumerate((east, north)) if known is not None]
     known = np.array([value for value in (east, north) if value is not None])
-    by_shared = ground.jac_shared[0, rows].copy()
-    by_px, by_elevation = ground.jac_px[0, rows], ground.jac_shared[0, rows, ELEVATION]
-    cov = evidence.std_px**2 * by_px @ by_px.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
-    cov += evidence.std_m[2] ** 2 * np.outer(by_elevation, by_elevation)
-    by_shared[:, ELEVATION] = 0.0  # its own elevation, not the ground's
-    return ConditionResidual(ground.points_enu_m[0, rows] - known, by_shared, cov, evidence.std_px)
+    jac_shared = ground.jac_shared[0, rows].copy()
+    jac_px, jac_elevation = ground.jac_px[0, rows], ground.jac_shared[0, rows, ELEVATION]
+    cov = evidence.std_px**2 * jac_px @ jac_px.T + np.diag(np.square(np.array(evidence.std_m)[rows]))
+    cov += evidence.std_m[2] ** 2 * np.outer(jac_elevation, jac_elevation)
+    jac_shared[:, ELEVATION] = 0.0  # its own elevation, not the ground's
+    return ConditionResidual(ground.points_enu_m[0, rows] - known, jac_shared, cov, evidence.std_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,17 +238,17 @@ class _Rays:
     """Rays of pixels in east, north, up ``(k, 3)``, by the shared errors ``(k, 3, s)``, by the pixels ``(k, 3, 2)``."""
 
     enu: FloatArray
-    by_shared: FloatArray
-    by_px: FloatArray
+    jac_shared: FloatArray
+    jac_px: FloatArray
 
 
 def _rays(state: State, pixels: tuple[Px, ...]) -> _Rays:
     px = np.array(pixels, dtype=np.float64)
     rays, rotation = rays_with_jacobian(state.camera, px), state.rotation
-    by_intrinsics = rays_by_intrinsics(state.camera, px)
-    shared = np.zeros((len(px), 3, INTRINSICS.start + by_intrinsics.shape[-1]))
+    jac_intrinsics = rays_by_intrinsics(state.camera, px)
+    shared = np.zeros((len(px), 3, INTRINSICS.start + jac_intrinsics.shape[-1]))
     shared[..., ROTATION] = -rotation @ skew(rays.rays_cam)
-    shared[..., INTRINSICS] = rotation @ by_intrinsics
+    shared[..., INTRINSICS] = rotation @ jac_intrinsics
     return _Rays(rays.rays_cam @ rotation.T, shared, rotation @ rays.jac_px)
 
 
@@ -262,9 +262,9 @@ def _foot_rays(state: State, pixel: Px) -> _Rays:
 
 def _from_rays(off: float, by_rays: FloatArray, rays: _Rays, std_px: float) -> ConditionResidual:
     """Residual of a condition on rays, from its derivatives ``(k, 3)`` by each of them."""
-    shared = np.einsum("ki,kij->j", by_rays, rays.by_shared)
-    by_px = np.einsum("ki,kij->kj", by_rays, rays.by_px)
-    variance = std_px**2 * float(np.sum(by_px * by_px))
+    shared = np.einsum("ki,kij->j", by_rays, rays.jac_shared)
+    jac_px = np.einsum("ki,kij->kj", by_rays, rays.jac_px)
+    variance = std_px**2 * float(np.sum(jac_px * jac_px))
     return ConditionResidual(np.array([off]), shared[None], np.array([[variance]]), std_px)
 
 
@@ -298,19 +298,21 @@ def _horizon(evidence: Horizon, state: State) -> ConditionResidual:
     """Residual of a horizon: each ray is level, or below by the sea's dip."""
     dip, by_height = _dip(evidence, state)
     if state.model is ProjectionModel.DFT:
-        psi_rad, shared, by_px = _row_angles(state, evidence.pixels)
+        psi_rad, shared, jac_px = _row_angles(state, evidence.pixels)
         off = psi_rad - math.pi / 2 + dip
     else:
         rays = _rays(state, evidence.pixels)
         length = np.linalg.norm(rays.enu, axis=-1)
         off = rays.enu[:, 2] / length + math.sin(dip)
         by_rays = np.array([0.0, 0.0, 1.0]) / length[:, None] - (rays.enu[:, 2] / length**3)[:, None] * rays.enu
-        shared = np.einsum("ki,kij->kj", by_rays, rays.by_shared)
-        by_px = np.einsum("ki,kij->kj", by_rays, rays.by_px)
+        shared = np.einsum("ki,kij->kj", by_rays, rays.jac_shared)
+        jac_px = np.einsum("ki,kij->kj", by_rays, rays.jac_px)
         by_height *= math.cos(dip)
     shared[:, 2] += by_height
     shared[:, ELEVATION] -= by_height
-    return ConditionResidual(off, shared, np.diag(evidence.std_px**2 * np.sum(by_px * by_px, axis=-1)), evidence.std_px)
+    return ConditionResidual(
+        off, shared, np.diag(evidence.std_px**2 * np.sum(jac_px * jac_px, axis=-1)), evidence.std_px
+    )
 
 
 def _row_angles(state: State, pixels: tuple[Px, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -318,14 +320,14 @@ def _row_angles(state: State, pixels: tuple[Px, ...]) -> tuple[FloatArray, Float
     camera, (tilt, _, _) = state.camera, state.angles_rad
     down_px = np.array(pixels, dtype=np.float64)[:, 1]
     psi_rad = vertical_angle(down_px, tilt, camera.height_px, camera.vfov_rad)
-    by_px = np.zeros((len(pixels), 2))
-    by_px[:, 1] = -camera.vfov_rad / camera.height_px
+    jac_px = np.zeros((len(pixels), 2))
+    jac_px[:, 1] = -camera.vfov_rad / camera.height_px
     shared = np.zeros((len(pixels), shared_count(camera)))
     shared[:, ROTATION.start] = 1.0
     half_px = camera.height_px / 2
     shared[:, FOCAL.stop - 1] = -(half_px - down_px) / (camera.fy_px**2 + half_px**2)  # field of view: 2 atan(H / 2 f)
-    shared[:, PRINCIPAL_POINT] = -by_px
-    return psi_rad, shared, by_px
+    shared[:, PRINCIPAL_POINT] = -jac_px
+    return psi_rad, shared, jac_px
 
 
 def _dip(evidence: Horizon, state: State) -> tuple[float, float]:
@@ -391,7 +393,7 @@ class Problem:
 
     def evaluate(self, state: State) -> Rows:
         """All residuals at a state."""
-        found = self.observed(state, self.unknowns.by_unknowns(state))
+        found = self.observed(state, self.unknowns.jac_unknowns(state))
         parts = [] if found is None else [found]
         parts += [self._of_priors(state)] if self._priors else []
         return concatenate_residuals(parts)
@@ -415,13 +417,13 @@ class Problem:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
             off = found.pixels_px - self._pixels
-            jac = _chain(found.by_rotation, by[ROTATION]) - _chain(found.by_point, by[POSITION])
+            jac = _chain(found.jac_rotation, by[ROTATION]) - _chain(found.jac_point, by[POSITION])
             if np.any(by[INTRINSICS]):
-                jac += _chain(found.by_intrinsics, by[INTRINSICS])
+                jac += _chain(found.jac_intrinsics, by[INTRINSICS])
         std = self._std_px[:, None]
         values, rows = off / std, jac / std[..., None]
         if self._point_cov is not None:
-            cov = found.by_point @ self._point_cov @ found.by_point.swapaxes(-1, -2)
+            cov = found.jac_point @ self._point_cov @ found.jac_point.swapaxes(-1, -2)
             cov += np.square(self._std_px)[:, None, None] * np.eye(2)
             root = _whitening(np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2)))
             values, rows = (root @ off[..., None])[..., 0], root @ jac
@@ -450,27 +452,27 @@ def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
 
 
 def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) -> Rows:
-    off_m, by_shared, variance = distances.residuals(state)
+    off_m, jac_shared, variance = distances.residuals(state)
     std_m = np.sqrt(variance * (1 + 1e-12))
-    values, by_shared = off_m / std_m, by_shared / std_m[:, None]
+    values, jac_shared = off_m / std_m, jac_shared / std_m[:, None]
     px = distances.std_px * values
-    is_out_of_sight = ~(np.isfinite(values) & np.all(np.isfinite(by_shared), axis=-1))
+    is_out_of_sight = ~(np.isfinite(values) & np.all(np.isfinite(jac_shared), axis=-1))
     if np.any(is_out_of_sight):
-        by_shared[is_out_of_sight], values[is_out_of_sight], px[is_out_of_sight] = 0.0, OUT_OF_SIGHT, np.inf
-    return Rows(values, by_shared @ by, distances.owner, px)
+        jac_shared[is_out_of_sight], values[is_out_of_sight], px[is_out_of_sight] = 0.0, OUT_OF_SIGHT, np.inf
+    return Rows(values, jac_shared @ by, distances.owner, px)
 
 
 def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Rows:
     found = condition(state)
     count = len(found.off)
-    is_out_of_sight = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.by_shared))
+    is_out_of_sight = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.jac_shared))
     owner = np.full(count, index)
     if is_out_of_sight:
         nothing = np.zeros((count, by.shape[1]))
         return Rows(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
     root = _whitening(found.cov)
     values = root @ found.off
-    return Rows(values, root @ found.by_shared @ by, owner, found.std_px * values)
+    return Rows(values, root @ found.jac_shared @ by, owner, found.std_px * values)
 
 
 def _whitening(cov: FloatArray) -> FloatArray:

@@ -94,9 +94,9 @@ def leave_one_out_steps(solution: Solution) -> FloatArray:
     the fit; NaN where the others determine none.
     """
     residuals, kept = solution.residuals, solution.kept
-    steps = np.where(kept[:, None], np.nan, np.zeros((len(kept), residuals.by_unknowns.shape[1])))
+    steps = np.where(kept[:, None], np.nan, np.zeros((len(kept), residuals.jac_unknowns.shape[1])))
     used = used_rows(residuals.owner, kept)
-    jac, values = residuals.by_unknowns[used], residuals.values[used]
+    jac, values = residuals.jac_unknowns[used], residuals.values[used]
     cov = covariance_of(jac.T @ jac)
     if not np.all(np.isfinite(cov)):
         return steps
@@ -107,7 +107,7 @@ def leave_one_out_steps(solution: Solution) -> FloatArray:
     for count in np.unique(counts[kept]):
         observations = np.flatnonzero(kept & (counts == count))
         rows = order[first[observations, None] + np.arange(count)]
-        jac_of_observation = residuals.by_unknowns[rows]
+        jac_of_observation = residuals.jac_unknowns[rows]
         gain = jac_of_observation @ cov
         remainder = np.eye(count) - gain @ jac_of_observation.swapaxes(-1, -2)
         is_determined = np.linalg.eigvalsh(remainder)[:, 0] > _MIN_REMAINDER
@@ -120,7 +120,7 @@ def leave_one_out_steps(solution: Solution) -> FloatArray:
 
 def has_lens_unknowns(problem: Problem, solution: Solution) -> bool:
     """Whether intrinsics are among the unknowns."""
-    return bool(np.any(problem.unknowns.by_unknowns(solution.state)[INTRINSICS]))
+    return bool(np.any(problem.unknowns.jac_unknowns(solution.state)[INTRINSICS]))
 
 
 def landmark_errors_m(problem: Problem, solution: Solution, steps: FloatArray) -> FloatArray:
@@ -139,7 +139,7 @@ def landmark_errors_m(problem: Problem, solution: Solution, steps: FloatArray) -
     wxyz = unknowns.attitudes_after(state, steps)
     is_determined = np.isfinite(wxyz[:, 0]) & np.isfinite(steps[:, 0])
     directions = matrix(wxyz[is_determined]) @ rays_from_pixels(state.camera, pixels[is_determined])[..., None]
-    position = state.position_m + steps[is_determined] @ unknowns.by_unknowns(state)[POSITION].T
+    position = state.position_m + steps[is_determined] @ unknowns.jac_unknowns(state)[POSITION].T
     offsets = meet_level(position, directions[..., 0], points[is_determined, 2]).points_enu_m - points[is_determined]
     distances = np.full(len(points), np.nan)
     distances[is_determined] = np.hypot(offsets[:, 0], offsets[:, 1])
@@ -277,7 +277,7 @@ def observability(problem: Problem, solution: Solution) -> Observability:
     coincide, it is determined nevertheless.
     """
     names = problem.unknowns.names
-    jac = solution.residuals.by_unknowns[used_rows(solution.residuals.owner, solution.kept)]
+    jac = solution.residuals.jac_unknowns[used_rows(solution.residuals.owner, solution.kept)]
     above_m = _height_above_evidence(problem, solution.state)
     sizes = np.array([natural_size(name, solution.state, above_m) for name in names])
     _, singular, directions = np.linalg.svd(np.linalg.qr(jac * sizes, mode="r"))
@@ -527,10 +527,10 @@ def with_lens(problem: Problem, solution: Solution, camera: Camera, stated: froz
     lens_cov = _intrinsics_covariance(camera, considered)
     if not np.any(lens_cov) or not np.all(np.isfinite(solution.covariance)):
         return solution
-    by_lens = Unknowns(tuple(considered)).by_unknowns(solution.state)
+    by_lens = Unknowns(tuple(considered)).jac_unknowns(solution.state)
     steps = _sensitivities(problem, solution, by_lens)
     in_angles = problem.unknowns.to_angles(solution.state) @ steps
-    moves = problem.unknowns.by_unknowns(solution.state) @ steps + by_lens
+    moves = problem.unknowns.jac_unknowns(solution.state) @ steps + by_lens
     return replace(
         solution,
         covariance=solution.covariance + in_angles @ lens_cov @ in_angles.T,
@@ -545,9 +545,9 @@ def _sensitivities(problem: Problem, solution: Solution, by_lens: FloatArray) ->
     by_considered = np.zeros((len(is_evidence), by_lens.shape[1]))
     by_observations = problem.observed(solution.state, by_lens)
     if by_observations is not None:
-        by_considered[is_evidence] = by_observations.by_unknowns
+        by_considered[is_evidence] = by_observations.jac_unknowns
     used = used_rows(residuals.owner, solution.kept)
-    return np.asarray(-np.linalg.pinv(residuals.by_unknowns[used]) @ by_considered[used])
+    return np.asarray(-np.linalg.pinv(residuals.jac_unknowns[used]) @ by_considered[used])
 
 
 def _intrinsic_names(camera: Camera) -> tuple[str, ...]:

@@ -382,12 +382,12 @@ def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
 def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     residuals = end.residuals
     used = used_rows(residuals.owner, kept)
-    jac, values = residuals.by_unknowns[used], residuals.values[used]
+    jac, values = residuals.jac_unknowns[used], residuals.values[used]
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
     p_value, sigma_scale = goodness(chi2, dof)
     to_angles = problem.unknowns.to_angles(end.state)
     covariance_of_steps = covariance_of(jac.T @ jac) * sigma_scale**2
-    by = problem.unknowns.by_unknowns(end.state)
+    by = problem.unknowns.jac_unknowns(end.state)
     if not np.all(np.isfinite(covariance_of_steps)):
         covariance, joint = covariance_of_steps, np.full((len(by), len(by)), np.inf)
     else:

@@ -152,7 +152,7 @@ class Unknowns:
         """Whether all three angles are unknown: then steps are rotations about the camera's axes, regular at nadir."""
         return set(_ANGLES) <= set(self.names)
 
-    def by_unknowns(self, state: State) -> FloatArray:
+    def jac_unknowns(self, state: State) -> FloatArray:
         """Derivatives ``(s, n)`` of the errors of ``dft.projection`` by steps of the unknowns.
 
         With a free attitude the three angles stand for rotations about the camera's x, z and y axes.
@@ -174,7 +174,7 @@ class Unknowns:
         Raises:
             ValueError: The step leads to an impossible camera.
         """
-        errors = self.by_unknowns(state) @ step
+        errors = self.jac_unknowns(state) @ step
         wxyz = self.attitudes_after(state, step)
         if np.isnan(wxyz[0]):
             raise ValueError(f"got a step from a tilt of {state.value('tilt')} rad past nadir or zenith, expected none")
@@ -201,7 +201,7 @@ class Unknowns:
     def attitudes_after(self, state: State, steps: FloatArray) -> FloatArray:
         """Attitudes ``(..., 4)`` after steps ``(..., n)``; NaN past nadir, where a known heading would flip."""
         if self.has_free_attitude:
-            return multiply(state.wxyz, from_rotation_vector(steps @ self.by_unknowns(state)[ROTATION].T))
+            return multiply(state.wxyz, from_rotation_vector(steps @ self.jac_unknowns(state)[ROTATION].T))
         if not set(_ANGLES) & set(self.names):
             return np.broadcast_to(state.wxyz, (*steps.shape[:-1], 4))
         tilt, roll, heading = (
@@ -228,7 +228,7 @@ class Unknowns:
 
 @lru_cache(maxsize=64)
 def _constant_columns(names: tuple[str, ...], coefficients: tuple[str, ...]) -> FloatArray:
-    """The part ``(s, n)`` of ``Unknowns.by_unknowns`` that is independent of the state."""
+    """The part ``(s, n)`` of ``Unknowns.jac_unknowns`` that is independent of the state."""
     by = np.zeros((7 + 4 + len(coefficients), len(names)))
     for column, name in enumerate(names):
         if name in _POSITION_INDEX:

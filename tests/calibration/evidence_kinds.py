@@ -70,10 +70,10 @@ def nearby(state, rng):
     """Another state, a few pixels and decimetres off."""
     steps = rng.normal(size=7 + 4 + len(state.camera.distortion))
     steps *= [0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3, 0.02, *[2.0] * 4, *[1e-4] * len(state.camera.distortion)]
-    return by_shared(state, steps)
+    return moved_by_shared(state, steps)
 
 
-def by_shared(state, steps):
+def moved_by_shared(state, steps):
     """The state, off by the shared errors of ``dft.projection``."""
     lens, (fx, fy, cx, cy, *bent) = state.camera, steps[7:].tolist()
     camera = replace(

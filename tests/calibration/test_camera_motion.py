@@ -324,7 +324,7 @@ def test_pose_and_lens_are_off_together_as_stated():
         off.append(error)
         lens.append(list(fields.values()))
     known = KnownTurn(
-        from_rotation_vector(rotvec), np.zeros((3, 3)), hat.by_intrinsics, np.cov(np.array(lens).T), shift_m=0.0
+        from_rotation_vector(rotvec), np.zeros((3, 3)), hat.jac_intrinsics, np.cov(np.array(lens).T), shift_m=0.0
     )
     pose = rotated_pose(camera_pose(height_agl_m=8.0, tilt_rad=1.0), known)
     drawn = np.cov(np.concatenate([off, lens], axis=1).T)

@@ -17,10 +17,10 @@ from calibration.pose.residuals import Distances
 from .evidence_kinds import (
     KINDS,
     LENSES,
-    by_shared,
     central,
     condition_of,
     freedoms,
+    moved_by_shared,
     nearby,
     off_by,
     scene,
@@ -56,8 +56,8 @@ def test_derivatives_by_everything_a_camera_is_off_by(kind, lens, seed):
     world, evidence = scene(kind, lens, rng)
     state, condition = guess(world, kind, rng), condition_of(evidence)
     sizes, found = shared_sizes(state), condition(state)
-    want = central(lambda steps: condition(by_shared(state, steps)).off, len(sizes), sizes)
-    assert_allclose(found.by_shared * sizes, want * sizes, atol=1e-5 * np.max(np.abs(want * sizes)))
+    want = central(lambda steps: condition(moved_by_shared(state, steps)).off, len(sizes), sizes)
+    assert_allclose(found.jac_shared * sizes, want * sizes, atol=1e-5 * np.max(np.abs(want * sizes)))
 
 
 def guess(world, kind, rng):
@@ -130,7 +130,7 @@ def test_derivatives_of_the_papers_model(kind):
         return condition(State.from_angles(camera, place + steps[:3], angles, elevation, ProjectionModel.DFT))
 
     unknowns = Unknowns(("east", "north", "height", "tilt", "heading", "elevation", "fx", "fy"))
-    got = found(np.zeros(8)).by_shared @ unknowns.by_unknowns(PAPER_STATE)
+    got = found(np.zeros(8)).jac_shared @ unknowns.jac_unknowns(PAPER_STATE)
     want = central(lambda steps: found(steps).off, 8, np.array([1e-5] * 6 + [1e-2] * 2))
     assert_allclose(got, want, atol=1e-6 * np.max(np.abs(want)))
 
@@ -153,5 +153,5 @@ def test_of_many_ranges_and_lengths_each_is_what_it_is_alone(tilt_deg, missed):
         assert np.count_nonzero(np.isnan(off)) == min(missed, len(together))
         assert_allclose(off, [each.off[0] for each in alone], rtol=1e-12)
         seen = np.isfinite(off)
-        assert_allclose(shared[seen], np.array([each.by_shared[0] for each in alone])[seen], rtol=1e-12)
+        assert_allclose(shared[seen], np.array([each.jac_shared[0] for each in alone])[seen], rtol=1e-12)
         assert_allclose(variance[seen], np.array([each.cov[0, 0] for each in alone])[seen], rtol=1e-12)

@@ -226,11 +226,11 @@ def problem_and_guess():
 
 def dense(residuals):
     """The whole Jacobian."""
-    count = residuals.by_unknowns.shape[1] - OWN
+    count = residuals.jac_unknowns.shape[1] - OWN
     jac = np.zeros((len(residuals.values), count + OWN * len(residuals.images)))
-    jac[:, :count] = residuals.by_unknowns[:, :count]
+    jac[:, :count] = residuals.jac_unknowns[:, :count]
     for index, rows in enumerate(residuals.images):
-        jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.by_unknowns[rows, count:]
+        jac[rows, count + OWN * index : count + OWN * (index + 1)] = residuals.jac_unknowns[rows, count:]
     return jac
 
 

@@ -264,7 +264,7 @@ def test_the_lens_is_considered_and_not_estimated():
     joint = np.block([[pose.cov, pose.lens_cov], [pose.lens_cov.T, lens_cov]])
     assert np.linalg.eigvalsh(joint)[0] > -1e-9
     by = reproject(LENS, pose.position_enu_m, matrix(pose.wxyz), np.array(PLACES["b"]))
-    together, lens_alone = np.hstack([-by.by_point, by.by_rotation, by.by_intrinsics]), by.by_intrinsics
+    together, lens_alone = np.hstack([-by.jac_point, by.jac_rotation, by.jac_intrinsics]), by.jac_intrinsics
     stds = [np.sqrt(np.diag(each)) for each in (together @ joint @ together.T, lens_alone @ lens_cov @ lens_alone.T)]
     assert np.all(stds[0] < 0.5 * stds[1])
 

@@ -38,7 +38,7 @@ def assert_derivatives(problem, state, above_m):
     names = problem.unknowns.names
     sizes = steps_of(names, above_m)
     want = central(lambda step: problem.evaluate(problem.unknowns.moved(state, step)).values, len(names), sizes) * sizes
-    got = problem.evaluate(state).by_unknowns * sizes
+    got = problem.evaluate(state).jac_unknowns * sizes
     assert_allclose(got, want, atol=2e-5 * np.max(np.abs(want)))
 
 
@@ -90,7 +90,7 @@ def test_derivatives_of_priors(names, seed):
     problem = problem_of([evidence], names, {name: Prior(value=world.truth[name], std=0.3) for name in names})
     rows, sizes = problem.evaluate(state).owner < 0, np.full(len(names), 1e-6)
     want = central(lambda step: problem.evaluate(problem.unknowns.moved(state, step)).values[rows], len(names), sizes)
-    assert_allclose(problem.evaluate(state).by_unknowns[rows], want, atol=1e-6 * np.max(np.abs(want)))
+    assert_allclose(problem.evaluate(state).jac_unknowns[rows], want, atol=1e-6 * np.max(np.abs(want)))
 
 
 def test_a_prior_of_an_angle_is_met_on_the_turn():
@@ -134,5 +134,5 @@ def test_what_a_guess_does_not_see_counts_more_than_anything_it_sees():
     for evidence, guess in ((behind, world), (above, level)):
         found = problem_of([evidence], ("height", "tilt")).evaluate(guess.state())
         assert_allclose(found.values, OUT_OF_SIGHT)
-        assert_allclose(found.by_unknowns, 0.0)
+        assert_allclose(found.jac_unknowns, 0.0)
         assert np.all(np.isinf(found.px))

@@ -168,7 +168,7 @@ def test_stds_that_are_stated_too_small_are_scaled_up(stated):
     solution, _ = solved(task, world, replace(known, evidence=said))
     assert_allclose(solution.sigma_scale, max(0.7, 1 / stated), rtol=0.25)
     truth = poses(replace(known, evidence=said), world.state(), task.unknowns, is_good=True)
-    own = truth.residuals.by_unknowns
+    own = truth.residuals.jac_unknowns
     to_angles = Unknowns(task.unknowns).to_angles(truth.state)
     want = to_angles @ np.linalg.inv(own.T @ own) @ to_angles.T * solution.sigma_scale**2
     assert_allclose(solution.covariance, want, rtol=1e-3)

@@ -51,7 +51,7 @@ def test_a_small_step_makes_the_errors_that_it_says(lens, angles, angles_rad):
     unknowns = Unknowns(all_names(state, angles))
     sizes = np.full(len(unknowns.names), STEP)
     got = central(lambda step: errors_between(state, unknowns.moved(state, step)), len(sizes), sizes)
-    assert_allclose(got, unknowns.by_unknowns(state), atol=1e-6)
+    assert_allclose(got, unknowns.jac_unknowns(state), atol=1e-6)
 
 
 @settings(max_examples=20, deadline=None)

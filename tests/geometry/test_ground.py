@@ -155,9 +155,9 @@ def test_jacobians_are_the_differences(meet, camera, direction):
     jac = jacobians(camera, direction, hits)
     step = 1e-5
     moves = [
-        *((jac.by_direction[:, axis], np.zeros(3), np.eye(3)[axis], 0.0) for axis in range(3)),
-        *((jac.by_position[:, axis], np.eye(3)[axis], np.zeros(3), 0.0) for axis in range(3)),
-        (jac.by_elevation, np.zeros(3), np.zeros(3), 1.0),
+        *((jac.jac_direction[:, axis], np.zeros(3), np.eye(3)[axis], 0.0) for axis in range(3)),
+        *((jac.jac_position[:, axis], np.eye(3)[axis], np.zeros(3), 0.0) for axis in range(3)),
+        (jac.jac_elevation, np.zeros(3), np.zeros(3), 1.0),
     ]
     for got, shift, turn, rise in moves:
         before, after = (
@@ -177,6 +177,6 @@ def _same_patch(before, after):
 def test_a_miss_has_no_derivative():
     camera, rays = np.array([0.0, 0.0, 50.0]), np.array([_ray(10.0), _ray(-10.0)])
     jac = jacobians(camera, rays, meet_level(camera, rays, 0.0))
-    for values in (jac.by_direction, jac.by_position, jac.by_elevation):
+    for values in (jac.jac_direction, jac.jac_position, jac.jac_elevation):
         assert np.all(np.isfinite(values[0]))
         assert np.all(np.isnan(values[1]))

@@ -100,7 +100,7 @@ def test_what_the_lens_adds_is_what_another_lens_gives(column):
     seen = find_rotation(BROWN, then, by_opencv(true, rotvec, then))
     assert turn is not None
     assert seen is not None
-    got = turn.by_intrinsics[:, column] * step
+    got = turn.jac_intrinsics[:, column] * step
     np.testing.assert_allclose(got, error_rad(seen, rotvec), atol=0.02 * np.linalg.norm(got) + 1e-9)
 
 

@@ -73,7 +73,7 @@ def test_derivatives_are_finite_differences(lens, tilt, roll, heading, seen):
         turned = matrix(multiply(wxyz, from_rotation_vector(np.array(turn, dtype=float))))
         return reproject(camera, POSITION, turned, point + np.array(move)).pixels_px
 
-    for name, jac in (("move", found.by_point), ("turn", found.by_rotation), ("bend", found.by_intrinsics)):
+    for name, jac in (("move", found.jac_point), ("turn", found.jac_rotation), ("bend", found.jac_intrinsics)):
         for column in range(jac.shape[-1]):
             shift = step * np.eye(jac.shape[-1])[column]
             want = (pixels(**{name: shift}) - pixels(**{name: -shift})) / (2 * step)

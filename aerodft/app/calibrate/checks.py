@@ -92,8 +92,8 @@ def unstated(result: Result, evidence: EvidenceFile, *, is_saved: bool) -> NotDe
         if name in result.names or name in evidence.known.priors:
             continue
         state = result.solution.state
-        found = result.problem.observed(state, Unknowns((name,)).by_unknowns(state))
-        if is_saved or (found is not None and np.any(found.by_unknowns)):
+        found = result.problem.observed(state, Unknowns((name,)).jac_unknowns(state))
+        if is_saved or (found is not None and np.any(found.jac_unknowns)):
             return NotDetermined(
                 "no calibration",
                 where=evidence.path,

@@ -100,9 +100,9 @@ def matches_of(camera: Camera, earlier_px: FloatArray, later_px: FloatArray, shr
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = rays.rays_cam[..., 2]
         flat = rays.rays_cam[..., :2] / depth[..., None]
-        by_px = (rays.jac_px[..., :2, :] - flat[..., None] * rays.jac_px[..., 2:, :]) / depth[..., None, None]
+        jac_px = (rays.jac_px[..., :2, :] - flat[..., None] * rays.jac_px[..., 2:, :]) / depth[..., None, None]
         usable = np.all((depth > 0) & (np.linalg.norm(flat, axis=-1) < _WIDEST_TANGENT), axis=0)
-    px = np.sqrt(np.abs(np.linalg.det(by_px[1][usable]))) * shrink
+    px = np.sqrt(np.abs(np.linalg.det(jac_px[1][usable]))) * shrink
     return Matches(earlier=flat[0][usable], later=flat[1][usable], px=px)
 
 

@@ -63,7 +63,7 @@ class ObjectFootprint:
     Attributes:
         place_en_m: ``(2,)`` of its foot.
         cov_m2: ``(2, 2)``, of what is its own: no error of the camera's.
-        by_px: ``(2, 2)`` derivative of the place by the foot's pixel.
+        jac_px: ``(2, 2)`` derivative of the place by the foot's pixel.
         foot_px: ``(2,)``.
         top_px: ``(2,)``; the foot where it is not known.
         across_px: ``(2,)`` unit vector to the right where the vertical is down.
@@ -74,7 +74,7 @@ class ObjectFootprint:
 
     place_en_m: FloatArray
     cov_m2: FloatArray
-    by_px: FloatArray
+    jac_px: FloatArray
     foot_px: FloatArray
     top_px: FloatArray
     across_px: FloatArray
@@ -84,7 +84,7 @@ class ObjectFootprint:
 
     def blurred_aside(self, std_px: float) -> FloatArray:
         """The covariance ``(2, 2)`` where the foot may be farther aside."""
-        move = self.by_px @ self.across_px * std_px
+        move = self.jac_px @ self.across_px * std_px
         return np.asarray(self.cov_m2 + np.outer(move, move))
 
 
@@ -116,8 +116,8 @@ def below_top(
     top = ground_at(raised, pose, footprint.top_px[None])
     if top.status[0]:
         return None
-    by_px, by_height = top.jac_px[0, :2], top.jac_shared[0, :2, ELEVATION] * _HEIGHT_SHARE * height_m
-    cov = by_px @ by_px.T * _TOP_STD_PX**2 + np.outer(by_height, by_height) + np.eye(2) * _LEAST_STD_M**2
+    jac_px, by_height = top.jac_px[0, :2], top.jac_shared[0, :2, ELEVATION] * _HEIGHT_SHARE * height_m
+    cov = jac_px @ jac_px.T * _TOP_STD_PX**2 + np.outer(by_height, by_height) + np.eye(2) * _LEAST_STD_M**2
     return top.points_enu_m[0, :2], cov
 
 
@@ -149,14 +149,14 @@ def _placed(
 ) -> ObjectFootprint | None:
     if ground.status[0]:
         return None
-    by_px = ground.jac_px[0, :2]
-    cov = by_px @ cov_px2 @ by_px.T + np.eye(2) * _LEAST_STD_M**2
+    jac_px = ground.jac_px[0, :2]
+    cov = jac_px @ cov_px2 @ jac_px.T + np.eye(2) * _LEAST_STD_M**2
     range_m = float(np.linalg.norm(ground.points_enu_m[0] - pose.position_enu_m))
     if setup.max_range_m is not None and range_m > setup.max_range_m:
         return None
     if not math.sqrt(float(np.max(np.linalg.eigvalsh(cov)))) <= MAX_RELATIVE_RANGE_STD * range_m:
         return None
-    return ObjectFootprint(ground.points_enu_m[0, :2], cov, by_px, *pixels, *size)
+    return ObjectFootprint(ground.points_enu_m[0, :2], cov, jac_px, *pixels, *size)
 
 
 def _height_m(setup: Setup, pose: Pose, ground: GroundPoints, top_px: FloatArray) -> float:

@@ -45,16 +45,16 @@ class _PlacedTrack:
         track: The track.
         pixel_px: ``(2,)`` of its place.
         enu_m: ``(3,)``.
-        by_shared: ``(3, s)`` derivative of the place by what all points share.
-        velocity_by_shared: ``(2, s)`` of the velocity.
+        jac_shared: ``(3, s)`` derivative of the place by what all points share.
+        velocity_jac_shared: ``(2, s)`` of the velocity.
         own_cov_m2: ``(3, 3)``, of the filter and of the outline.
     """
 
     track: GroundTrack
     pixel_px: FloatArray
     enu_m: FloatArray
-    by_shared: FloatArray
-    velocity_by_shared: FloatArray
+    jac_shared: FloatArray
+    velocity_jac_shared: FloatArray
     own_cov_m2: FloatArray
 
 
@@ -135,9 +135,9 @@ def _placed(setup: Setup, pose: Pose, track: GroundTrack, edge_std_px: float) ->
     ground = ground_at(setup, pose, pixels)
     if ground.status[0] or (track.hidden and _is_astray(ground, pose, state.cov[:2, :2])):
         return None
-    by_px = ground.jac_px[0]
-    level = by_px @ np.linalg.inv(by_px[:2])  # from a step on the map to one on the ground
-    own = level @ state.cov[:2, :2] @ level.T + by_px @ by_px.T * edge_std_px**2
+    jac_px = ground.jac_px[0]
+    level = jac_px @ np.linalg.inv(jac_px[:2])  # from a step on the map to one on the ground
+    own = level @ state.cov[:2, :2] @ level.T + jac_px @ jac_px.T * edge_std_px**2
     turn = (ground.jac_shared[1, :2] - ground.jac_shared[0, :2]) / _AHEAD_S
     if not np.all(np.isfinite(turn)):
         turn = np.zeros_like(turn)
@@ -161,10 +161,10 @@ def _pixels_of(setup: Setup, pose: Pose, places_en_m: FloatArray) -> FloatArray:
 def _track_answer(at: _PlacedTrack, sample: PoseSample, pose: Pose, shared: FloatArray) -> MeasurementColumn:
     velocity = at.track.state.velocity_en_mps
     speed = float(np.linalg.norm(velocity))
-    cov = at.track.state.cov[2:, 2:] + at.velocity_by_shared @ shared @ at.velocity_by_shared.T
+    cov = at.track.state.cov[2:, 2:] + at.velocity_jac_shared @ shared @ at.velocity_jac_shared.T
     along = velocity / speed if speed > _STILL_MPS else np.array([1.0, 0.0])
     std = math.sqrt(max(float(along @ cov @ along), 0.0))
-    cov_enu = at.own_cov_m2 + at.by_shared @ shared @ at.by_shared.T
+    cov_enu = at.own_cov_m2 + at.jac_shared @ shared @ at.jac_shared.T
     range_m = float(np.linalg.norm(at.enu_m - pose.position_enu_m))
     if not math.sqrt(max(np.linalg.eigvalsh(cov_enu))) <= MAX_RELATIVE_RANGE_STD * range_m:
         sentence = f"{at.track.name} is {range_m:.1f} m away: too near the horizon for a place"
@@ -181,11 +181,11 @@ def _distance_answer(
     apart = (second.enu_m - first.enu_m)[:2]
     distance = float(np.linalg.norm(apart))
     along = apart / distance if distance > 0 else np.array([1.0, 0.0])
-    by = along @ (second.by_shared - first.by_shared)[:2]
+    by = along @ (second.jac_shared - first.jac_shared)[:2]
     own = first.own_cov_m2[:2, :2] + second.own_cov_m2[:2, :2]
     std = math.sqrt(max(float(by @ shared @ by + along @ own @ along), 0.0))
     hidden = next((at.track for at in pair if at.track.hidden), first.track)
-    cov_enu = first.own_cov_m2 + first.by_shared @ shared @ first.by_shared.T
+    cov_enu = first.own_cov_m2 + first.jac_shared @ shared @ first.jac_shared.T
     numbers = _places(sample, pose, np.stack([first.enu_m, second.enu_m]), cov_enu)
     return _column("m", sample, hidden, numbers, (distance, std))
 

@@ -154,8 +154,8 @@ class Task(Protocol[StateT]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Descent(Generic[StateT]):
-    """End of a descent."""
+class LocalMinimum(Generic[StateT]):
+    """A local minimum of the loss: its state, its residuals, and half of the summed loss."""
 
     state: StateT
     residuals: Rows
@@ -209,7 +209,7 @@ def descend(
     scale: float | None = None,
     kept: np.ndarray | None = None,
     known: Rows | None = None,
-) -> Descent[StateT]:
+) -> LocalMinimum[StateT]:
     """Descend from ``start`` to the nearest minimum.
 
     Args:
@@ -231,7 +231,7 @@ def descend(
         cost = new_cost
         if decrease <= tolerance * (cost + _CONVERGED):
             break
-    return Descent(state, residuals, cost)
+    return LocalMinimum(state, residuals, cost)
 
 
 def _next_state(

@@ -32,7 +32,7 @@ from aerodft.model import (
     SurveyedLandmark,
 )
 from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
-from calibration.flight import BiasedPoses, BiasModel, propagated, relocated, stds_of
+from calibration.flight import BiasedPoses, BiasModel, propagate_covariance, stds_of, with_lat_lon
 
 _ITERATIONS = 6
 _CURVED = 0.01
@@ -145,7 +145,7 @@ class BiasFilter:
         Each is told from ``which (n,)`` of the states ``known``; at a stamp before a state's image as at that image.
         """
         mean, cov, lens_cov, since_ns = (np.array([each[part] for each in known])[which] for part in range(4))
-        left, returned = self._model.drifted(np.maximum(stamp_ns - since_ns, 0) / SECOND_NS)
+        left, returned = self._model.decayed(np.maximum(stamp_ns - since_ns, 0) / SECOND_NS)
         cov = left[:, :, None] * cov * left[:, None]
         every = np.arange(cov.shape[-1])
         cov[:, every, every] += returned
@@ -160,7 +160,7 @@ class BiasFilter:
         Returns:
             That pose ``()``.
         """
-        stamp_ns, pose = int(image.stamp_ns[0]), self._model.biased(image).row(0)
+        stamp_ns, pose = int(image.stamp_ns[0]), self._model.with_biases(image).row(0)
         if self._stamp_ns is None or stamp_ns > self._stamp_ns:
             self._propagate(stamp_ns)
             self._stamp_ns = stamp_ns
@@ -171,8 +171,8 @@ class BiasFilter:
         wxyz = pose.corrected(biases).wxyz
         noise = pose.noise_covariance(wxyz, self._model.noise_of(image.std[0], pose.height_column))
         if stamp_ns < self._stamp_ns:  # the biases of then are not quite those of now
-            _, returned = self._model.drifted(np.array((self._stamp_ns - stamp_ns) / SECOND_NS))
-            noise = noise + propagated(pose.by_biases(biases, wxyz), np.diag(returned))
+            _, returned = self._model.decayed(np.array((self._stamp_ns - stamp_ns) / SECOND_NS))
+            noise = noise + propagate_covariance(pose.by_biases(biases, wxyz), np.diag(returned))
         self._mean[self._image] = 0.0
         self._cov[self._image, :] = self._cov[:, self._image] = 0.0
         self._cov[self._image, self._image] = noise
@@ -240,7 +240,7 @@ class BiasFilter:
     def _propagate(self, stamp_ns: int) -> None:
         """Bring the state to a later stamp."""
         elapsed_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
-        left, returned = self._model.drifted(np.array(elapsed_ns / SECOND_NS))
+        left, returned = self._model.decayed(np.array(elapsed_ns / SECOND_NS))
         self._mean[self._biases] = self._model.mean + left * (self._mean[self._biases] - self._model.mean)
         self._cov[self._biases, :] *= left[:, None]
         self._cov[:, self._biases] *= left
@@ -290,20 +290,20 @@ class LiveCalibrator:
 
     def _refined(self, poses: PoseBatch, known: Sequence[_Known], which: IntArray) -> PoseBatch:
         biases, cov, with_lens = self._filter.biases(known, which, poses.stamp_ns)
-        biased = self._model.biased(poses)
+        biased = self._model.with_biases(poses)
         noise = self._model.noise_of(poses.std, biased.height_column)
         pose = biased.corrected(biases)
         by = biased.by_biases(biases, pose.wxyz)
         refined = replace(
             pose,
-            cov=propagated(by, cov) + biased.noise_covariance(pose.wxyz, noise),
+            cov=propagate_covariance(by, cov) + biased.noise_covariance(pose.wxyz, noise),
             lens_cov=by @ with_lens,
             time_std_s=0.0,  # it is one of the biases
         )
-        std = np.hypot(stds_of(biased.of_heights(np.diagonal(cov, axis1=-2, axis2=-1))), noise)
+        std = np.hypot(stds_of(biased.for_heights(np.diagonal(cov, axis1=-2, axis2=-1))), noise)
         names = [known[k][-1] for k in which.tolist()]
         named = poses.with_variants(names, lambda sample, name: replace(sample, calibration=name))
-        return relocated(replace(named, pose=refined, std=std))
+        return with_lat_lon(replace(named, pose=refined, std=std))
 
     def observes(self, name: str) -> bool:
         """Whether a landmark has that name."""

@@ -10,7 +10,7 @@ from typing import Any, Final
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station
 from aerodft.adapters.telemetry import followed_by, opened_signing
-from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts, MavlinkLink, is_link, parse_address
+from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts, MavlinkLink, is_link, parse_address
 from aerodft.app.assembly import open_telemetry_log
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, RequestOutcome, document, notes, problems, request_messages
@@ -79,7 +79,7 @@ def diagnose(
     *,
     station: str | Path | StationConfig | None = None,
     camera: str | Path | Camera | None = None,
-    followed: Followed | None = None,
+    followed: FollowedIds | None = None,
     link: LinkOptions | None = None,
     topics: Topics | None = None,
 ) -> Diagnosis:
@@ -161,7 +161,7 @@ def _diagnose_log(path: Path, diagnosis: LogDiagnosis, topics: Topics | None) ->
 def _diagnose_link(
     address: str,
     new: Callable[[], LogDiagnosis],
-    followed: Followed,
+    followed: FollowedIds,
     options: LinkOptions,
     station: StationConfig | None,
 ) -> tuple[DiagnosisReport, tuple[RequestOutcome, ...] | None]:
@@ -213,7 +213,7 @@ def _listen(link: MavlinkLink, noted: Iterator[Batches], diagnosis: LogDiagnosis
     return diagnosis.report(counts=link.counts, signing=link.signing)
 
 
-def _check_one_vehicle(report: DiagnosisReport, followed: Followed) -> None:
+def _check_one_vehicle(report: DiagnosisReport, followed: FollowedIds) -> None:
     """Refuse to request messages where no vehicle was heard, or several and none was chosen."""
     if report.system is None or not report.is_heard:
         got = f"systems {', '.join(map(str, report.heard))}" if report.heard else "no autopilot heard"

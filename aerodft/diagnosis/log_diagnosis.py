@@ -17,7 +17,7 @@ from aerodft.adapters.telemetry.mavlink import (
     UNKNOWN,
     V1,
     V2,
-    Followed,
+    FollowedIds,
     FrameCounts,
     MavlinkDecoder,
     frame_table,
@@ -294,11 +294,11 @@ class LogDiagnosis:
     """
 
     def __init__(
-        self, target: str, *, followed: Followed | None = None, settings: TelemetrySettings | None = None
+        self, target: str, *, followed: FollowedIds | None = None, settings: TelemetrySettings | None = None
     ) -> None:
         self._target = target
         self._settings = settings
-        self._followed = followed or Followed()
+        self._followed = followed or FollowedIds()
         self._decoder = CompositeDecoder(followed)
         self._mavlink = self._decoder.of_type(MavlinkDecoder)
         self._formats = self._decoder.of_type(DataflashDecoder).formats

@@ -21,7 +21,7 @@ from pyproj import CRS, Transformer
 from aerodft.adapters.files import output_folder
 from aerodft.adapters.images import read_camera_image
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
-from aerodft.dft.maps import DepthMap, Sampling, TopView, Z, depth_map, measured_plane, range_std, top_view
+from aerodft.dft.maps import DepthMap, Sampling, TopView, Z, depth_map, plane_at_elevation, range_std, top_view
 from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.geometry import (
     Float32Array,
@@ -108,7 +108,7 @@ def _scene_of(setup: Setup, sample: PoseSample) -> _Scene:
     std_m = None
     uncertain = np.any(pose.cov) or pose.time_std_s or np.any(intrinsics_covariance(camera))
     if uncertain and (ground is None or isinstance(ground, Plane)):
-        std_m = range_std(camera, pose, measured_plane(ground, elevation_m), setup.elevation_std_m)
+        std_m = range_std(camera, pose, plane_at_elevation(ground, elevation_m), setup.elevation_std_m)
         std_m[np.isnan(seen.range_m)] = np.nan
     return _Scene(setup, sample, pose, limit, seen, std_m)
 

@@ -290,23 +290,25 @@ class Pipeline:
         if poses is None or not len(rows):
             return
         rows = rows[np.argsort(answer[rows], kind="stable")]
-        occasion = answer[rows]
-        as_of = answer_times.ticks[occasion] - 1
+        time_index = answer[rows]
+        as_of_tick = answer_times.ticks[time_index] - 1
         # Deadlines between two ticks are answered on the second of them, before its own work.
-        tick = first + as_of + ~answer_times.is_tick[occasion]
-        self._pass_on(ReadyWork(work.rows(rows), poses.rows(pose_index[rows]), tick, occasion), as_of)
+        tick = first + as_of_tick + ~answer_times.is_tick[time_index]
+        self._pass_on(ReadyWork(work.rows(rows), poses.rows(pose_index[rows]), tick, time_index), as_of_tick)
 
     def _required_image_ns(self, work: WorkList) -> IntArray:
         """Stamps ``(n,)`` that the last image must have reached: an observation may arrive before its image."""
         has_no_image = (work.task != Task.IMAGE) & (work.image == NO_IMAGE)
         return np.where(has_no_image, work.stamp_ns - self._settings.match_tolerance_ns, _ANY_IMAGE)
 
-    def _poses_at_deadline(self, work: WorkList, rows: IntArray, as_of: IntArray) -> list[tuple[IntArray, PoseBatch]]:
+    def _poses_at_deadline(
+        self, work: WorkList, rows: IntArray, as_of_tick: IntArray
+    ) -> list[tuple[IntArray, PoseBatch]]:
         """Poses of rows as of ticks ``(n,)`` from the telemetry at hand, with the rows."""
         if not len(rows):
             return []
         final = np.full(len(rows), fill_value=True)
-        return [(rows, self._poses_at(work.stamp_ns[rows], as_of, final=final, by_utc=work.by_utc[rows])[0])]
+        return [(rows, self._poses_at(work.stamp_ns[rows], as_of_tick, final=final, by_utc=work.by_utc[rows])[0])]
 
     @staticmethod
     def _stored_poses(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
@@ -344,15 +346,15 @@ class Pipeline:
             rows, tick = rows[is_pending], tick[is_pending] + 1
         return ready_tick, [part for part in parts if len(part[0])]
 
-    def _pass_on(self, ready: ReadyWork, as_of: IntArray) -> None:
+    def _pass_on(self, ready: ReadyWork, as_of_tick: IntArray) -> None:
         """Pass work on to be answered, each as of a tick ``(n,)`` of the newest step, with observations' images."""
         work = ready.work
         for row in np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE)).tolist():
             tolerance_ns = self._settings.match_tolerance_ns
-            work.image[row] = self._images.nearest(int(work.stamp_ns[row]), tolerance_ns, int(as_of[row]))
+            work.image[row] = self._images.nearest(int(work.stamp_ns[row]), tolerance_ns, int(as_of_tick[row]))
 
         def describe_switch(before: HeightSource, after: HeightSource, stamp_ns: int, row: int) -> HeightSwitch:
-            return self._poses.height_switch(before, after, stamp_ns, int(as_of[row]))
+            return self._poses.height_switch(before, after, stamp_ns, int(as_of_tick[row]))
 
         self._answering.add(ready, describe_switch)
 

@@ -1,5 +1,12 @@
 """Calibration of a flight's telemetry biases from landmarks in many images."""
 
-from calibration.flight.biases import BiasCalibrator, BiasedPoses, BiasModel, propagated, relocated, stds_of
+from calibration.flight.biases import (
+    BiasCalibrator,
+    BiasedPoses,
+    BiasModel,
+    propagate_covariance,
+    stds_of,
+    with_lat_lon,
+)
 from calibration.flight.result import ImagesResult, calibrate_images
-from calibration.flight.state import PoseTrack, View, shared_and_new, typical_noise
+from calibration.flight.state import PoseTrack, View, split_stds, typical_noise

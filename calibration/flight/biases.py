@@ -103,7 +103,7 @@ class BiasModel:
         """
         return self.heights.index(HeightSource(sample.height_source or ""))
 
-    def biased(self, poses: PoseBatch) -> "BiasedPoses":
+    def with_biases(self, poses: PoseBatch) -> "BiasedPoses":
         """Telemetry poses, each with the bias of its own height."""
         return BiasedPoses.from_poses(poses.pose, poses.by_variant(self.height_column))
 
@@ -114,9 +114,9 @@ class BiasModel:
             std: ``(n, 7)`` as ``PoseBatch.std``.
             height_column: ``(n,)`` index of the bias of each pose's height.
         """
-        return np.hypot(self.noise_std[height_column], excess(std, self.stated_std[height_column]))
+        return np.hypot(self.noise_std[height_column], excess_std(std, self.stated_std[height_column]))
 
-    def drifted(self, elapsed_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def decayed(self, elapsed_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Remaining share of the estimates and regained variances ``(..., k)`` after times ``(...)``."""
         left = np.exp(-self.rate_per_s * elapsed_s[..., None])
         return left, np.diag(self.cov) * (1 - left**2)
@@ -150,7 +150,7 @@ class BiasedPoses:
         """Select one of ``(n,)`` poses."""
         return BiasedPoses(self.pose.rows(row), self.height_column[row], self.slope[row])
 
-    def of_heights(self, values: FloatArray) -> FloatArray:
+    def for_heights(self, values: FloatArray) -> FloatArray:
         """Select from ``values (..., k)``, one a bias, each pose's own height and the seven others: ``(..., 8)``."""
         own = np.take_along_axis(values, self.height_column[..., None], axis=-1)
         return np.concatenate([own, values[..., -_OTHER_COUNT:]], axis=-1)
@@ -206,13 +206,13 @@ class BiasedPoses:
         """
         jac = np.broadcast_to(np.eye(6), (*wxyz.shape[:-1], 6, 6)).copy()
         jac[..., 2, :2] = self.slope
-        return propagated(jac, pose_covariance(wxyz, std))
+        return propagate_covariance(jac, pose_covariance(wxyz, std))
 
     def _in_camera(self, biases: FloatArray) -> FloatArray:
         return biases[..., TURNS] + biases[..., [TIME_OFFSET]] * self.pose.rate_cam_radps
 
 
-def propagated(by: FloatArray, cov: FloatArray) -> FloatArray:
+def propagate_covariance(by: FloatArray, cov: FloatArray) -> FloatArray:
     """Propagate ``cov (..., k, k)`` through Jacobians ``by (..., m, k)`` to ``(..., m, m)``."""
     return np.asarray(by @ cov @ np.swapaxes(by, -1, -2))
 
@@ -237,7 +237,7 @@ def biases_of(found: Calibration) -> tuple[FloatArray, FloatArray | None, FloatA
     return biases, cov, None if found.lens_cov is None else found.lens_cov[ORDER]
 
 
-def relocated(poses: PoseBatch) -> PoseBatch:
+def with_lat_lon(poses: PoseBatch) -> PoseBatch:
     """Recompute latitude and longitude of corrected poses."""
     lat_lon_alt = poses.lat_lon_alt.copy()
     origins = list(dict.fromkeys(variant.origin for variant in poses.variants))
@@ -253,7 +253,7 @@ def _or(value: float | None, default: float) -> float:
     return default if value is None else value
 
 
-def excess(now: FloatLike, stated: FloatLike) -> FloatArray:
+def excess_std(now: FloatLike, stated: FloatLike) -> FloatArray:
     """Root of the excess of variances over the stated ones; 0 where there is none."""
     return np.asarray(np.sqrt(np.maximum(np.square(now) - np.square(stated), 0.0)))
 
@@ -266,7 +266,7 @@ def _with_start(mean: FloatArray, cov: FloatArray, start: Calibration) -> tuple[
     by_found[-_OTHER_COUNT:, 1:] = np.eye(_OTHER_COUNT)
     if found_cov is None:
         return by_found @ found, cov
-    start_cov = propagated(by_found, found_cov)
+    start_cov = propagate_covariance(by_found, found_cov)
     is_unknown = np.zeros(len(mean))
     columns = [EAST, NORTH, TIME_OFFSET]
     is_unknown[columns] = np.diag(start_cov)[columns] == 0
@@ -317,16 +317,16 @@ class BiasCalibrator:
             pose, std = self._with_covariance(biased, biases, pose, self._cov), self._corrected_std(std, self._cov)
         marked = poses.map_variants(lambda sample: replace(sample, calibration=self._calibration.id))
         refined = replace(marked, pose=pose, std=std)
-        return relocated(refined) if np.any(self._biases[[EAST, NORTH]]) else refined
+        return with_lat_lon(refined) if np.any(self._biases[[EAST, NORTH]]) else refined
 
     def _with_covariance(self, biased: BiasedPoses, biases: FloatArray, pose: Pose, bias_cov: FloatArray) -> Pose:
         """Corrected poses with their covariance, including the calibration's."""
         by_bias = biased.by_biases_of_corrected_stamps(biases, pose.wxyz)
         noise = np.array(astuple(self._calibration.noise))
-        cov = propagated(by_bias, bias_cov) + biased.noise_covariance(pose.wxyz, noise)
+        cov = propagate_covariance(by_bias, bias_cov) + biased.noise_covariance(pose.wxyz, noise)
         if not bias_cov[EAST, EAST] + bias_cov[NORTH, NORTH]:
             place = by_bias[:, :3, [EAST, NORTH]]
-            cov[:, :3, :3] += propagated(place, pose.cov[:, :2, :2])
+            cov[:, :3, :3] += propagate_covariance(place, pose.cov[:, :2, :2])
         return replace(
             pose,
             cov=cov,

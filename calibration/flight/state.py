@@ -24,7 +24,7 @@ from aerodft.geometry import (
 )
 from aerodft.model import BIASES, Evidence, FloatArray, Pose, PoseStd, Prior
 from aerodft.service import ErrorStd
-from calibration.flight.biases import ORDER, TIME_OFFSET, BiasedPoses, excess
+from calibration.flight.biases import ORDER, TIME_OFFSET, BiasedPoses, excess_std
 from calibration.pose import State, Unknowns
 
 _MOTION_STEP_S = 0.02  # half step of the difference quotient of the motion: about an interval between two attitudes
@@ -59,7 +59,7 @@ class PoseTrack:
     wxyz: FloatArray
 
     @classmethod
-    def steady(cls, pose: Pose, reach_s: float) -> "PoseTrack":
+    def at_constant_rates(cls, pose: Pose, reach_s: float) -> "PoseTrack":
         """Motion at constant rates through a pose, ``reach_s`` before and after; the pose alone for a reach of 0."""
         offset_s = np.array([-reach_s, 0.0, reach_s] if reach_s > 0 else [0.0])
         turns = from_rotation_vector(offset_s[:, None] * pose.rate_cam_radps)
@@ -100,7 +100,7 @@ class PoseTrack:
         return Pose(position_enu_m=position, wxyz=slerp(self.wxyz[after - 1], self.wxyz[after], weight))
 
 
-def shared_and_new(
+def split_stds(
     stds: Sequence[PoseStd], share: float, noise: ErrorStd
 ) -> tuple[dict[str, Prior], tuple[FloatArray, ...]]:
     """Split stated stds into priors of the biases by name and the noise ``(7,)`` of each image.
@@ -119,7 +119,8 @@ def shared_and_new(
     stated = {name: getattr(noise, name) for name in best}
     floor = {name: share * best[name] if std is None else std for name, std in stated.items()}
     return priors, tuple(
-        np.array([math.hypot(floor[name], excess(getattr(std, name), best[name])) for name in _STDS]) for std in stds
+        np.array([math.hypot(floor[name], excess_std(getattr(std, name), best[name])) for name in _STDS])
+        for std in stds
     )
 
 

@@ -16,7 +16,7 @@ from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
 from aerodft.geometry import camera_attitude, from_rotation_vector, inverse, matrix, rays_from_pixels
 from aerodft.model import FloatArray, ProjectionModel
-from calibration.descent import Descent, Loss, Rows, StateT, Task, covariance_of, descend, used_rows
+from calibration.descent import LocalMinimum, Loss, Rows, StateT, Task, covariance_of, descend, used_rows
 from calibration.pose.residuals import Problem
 from calibration.pose.state import State
 
@@ -29,7 +29,7 @@ _HEADINGS_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 _HEIGHTS_M = (2.0, 6.0, 20.0, 60.0, 200.0)
 _ZOOMS = (1.0, 0.5, 0.7, 1.4, 2.0)
 _ANGLES = ("tilt", "roll", "heading")
-End: TypeAlias = Descent[State]
+Minimum: TypeAlias = LocalMinimum[State]
 
 ROBUST: Final = 3.0
 """Scale of the robust loss, in standard deviations, while outliers are looked for."""
@@ -82,9 +82,9 @@ def closed_form_states(
     in_front = rays[:, 2] > 0.05  # noqa: PLR2004 - 3 degrees within a fisheye's half space
     if np.count_nonzero(in_front) < _MIN_LANDMARKS:
         return
-    flat = np.ascontiguousarray(rays[in_front, :2] / rays[in_front, 2:])
+    normalized = np.ascontiguousarray(rays[in_front, :2] / rays[in_front, 2:])
     poses: list[FloatArray] = []
-    for rotation, translation in _closed_forms(points[in_front] - middle, flat):
+    for rotation, translation in _closed_forms(points[in_front] - middle, normalized):
         wxyz = inverse(from_rotation_vector(rotation.ravel()))
         enu_r_cam = matrix(wxyz)
         away = (enu_r_cam @ translation).ravel()
@@ -95,22 +95,24 @@ def closed_form_states(
             yield _with_known_values(problem, known, replace(known, camera=lens), middle - away, wxyz)
 
 
-def _closed_forms(points_m: FloatArray, flat: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _closed_forms(points_m: FloatArray, normalized: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Rotations and translations from the world to the camera that fit; points of a plane may have two."""
-    methods = [cv2.SOLVEPNP_P3P] if len(flat) == _MIN_LANDMARKS else [cv2.SOLVEPNP_SQPNP]
+    methods = [cv2.SOLVEPNP_P3P] if len(normalized) == _MIN_LANDMARKS else [cv2.SOLVEPNP_SQPNP]
     _, thickness, axes = np.linalg.svd(points_m, full_matrices=False)
     in_plane = points_m
-    if len(flat) > _MIN_LANDMARKS and thickness[2] < _MAX_FLATNESS * thickness[1]:
+    if len(normalized) > _MIN_LANDMARKS and thickness[2] < _MAX_FLATNESS * thickness[1]:
         methods.append(cv2.SOLVEPNP_IPPE)
         in_plane = points_m - np.outer(points_m @ axes[2], axes[2])
     for method in methods:
         try:
             if method == cv2.SOLVEPNP_P3P:
-                _, rotations, translations = cv2.solveP3P(points_m, flat, np.eye(3), None, method)
+                _, rotations, translations = cv2.solveP3P(points_m, normalized, np.eye(3), None, method)
                 errors: npt.ArrayLike = np.zeros(len(rotations))
             else:
                 world = in_plane if method == cv2.SOLVEPNP_IPPE else points_m
-                _, rotations, translations, errors = cv2.solvePnPGeneric(world, flat, np.eye(3), None, flags=method)
+                _, rotations, translations, errors = cv2.solvePnPGeneric(
+                    world, normalized, np.eye(3), None, flags=method
+                )
         except cv2.error:  # points in a line, or all in one
             continue
         if not rotations:  # without poses OpenCV gives no errors either
@@ -222,23 +224,23 @@ def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Sol
         guess_is_good: Whether ``known`` is near the truth in every unknown: then it is one of the starts.
 
     Returns:
-        The best of all descents. ``result.observability`` says whether it is determined.
+        The best of all minima. ``result.observability`` says whether it is determined.
     """
-    ends = _descend_from_starts(problem, known, guess_is_good=guess_is_good)
-    best = _best_end(ends)
+    minima = _descend_from_starts(problem, known, guess_is_good=guess_is_good)
+    best = _best_minimum(minima)
     best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
     solution = _solution(problem, best, kept)
-    return replace(solution, alternative=_alternative(problem, solution, ends))
+    return replace(solution, alternative=_alternative(problem, solution, minima))
 
 
 def without_outliers(
-    problem: Task[StateT], robust: Descent[StateT], observations: int, unknowns: int
-) -> tuple[Descent[StateT], np.ndarray]:
+    problem: Task[StateT], robust: LocalMinimum[StateT], observations: int, unknowns: int
+) -> tuple[LocalMinimum[StateT], np.ndarray]:
     """The fit to the inliers, and whether each observation ``(k,)`` is one.
 
     Args:
         problem: The problem.
-        robust: End of a descent with a robust loss.
+        robust: Minimum of a descent with a robust loss.
         observations: Number of observations.
         unknowns: Number of unknowns.
     """
@@ -256,8 +258,8 @@ def without_outliers(
 
 
 def _readmit_outliers(
-    problem: Task[StateT], best: Descent[StateT], kept: np.ndarray
-) -> tuple[Descent[StateT], np.ndarray]:
+    problem: Task[StateT], best: LocalMinimum[StateT], kept: np.ndarray
+) -> tuple[LocalMinimum[StateT], np.ndarray]:
     """Readmit outliers, nearest first, where larger stds are more likely than so many outliers.
 
     Among few observations some agree by chance, so that the others look like outliers.
@@ -280,16 +282,16 @@ def _is_overdetermined(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool
     return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
 
-def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool) -> list[End]:
+def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool) -> list[Minimum]:
     """Ends of descents from as many starts as it takes until one fits."""
-    ends = [descend(problem, known, ROBUST)] if guess_is_good else []
+    minima = [descend(problem, known, ROBUST)] if guess_is_good else []
     for zoom in zooms(problem):
         for start in closed_form_states(problem, known, zoom):
             residuals = problem.evaluate(start)
-            if not (_has_fit(ends) and _is_hopeless(residuals)):
-                ends.append(descend(problem, start, ROBUST, known=residuals))
-        if _has_fit(ends):
-            return ends
+            if not (_has_fit(minima) and _is_hopeless(residuals)):
+                minima.append(descend(problem, start, ROBUST, known=residuals))
+        if _has_fit(minima):
+            return minima
     candidates = [known, *grid_states(problem, known), *_states_from_subsets(problem, known)]
     loss = None
     scored = []
@@ -298,14 +300,14 @@ def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool)
         loss = loss or Loss(residuals.owner, ROBUST)
         scored.append(loss.cost(residuals))
     chosen = [candidates[index] for index in np.argsort(scored)[: 2 * _MAX_STARTS]]
-    return ends + [descend(problem, start, ROBUST) for start in chosen]
+    return minima + [descend(problem, start, ROBUST) for start in chosen]
 
 
-def _best_end(ends: list[End]) -> End:
-    """The end of least cost; of equal ones along a valley the middle one."""
-    least = min(end.cost for end in ends)
-    equal = [end for end in ends if end.cost <= least * (1 + _COST_TOLERANCE) + _COST_TOLERANCE]
-    return sorted(equal, key=lambda end: end.state.value("height"))[len(equal) // 2]
+def _best_minimum(minima: list[Minimum]) -> Minimum:
+    """The minimum of least cost; of equal ones along a valley the middle one."""
+    least = min(minimum.cost for minimum in minima)
+    equal = [minimum for minimum in minima if minimum.cost <= least * (1 + _COST_TOLERANCE) + _COST_TOLERANCE]
+    return sorted(equal, key=lambda minimum: minimum.state.value("height"))[len(equal) // 2]
 
 
 def _states_from_subsets(problem: Problem, known: State) -> list[State]:
@@ -322,8 +324,8 @@ def _states_from_subsets(problem: Problem, known: State) -> list[State]:
     ]
 
 
-def _has_fit(ends: list[End]) -> bool:
-    return bool(ends) and _fits(min(ends, key=lambda end: end.cost).residuals)
+def _has_fit(minima: list[Minimum]) -> bool:
+    return bool(minima) and _fits(min(minima, key=lambda minimum: minimum.cost).residuals)
 
 
 def _is_hopeless(residuals: Rows) -> bool:
@@ -379,21 +381,21 @@ def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
     return p_value, math.sqrt(variance) * float(stdtrit(posterior_dof, 0.975) / ndtri(0.975))
 
 
-def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
-    residuals = end.residuals
+def _solution(problem: Problem, minimum: Minimum, kept: np.ndarray) -> Solution:
+    residuals = minimum.residuals
     used = used_rows(residuals.owner, kept)
     jac, values = residuals.jac_unknowns[used], residuals.values[used]
     chi2, dof = float(values @ values), int(np.count_nonzero(used)) - len(problem.unknowns.names)
     p_value, sigma_scale = goodness(chi2, dof)
-    to_angles = problem.unknowns.to_angles(end.state)
+    to_angles = problem.unknowns.to_angles(minimum.state)
     covariance_of_steps = covariance_of(jac.T @ jac) * sigma_scale**2
-    by = problem.unknowns.jac_unknowns(end.state)
+    by = problem.unknowns.jac_unknowns(minimum.state)
     if not np.all(np.isfinite(covariance_of_steps)):
         covariance, joint = covariance_of_steps, np.full((len(by), len(by)), np.inf)
     else:
         covariance, joint = to_angles @ covariance_of_steps @ to_angles.T, by @ covariance_of_steps @ by.T
     return Solution(
-        state=end.state,
+        state=minimum.state,
         residuals=residuals,
         kept=kept,
         covariance=covariance,
@@ -405,14 +407,14 @@ def _solution(problem: Problem, end: End, kept: np.ndarray) -> Solution:
     )
 
 
-def _alternative(problem: Problem, solution: Solution, ends: list[End]) -> State | None:
-    """Another end of nearly the same likelihood: a mirror image, or one of the four poses of three landmarks."""
+def _alternative(problem: Problem, solution: Solution, minima: list[Minimum]) -> State | None:
+    """Another minimum of nearly the same likelihood: a mirror image, or one of the four poses of three landmarks."""
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
-    for end in ends:
-        if _is_hopeless(end.residuals) or not _is_different(names, solution.state, end.state, stds):
+    for minimum in minima:
+        if _is_hopeless(minimum.residuals) or not _is_different(names, solution.state, minimum.state, stds):
             continue
-        other = descend(problem, end.state, None, solution.kept, end.residuals)
+        other = descend(problem, minimum.state, None, solution.kept, minimum.residuals)
         as_likely = 2 * other.cost - solution.chi2 < _MAX_CHI2_INCREASE * max(solution.sigma_scale, 1.0) ** 2
         if as_likely and _is_different(names, solution.state, other.state, stds):
             return other.state

@@ -23,13 +23,13 @@ from calibration.sync.fit import (
     MAX_DRIFT,
     MIN_REPORTS,
     Peak,
-    Refined,
-    TurnProblem,
+    RefinedAlignment,
+    RotationProblem,
     fit,
-    refined,
+    refine_alignment,
     search,
 )
-from calibration.sync.motion import CameraMotion, CameraPath, followed_path, predicted
+from calibration.sync.motion import CameraMotion, CameraPath, integrated_path, predict_rotations
 
 MAX_STD_S = 0.05
 """Largest standard deviation of offset less lag of an accepted alignment."""
@@ -131,10 +131,10 @@ def align(
     reach_s = max_offset_s + (1 + MAX_DRIFT) * (pairs[-1].end_ns - reference_ns) / SECOND_NS + _AROUND_S
     camera = _camera(history, settings, (pairs[0].start_ns, pairs[-1].end_ns), reach_s)
     best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
-    first = fit(TurnProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
-    problem = TurnProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
+    first = fit(RotationProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
+    problem = RotationProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
     seen = problem.seen(problem.predicted_by_log(first))
-    path = followed_path(pairs, problem.motion, seen, camera, first[: LAG + 1], reference_ns)
+    path = integrated_path(pairs, problem.motion, seen, camera, first[: LAG + 1], reference_ns)
     found = _refined(camera, path, first[: LAG + 1])
     alignment = _alignment(found, first, problem, reference_ns, ratio)
     _check(alignment)
@@ -209,14 +209,14 @@ def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, fir
     offset, drift, lag = first[: LAG + 1].tolist()
     stamps = np.array([(pair.start_ns, pair.end_ns) for pair in pairs], dtype=np.int64)
     start, end = (offset + (1 + drift) * ((stamps - zero_ns) / SECOND_NS)).T
-    logged = predicted(camera, start, end, lag)
+    logged = predict_rotations(camera, start, end, lag)
     covered = [pair for pair, known in zip(pairs, logged.known.tolist(), strict=True) if known]
     return layered_motion(covered, logged.rotvec_rad[logged.known], logged.normal_cam[logged.known])
 
 
-def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refined:
+def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> RefinedAlignment:
     try:
-        return refined(camera, path, start)
+        return refine_alignment(camera, path, start)
     except LookupError as error:
         raise NoAnswerError(
             "too little of the log is about what the video shows",
@@ -226,10 +226,12 @@ def _refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refin
         ) from None
 
 
-def _alignment(found: Refined, first: FloatArray, problem: TurnProblem, reference_ns: int, ratio: float) -> Alignment:
+def _alignment(
+    found: RefinedAlignment, first: FloatArray, problem: RotationProblem, reference_ns: int, ratio: float
+) -> Alignment:
     offset, drift, lag = found.values.tolist()
     between = problem.between_s[:, None]
-    before = predicted(problem.camera, problem.start_s, problem.end_s, 0.0)
+    before = predict_rotations(problem.camera, problem.start_s, problem.end_s, 0.0)
     logged = problem.predicted_by_log(np.concatenate([found.values, first[LAG + 1 :]]))
     return Alignment(
         reference_ns=reference_ns,

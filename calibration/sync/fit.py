@@ -27,7 +27,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
 from aerodft.model import BoolArray, FloatArray, GimbalSource
 from aerodft.vision.camera_motion import FREE, PlaneMotion, Turns, turns_over_plane
-from calibration.sync.motion import CameraMotion, CameraPath, Predicted, predicted
+from calibration.sync.motion import CameraMotion, CameraPath, PredictedRotations, predict_rotations
 
 MAX_DRIFT = 0.03
 """Twice the drift of clocks that are worth aligning."""
@@ -128,7 +128,7 @@ def _log_likelihood_ratios(
     """Logarithms ``(pairs, instants)`` of likelihood over its mean; 0 where the log knows nothing."""
     log_s, between_s = times
     typical_s = float(np.median(between_s))
-    logged = predicted(camera, log_s, log_s + typical_s, lag_s)
+    logged = predict_rotations(camera, log_s, log_s + typical_s, lag_s)
     rate, known = logged.rotvec_rad / typical_s, logged.known
     table = np.zeros((len(between_s), len(log_s)))
     if not np.any(known):
@@ -178,7 +178,7 @@ def _peaks(scores: FloatArray, offsets: FloatArray, drifts: FloatArray, lags: tu
     return tuple(peaks)
 
 
-class TurnProblem:
+class RotationProblem:
     """Rotations of image pairs against a log; ``zero_ns`` is the origin of the video's time."""
 
     def __init__(self, motion: PlaneMotion, camera: CameraMotion, zero_ns: int) -> None:
@@ -188,19 +188,19 @@ class TurnProblem:
         self.end_s = (motion.end_ns - zero_ns) / SECOND_NS
         self.between_s = self.end_s - self.start_s
 
-    def predicted_by_log(self, values: FloatArray) -> Predicted:
+    def predicted_by_log(self, values: FloatArray) -> PredictedRotations:
         """Predict rotations and normals of all pairs by the log under an alignment."""
         offset, drift, lag = values[: LAG + 1].tolist()
         start, end = (offset + (1 + drift) * times for times in (self.start_s, self.end_s))
-        logged = predicted(self.camera, start, end, lag)
+        logged = predict_rotations(self.camera, start, end, lag)
         camera_from_gimbal = matrix(from_rotation_vector(values[LAG + 1 :])).T
-        return Predicted(
+        return PredictedRotations(
             rotvec_rad=logged.rotvec_rad @ camera_from_gimbal,
             normal_cam=logged.normal_cam @ camera_from_gimbal,
             known=logged.known,
         )
 
-    def seen(self, logged: Predicted) -> Turns:
+    def seen(self, logged: PredictedRotations) -> Turns:
         """Rotations by the images, over the ground plane of the log."""
         return turns_over_plane(self.motion, logged.normal_cam, logged.rotvec_rad)
 
@@ -210,7 +210,7 @@ class TurnProblem:
         return self.seen(logged).rotvec_rad - logged.rotvec_rad
 
 
-def fit(problem: TurnProblem, start: FloatArray) -> FloatArray:
+def fit(problem: RotationProblem, start: FloatArray) -> FloatArray:
     """Fit from ``start (3,)``: offset (s, at the reference), drift, lag (s).
 
     Returns:
@@ -248,7 +248,7 @@ class _LinearizedPairs:
     used: BoolArray
 
 
-def _linearize(problem: TurnProblem, values: FloatArray) -> _LinearizedPairs:
+def _linearize(problem: RotationProblem, values: FloatArray) -> _LinearizedPairs:
     logged = problem.predicted_by_log(values)
     seen, used = problem.seen(logged), logged.known
     jac = np.empty((len(problem.motion), 3, _TURN_SIZE))
@@ -271,8 +271,8 @@ def _linearize(problem: TurnProblem, values: FloatArray) -> _LinearizedPairs:
 def _whiten(lines: _LinearizedPairs, doubt_rad2: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Whiten Jacobian and residuals, with t-distribution weights."""
     cov = lines.cov + doubt_rad2[lines.used][:, None, None] * np.eye(3)
-    inward = np.linalg.inv(np.linalg.cholesky(cov))
-    jac, off = inward @ lines.jac, np.einsum("nij,nj->ni", inward, lines.off)
+    whitening = np.linalg.inv(np.linalg.cholesky(cov))
+    jac, off = whitening @ lines.jac, np.einsum("nij,nj->ni", whitening, lines.off)
     squares = np.sum(off**2, axis=-1)
     scale2 = float(np.median(squares)) / _MEDIAN_CHI2
     scale = np.sqrt((_STUDENT_DOF + 3) / (_STUDENT_DOF + squares / scale2) / scale2)
@@ -280,7 +280,7 @@ def _whiten(lines: _LinearizedPairs, doubt_rad2: FloatArray) -> tuple[FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class NoiseScales:
     """Noise of each axis, and of each residual's time.
 
     Attributes:
@@ -292,16 +292,16 @@ class Spread:
     jitter_s: float
 
     @staticmethod
-    def first() -> "Spread":
+    def initial() -> "NoiseScales":
         """Initial spread of the fit."""
-        return Spread(0.003, _JITTERS_S[-1])
+        return NoiseScales(0.003, _JITTERS_S[-1])
 
-    def inward(self, off_rad: FloatArray, rate_radps: FloatArray) -> FloatArray:
+    def whitening(self, off_rad: FloatArray, rate_radps: FloatArray) -> FloatArray:
         """Whitening matrices ``(n, 3, 3)``, with t-distribution weights."""
         along = self.jitter_s**2 * rate_radps[:, :, None] * rate_radps[:, None, :]
-        inward = np.linalg.inv(np.linalg.cholesky(self.noise_rad**2 * np.eye(3) + along))
-        squares = np.sum((inward @ off_rad[..., None]) ** 2, axis=(1, 2))
-        return np.asarray(inward * np.sqrt(robust_weights(squares))[:, None, None])
+        whitening = np.linalg.inv(np.linalg.cholesky(self.noise_rad**2 * np.eye(3) + along))
+        squares = np.sum((whitening @ off_rad[..., None]) ** 2, axis=(1, 2))
+        return np.asarray(whitening * np.sqrt(robust_weights(squares))[:, None, None])
 
     def cost(self, off_rad: FloatArray, rate_radps: FloatArray) -> float:
         """Negative log likelihood of residuals ``(n, 3)``, up to a constant."""
@@ -311,9 +311,9 @@ class Spread:
         return float(np.sum(loss(squares) + np.log(along_var) / 2 + 2 * np.log(self.noise_rad)))
 
 
-def scales(off_rad: FloatArray, rate_radps: FloatArray) -> Spread:
+def fit_noise_scales(off_rad: FloatArray, rate_radps: FloatArray) -> NoiseScales:
     """Most likely spread of residuals ``(n, 3)`` at rates ``(n, 3)``."""
-    tries = [Spread(_noise_rad(off_rad, rate_radps, jitter_s), jitter_s) for jitter_s in _JITTERS_S]
+    tries = [NoiseScales(_noise_rad(off_rad, rate_radps, jitter_s), jitter_s) for jitter_s in _JITTERS_S]
     return min(tries, key=lambda each: each.cost(off_rad, rate_radps))
 
 
@@ -362,7 +362,7 @@ def correlated_covariance(times_s: FloatArray, parts: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Refined:
+class RefinedAlignment:
     """Refined alignment.
 
     Attributes:
@@ -378,7 +378,7 @@ class Refined:
     cost: float
 
 
-def refined(camera: CameraMotion, path: CameraPath, start: FloatArray) -> Refined:
+def refine_alignment(camera: CameraMotion, path: CameraPath, start: FloatArray) -> RefinedAlignment:
     """Refine an alignment ``start (3,)``, which must be within tenths of a second.
 
     Raises:
@@ -473,9 +473,9 @@ class _PathFit:
         self._fixed = np.isin(np.arange(_PATH_SIZE), () if has_lag else (LAG, SMEAR))
         self._knot_jacobian = np.kron(np.eye(3), walk.basis).reshape(3, -1, 3 * walk.basis.shape[1]).swapaxes(0, 1)
         self._steps = np.kron(np.eye(3), walk.steps)
-        self._spread = Spread.first()
+        self._noise = NoiseScales.initial()
 
-    def solve(self, start: FloatArray, share: float) -> Refined:
+    def solve(self, start: FloatArray, share: float) -> RefinedAlignment:
         """Fit from ``start (3,)``, with ``share`` of the lag as a time constant."""
         values = np.concatenate([start, [share * start[LAG], 0.0, 0.0, 0.0]])
         values, knots = np.where(self._fixed, 0.0, values), np.zeros(len(self._steps))
@@ -486,11 +486,11 @@ class _PathFit:
             if values[SMEAR] < 0:
                 values[SMEAR] = 0.0
                 self._fixed[SMEAR] = round_ >= _MIN_PATH_ITERATIONS
-            self._spread = scales(self._off(values, knots), self._reports.rate_radps(values))
+            self._noise = fit_noise_scales(self._off(values, knots), self._reports.rate_radps(values))
             if round_ > _MIN_PATH_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
                 break
         lines = self._lines(values, knots)
-        return Refined(
+        return RefinedAlignment(
             values=values[: LAG + 1],
             cov=self._covariance(lines, knots),
             time_constant_s=float(values[SMEAR]),
@@ -516,9 +516,9 @@ class _PathFit:
             jac[..., column] = (self._reports.off(values - step) - self._reports.off(values + step)) / (
                 2 * _PATH_STEP[column]
             )
-        inward = self._spread.inward(self._off(values, knots), self._reports.rate_radps(values))
-        white = (inward @ np.concatenate([jac, self._knot_jacobian], axis=-1)).reshape(-1, _PATH_SIZE + len(knots))
-        scores = white * (inward @ self._off(values, knots)[..., None]).reshape(-1, 1)
+        whitening = self._noise.whitening(self._off(values, knots), self._reports.rate_radps(values))
+        white = (whitening @ np.concatenate([jac, self._knot_jacobian], axis=-1)).reshape(-1, _PATH_SIZE + len(knots))
+        scores = white * (whitening @ self._off(values, knots)[..., None]).reshape(-1, 1)
         precision, mean = self._prior()
         information, gradient = white.T @ white, np.sum(scores, axis=0)
         information[:_PATH_SIZE, :_PATH_SIZE] += np.diag(precision)
@@ -543,7 +543,7 @@ class _PathFit:
         precision, mean = self._prior()
         prior = np.sum(np.where(self._fixed, 0.0, precision * (values - mean) ** 2)) / 2
         squares = np.sum((self._steps @ knots).reshape(3, -1) ** 2, axis=0)
-        off = self._spread.cost(self._off(values, knots), self._reports.rate_radps(values))
+        off = self._noise.cost(self._off(values, knots), self._reports.rate_radps(values))
         return off + float(prior + np.sum(loss(squares)))
 
 

@@ -140,7 +140,7 @@ class CameraMotion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Predicted:
+class PredictedRotations:
     """Rotations of image pairs predicted by a log.
 
     Attributes:
@@ -154,10 +154,10 @@ class Predicted:
     known: BoolArray
 
 
-def predicted(motion: CameraMotion, start_s: FloatArray, end_s: FloatArray, lag_s: float) -> Predicted:
+def predict_rotations(motion: CameraMotion, start_s: FloatArray, end_s: FloatArray, lag_s: float) -> PredictedRotations:
     """Predict rotations and ground normals of image pairs between times ``(n,)`` of the log."""
     earlier, later = motion.enu_wxyz_cam(start_s, lag_s), motion.enu_wxyz_cam(end_s, lag_s)
-    return Predicted(
+    return PredictedRotations(
         rotvec_rad=to_rotation_vector(multiply(inverse(earlier), later)),
         normal_cam=matrix(earlier)[..., 2, :],
         known=motion.knows(start_s, lag_s) & motion.knows(end_s, lag_s),
@@ -258,7 +258,7 @@ class CameraPath:
         return np.asarray(inside & self._seen[np.clip(pair, 0, len(self._seen) - 1)])
 
 
-def followed_path(
+def integrated_path(
     pairs: Sequence[ImagePair],
     motion: PlaneMotion,
     turns: Turns,

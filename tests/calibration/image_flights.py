@@ -77,7 +77,7 @@ class Flight:
         attitude = enu_from_camera(*angles)
         quaternion = np.roll(attitude.as_quat(), 1)
         pose = Pose(position_enu_m=position, wxyz=quaternion, velocity_enu_mps=velocity, rate_cam_radps=rate)
-        track = PoseTrack.steady(pose, 2.0)
+        track = PoseTrack.at_constant_rates(pose, 2.0)
         off = {name: self.biases.get(name, 0.0) for name in BIASES}
         new = rng.normal(size=7) * self.noise
         after = off["time"]

@@ -13,7 +13,7 @@ from aerodft.service.attitude import AttitudeHistory, AttitudeSeries
 from aerodft.sim.trajectory import heading_wxyz
 from aerodft.vision.camera_motion import PlaneMotion, Turns
 from calibration.sync import align
-from calibration.sync.motion import CameraMotion, followed_path
+from calibration.sync.motion import CameraMotion, integrated_path
 from tests.nights import at_night
 
 from .sync_flights import Clocks, hovering, wandering
@@ -178,7 +178,7 @@ def test_a_turn_that_no_plane_explains_is_not_believed():
         cov=np.tile(np.eye(8), (len(pairs), 1, 1)),
     )
     turns = Turns(rotvec_rad=turns_rad, cov_rad2=np.tile(1e-8 * np.eye(3), (len(pairs), 1, 1)), chi2=chi2)
-    path = followed_path(pairs, motion, turns, camera, np.zeros(3), trajectory.start_ns)
+    path = integrated_path(pairs, motion, turns, camera, np.zeros(3), trajectory.start_ns)
     times_s = (utc - trajectory.start_ns) / 1e9
     off_rad = np.linalg.norm(to_rotation_vector(multiply(inverse(path.at(times_s)), at)), axis=-1)
     assert np.max(off_rad) < 0.005  # it was 0.35 of ten such turns

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from aerodft.dft import POSITION, project, shared_covariance
-from aerodft.dft.maps import depth_map, measured_plane, range_std
+from aerodft.dft.maps import depth_map, plane_at_elevation, range_std
 from aerodft.geometry import Plane, camera_pose, matrix
 from aerodft.model import Camera, CameraStd, LensModel, PoseStd, ProjectionModel
 
@@ -36,7 +36,7 @@ def pose_of(tilt_deg, roll_deg=0.0):
 @given(tilt_deg=st.floats(0.0, 95.0), roll_deg=st.floats(-40.0, 40.0), slope_deg=st.floats(0.0, 30.0))
 def test_every_pixel_is_known_as_well_as_when_it_is_measured_alone(camera, tilt_deg, roll_deg, slope_deg):
     pose, ground = pose_of(tilt_deg, roll_deg), Plane.sloping([0.0, 0.0, 0.0], math.radians(slope_deg), 2.0)
-    got = range_std(camera, pose, measured_plane(ground, 1.0), 0.2)
+    got = range_std(camera, pose, plane_at_elevation(ground, 1.0), 0.2)
     alone = project(camera, pose, PIXELS.reshape(-1, 2), 1.0, ProjectionModel.PINHOLE, ground)
     with np.errstate(all="ignore"):
         away = alone.points_enu_m - pose.position_enu_m
@@ -80,8 +80,8 @@ def test_drawn_errors_spread_as_much(tilt_deg, slope_deg):
 
 def test_nothing_is_known_of_what_is_not_seen():
     pose = pose_of(95.0)
-    got = range_std(PLAIN, pose, measured_plane(None, 0.0))
+    got = range_std(PLAIN, pose, plane_at_elevation(None, 0.0))
     assert np.array_equal(np.isnan(got), np.isnan(depth_map(PLAIN, pose).range_m))
-    assert np.all(np.isnan(range_std(PLAIN, pose, measured_plane(None, 40.0))))
+    assert np.all(np.isnan(range_std(PLAIN, pose, plane_at_elevation(None, 40.0))))
     exact = camera_pose(height_agl_m=40.0, tilt_rad=0.3)
-    assert np.all(range_std(replace(PLAIN, std=CameraStd()), exact, measured_plane(None, 0.0)) == 0.0)
+    assert np.all(range_std(replace(PLAIN, std=CameraStd()), exact, plane_at_elevation(None, 0.0)) == 0.0)

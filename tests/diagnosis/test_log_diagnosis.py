@@ -10,7 +10,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry import open_log
-from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts
+from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts
 from aerodft.adapters.telemetry.signing import sign
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, document, notes, problems
@@ -222,7 +222,7 @@ def test_the_document_is_json(data_folder: Path) -> None:
 
 
 def _surveyed(block: RawBlock, **followed: int) -> DiagnosisReport:
-    survey = LogDiagnosis("link", followed=Followed(**followed))
+    survey = LogDiagnosis("link", followed=FollowedIds(**followed))
     survey.add(block)
     return survey.report(counts=FrameCounts())
 

@@ -6,7 +6,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry.mavlink import Followed, MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink import FollowedIds, MavlinkDecoder
 from aerodft.model import Status
 from aerodft.service import Pipeline
 
@@ -50,7 +50,7 @@ def fly(bench):
         lives = _of(bench, 1, 1, _beat_of_vehicle, from_ms=0)
         frames = sorted([*bench.flight(20.0), *lives, *rivals], key=lambda each: each[0])
         images = [bench.image(k, 250 + 500 * k) for k in range(38)]
-        made = Pipeline(bench.settings, MavlinkDecoder(Followed(**followed)))
+        made = Pipeline(bench.settings, MavlinkDecoder(FollowedIds(**followed)))
         return bench.poses(bench.run_events(*bench.blocks(frames), *images, made=made))
 
     return flown

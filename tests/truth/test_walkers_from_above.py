@@ -27,7 +27,7 @@ POSTS = (
 
 
 @dataclass
-class Followed:
+class FollowedIds:
     """What became of all walkers in one flight."""
 
     seen: list[bool] = field(default_factory=list)
@@ -49,7 +49,7 @@ class Followed:
             self.speeds.append(low <= flown.WALKERS[nearest].speed_mps <= high)
 
 
-def look_at(seen: flown.Seen, outlines: list[FloatArray], found: Followed) -> None:
+def look_at(seen: flown.Seen, outlines: list[FloatArray], found: FollowedIds) -> None:
     """Each walker's outline, if there is one, against where the walker stands."""
     feet = np.array([walker.foot_enu_m(seen.time_s) for walker in flown.WALKERS])
     farthest = np.array([flown.CAMERA.width_px, flown.CAMERA.height_px]) - EDGE_PX
@@ -63,8 +63,8 @@ def look_at(seen: flown.Seen, outlines: list[FloatArray], found: Followed) -> No
             found.foot_errors_px.append(float(np.linalg.norm(foot - foot_px)))
 
 
-def followed(images: Iterator[flown.Seen]) -> Followed:
-    said, found = {}, Followed()
+def followed(images: Iterator[flown.Seen]) -> FollowedIds:
+    said, found = {}, FollowedIds()
     observer = MovingOverGround(flown.CAMERA, ObjectSettings(), lambda image: said.get(image.index))
     tracks, setup = ObjectTracks(ObjectSettings()), Setup(camera=flown.CAMERA)
     for seen in images:

@@ -24,7 +24,7 @@ from aerodft.adapters.telemetry.mavlink import (
     N_TRUNCATED,
     ORIENTATION_DOWN,
     Bytes,
-    Followed,
+    FollowedIds,
     payload_rows,
     plausible_stamps,
 )
@@ -112,7 +112,7 @@ def open_source(path: Path) -> "DataflashSource":
     return DataflashSource(path)
 
 
-def new_decoder(followed: Followed) -> "DataflashDecoder":  # noqa: ARG001 - a log of its own vehicle alone
+def new_decoder(followed: FollowedIds) -> "DataflashDecoder":  # noqa: ARG001 - a log of its own vehicle alone
     """A decoder that learns the messages' layouts on the way."""
     return DataflashDecoder()
 

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from aerodft.adapters.telemetry.mavlink import AT_QUIET, AT_SYNC, STATE_SIZE, Bytes, Followed, FrameCounts, counts_of
+from aerodft.adapters.telemetry.mavlink import AT_QUIET, AT_SYNC, STATE_SIZE, Bytes, FollowedIds, FrameCounts, counts_of
 from aerodft.errors import InputError, os_errors_as
 from aerodft.model import IntArray, RawBlock
 from aerodft.service import Source, TelemetryDecoder
@@ -63,7 +63,7 @@ class LogFormat(Protocol):
         """
         ...
 
-    def new_decoder(self, followed: Followed) -> TelemetryDecoder:
+    def new_decoder(self, followed: FollowedIds) -> TelemetryDecoder:
         """A decoder of its blocks, which follows one vehicle where the format has several."""
         ...
 

@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 
 from aerodft.adapters.telemetry import dataflash, tlog
 from aerodft.adapters.telemetry.log_file import HEAD_BYTES, LogFile, LogFormat, LogSource
-from aerodft.adapters.telemetry.mavlink import Followed
+from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.errors import InputError
 from aerodft.model import RawBlock, Track
 from aerodft.service import TelemetryDecoder, TelemetrySettings
@@ -30,9 +30,9 @@ class CompositeDecoder:
         followed: The vehicle to follow; None for the first one heard.
     """
 
-    def __init__(self, followed: Followed | None = None) -> None:
+    def __init__(self, followed: FollowedIds | None = None) -> None:
         self._decoders: dict[str, TelemetryDecoder] = {
-            each.PROTOCOL: each.new_decoder(followed or Followed()) for each in LOG_FORMATS
+            each.PROTOCOL: each.new_decoder(followed or FollowedIds()) for each in LOG_FORMATS
         }
 
     @property
@@ -65,11 +65,11 @@ def decoder_of(telemetry: TelemetrySettings | None) -> CompositeDecoder:
     return CompositeDecoder(followed_by(telemetry))
 
 
-def followed_by(telemetry: TelemetrySettings | None) -> Followed:
+def followed_by(telemetry: TelemetrySettings | None) -> FollowedIds:
     """The vehicle of a station."""
     if telemetry is None:
-        return Followed()
-    return Followed(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal)
+        return FollowedIds()
+    return FollowedIds(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal)
 
 
 def open_log(path: Path) -> LogSource:

@@ -15,7 +15,7 @@ from aerodft.adapters.telemetry.mavlink import (
     MIN_FRAME,
     TLOG_STATE,
     Bytes,
-    Followed,
+    FollowedIds,
     MavlinkDecoder,
     frame_table,
     probe,
@@ -42,7 +42,7 @@ def open_source(path: Path) -> "TlogSource":
     return TlogSource(path)
 
 
-def new_decoder(followed: Followed) -> MavlinkDecoder:
+def new_decoder(followed: FollowedIds) -> MavlinkDecoder:
     """A decoder of MAVLink frames, of a log or a link."""
     return MavlinkDecoder(followed)
 

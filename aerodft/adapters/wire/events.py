@@ -81,7 +81,7 @@ def encode_images(images: Sequence[Image]) -> PackedBytes:
         values = [(image.index, image.stamp_ns, image.arrival_ns) for image in images]
         columns = np.array(values, dtype=np.int64).reshape(-1, 3).T
     whole = dict(zip(("index", "stamp_ns", "arrival_ns"), columns, strict=True))
-    return encode_payloads(kind[:, None], lambda row: IMAGE.of(images[row]), whole, np.empty((len(images), 0)))
+    return encode_payloads(kind[:, None], lambda row: IMAGE.to_json(images[row]), whole, np.empty((len(images), 0)))
 
 
 def decode_image(data: bytes) -> Image:

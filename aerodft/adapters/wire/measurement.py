@@ -128,7 +128,7 @@ def _numbers(column: MeasurementColumn, names: Sequence[str]) -> list[FloatArray
 
 def _image_payload(batch: MeasurementBatch, row: int) -> Json:
     sample, image = batch.poses[row], int(batch.images[row])
-    return MEASUREMENTS.of(
+    return MEASUREMENTS.to_json(
         batch,
         stamp_ns=str(sample.stamp_ns),
         image=None if image == NO_IMAGE else image,
@@ -150,7 +150,7 @@ def encode_measurement(measurement: Measurement) -> bytes:
 
 def measurement_payload(measurement: Measurement) -> Json:
     """One measurement as ``aerodft.measurement/1``, before it is written out."""
-    return MEASUREMENT.of(measurement, pose=summary_payload(measurement.pose))
+    return MEASUREMENT.to_json(measurement, pose=summary_payload(measurement.pose))
 
 
 def split_measurements(data: bytes) -> list[tuple[str, bytes]]:

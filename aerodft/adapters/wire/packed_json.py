@@ -39,7 +39,7 @@ class PackedBytes:
     stop: IntArray
 
     @staticmethod
-    def of(texts: Sequence[bytes]) -> "PackedBytes":
+    def from_texts(texts: Sequence[bytes]) -> "PackedBytes":
         """Texts one behind the other."""
         stop = np.cumsum(np.fromiter(map(len, texts), dtype=np.int64, count=len(texts)))
         return PackedBytes(b"".join(texts), np.concatenate([[0], stop[:-1]])[: len(stop)], stop)
@@ -99,11 +99,11 @@ def encode_payloads(
             own_whole = np.stack([whole[name][rows] for name in template.whole], axis=-1)
             parts.append(template.fill(own_whole, known, b"\n".join([said[row] for row in rows])))
         else:  # a number of the first payload is a whole one, which JSON tells from others
-            parts.append(PackedBytes.of([dump_payload(payload(row)) for row in rows]))
+            parts.append(PackedBytes.from_texts([dump_payload(payload(row)) for row in rows]))
     if len(parts) == 1:
         return parts[0]
     return PackedBytes.concatenated(
-        [PackedBytes.of([]), *parts], np.argsort([row for rows in rows_of.values() for row in rows])
+        [PackedBytes.from_texts([]), *parts], np.argsort([row for rows in rows_of.values() for row in rows])
     )
 
 
@@ -132,7 +132,7 @@ class JsonTemplate:
         hollow = dump_payload({**self._hollow(payload, {*fixed, *_TEXTS}), **holes})
         text = hollow.replace(orjson.dumps(_QUOTED), b'"%b"' % orjson.dumps(_WHOLE))
         pieces = _HOLES.split(text)
-        between = PackedBytes.of(pieces[::2])
+        between = PackedBytes.from_texts(pieces[::2])
         self._pieces, self._ends = np.frombuffer(between.data, dtype=np.uint8), between.stop
         self._sources = np.array([int(each) for each in pieces[1::2]], dtype=np.int64)
 

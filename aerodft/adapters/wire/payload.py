@@ -289,10 +289,10 @@ class Payload:
             **object_of({"schema": {"const": name}, **properties, "software": TEXT}),
         }
 
-    def of(self, value: object, /, **known: object) -> Json:
+    def to_json(self, value: object, /, **known: object) -> Json:
         """The payload of a value, as ``payload_of``."""
         return payload_of(self.schema, value, schema=self.name, software=SOFTWARE, **known)
 
     def dump(self, value: object, /, **known: object) -> bytes:
         """The payload of a value as JSON text."""
-        return dump_payload(self.of(value, **known))
+        return dump_payload(self.to_json(value, **known))

@@ -126,7 +126,7 @@ def _payload(sample: PoseSample) -> Json:
     pose = sample.pose
     arrays = {name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s", "lens_cov")}
     arrays["lens_cov"] = arrays["lens_cov"] if pose and pose.lens_cov.size else None
-    return POSE.of(sample, **_view(sample), **arrays)
+    return POSE.to_json(sample, **_view(sample), **arrays)
 
 
 def decode_pose(data: bytes) -> PoseSample:

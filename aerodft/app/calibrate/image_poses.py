@@ -33,7 +33,7 @@ from aerodft.model import (
 from aerodft.service import LAST, MergedFeed, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, Ticks, survey_span
 from aerodft.service.pose import PoseSource
-from calibration.flight import PoseTrack, View, shared_and_new
+from calibration.flight import PoseTrack, View, split_stds
 from replay.foreign import ForeignTelemetry, open_recording
 from replay.recordings import Recording, RecordingSource, is_mcap
 
@@ -72,7 +72,7 @@ def views_of(
     reported = _stated(evidence, flight, reach_s) | _looked_up(evidence, flight, telemetry, reach_s)
     _check_heights(reported, evidence.path)
     stds = [reported[image.name].std for image in flight.images]
-    priors, noises = shared_and_new(stds, flight.noise_share, flight.noise)
+    priors, noises = split_stds(stds, flight.noise_share, flight.noise)
     if flight.time is not None:
         priors["time"] = flight.time
     views = tuple(
@@ -116,7 +116,7 @@ def _as_stated(pose: StatedPose, settings: TelemetrySettings, reach_s: float) ->
         rate_cam_radps=np.array(pose.rate_cam_radps),
     )
     return _Reported(
-        PoseTrack.steady(moving, reach_s),
+        PoseTrack.at_constant_rates(moving, reach_s),
         PoseStd(
             height_agl_m=std("height", settings.height.std_m[HeightSource.HOME]),
             horizontal_m=math.hypot(std("east", usual.horizontal_m), std("north", usual.horizontal_m)) / math.sqrt(2),

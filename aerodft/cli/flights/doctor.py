@@ -15,7 +15,7 @@ from aerodft.errors import NoAnswerError
 from aerodft.model import ReportFrame
 
 if TYPE_CHECKING:
-    from aerodft.adapters.telemetry.mavlink import Followed
+    from aerodft.adapters.telemetry.mavlink import FollowedIds
     from aerodft.app.diagnose import Diagnosis
     from aerodft.diagnosis import DiagnosisReport, RequestOutcome, SourceSummary
     from aerodft.service.attitude import FrameEvidence
@@ -31,7 +31,7 @@ class FollowedOptions:
         int | None, typer.Option(min=1, max=255, help="Gimbal to follow: 1 to 6 its number, else its component.")
     ] = None
 
-    def followed(self, configured: "Followed") -> "Followed":
+    def followed(self, configured: "FollowedIds") -> "FollowedIds":
         """Who is followed."""
         return replace(configured, **{name: number for name, number in asdict(self).items() if number is not None})
 

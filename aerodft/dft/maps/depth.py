@@ -155,7 +155,7 @@ def depth_map(
     heading = float(camera_angles(pose.wxyz)[2])
     flat, curvature_per_m = planes.reshape(len(planes), -1), 0.0
     if ground is None or isinstance(ground, Plane):
-        plane = measured_plane(ground, elevation_m)
+        plane = plane_at_elevation(ground, elevation_m)
         _intersect_plane(camera, pose, heading, plane, limit_m, flat)
         if ground is not None:
             _fill_plane_heights(pose, heading, plane, flat)
@@ -170,7 +170,7 @@ def depth_map(
     )
 
 
-def measured_plane(ground: Plane | None, elevation_m: float) -> Plane:
+def plane_at_elevation(ground: Plane | None, elevation_m: float) -> Plane:
     """Raise ``ground`` by ``elevation_m`` along the vertical; None stands for level ground at 0 m."""
     return Plane(_UP, elevation_m) if ground is None else ground.raised(elevation_m)
 
@@ -274,7 +274,7 @@ def range_std(camera: Camera, pose: Pose, plane: Plane, elevation_std_m: float =
     Args:
         camera: The camera, with how well its intrinsics are known.
         pose: One pose, with its covariance.
-        plane: The ground, see ``depth_map.measured_plane``.
+        plane: The ground, see ``depth_map.plane_at_elevation``.
         elevation_std_m: Of the ground's height, all of it together.
 
     Returns:

@@ -354,7 +354,7 @@ class GroundBackground:
     last: _Planes
 
     @classmethod
-    def of(cls, shape: tuple[int, int]) -> "GroundBackground":
+    def empty(cls, shape: tuple[int, int]) -> "GroundBackground":
         """Nothing yet, of a canvas of that shape."""
         mean, variance = np.zeros((*shape, 3), dtype=np.float32), np.full(shape, _FIRST_VARIANCE, dtype=np.float32)
         return cls(mean, variance, *(np.zeros(shape, dtype=np.float32) for _ in range(3)))
@@ -539,7 +539,7 @@ class MovingOverGround:
         self._to_view = self._view.intrinsics @ np.linalg.inv(self._small.intrinsics)
         self._lock: PlaneLock | None = None
         self._canvas: GroundCanvas | None = None
-        self._background = GroundBackground.of((0, 0))
+        self._background = GroundBackground.empty((0, 0))
         self._first: list[tuple[ImageArray, BoolArray]] | None = []
         self._last_s = self._held_s = 0.0
         self._epoch_ns: int | None = None
@@ -565,7 +565,7 @@ class MovingOverGround:
             return []
         if self._canvas is None:
             self._canvas = GroundCanvas(self._view, since_first)
-            self._background, self._first = GroundBackground.of(self._canvas.shape), []
+            self._background, self._first = GroundBackground.empty(self._canvas.shape), []
         elif not self._canvas.holds(self._canvas.onto(since_first)):
             canvas = GroundCanvas(self._view, since_first)
             self._background, self._canvas = self._background.on_canvas(canvas, self._canvas), canvas

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aerodft.adapters.telemetry.mavlink import Followed, FrameCounts
+from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import ClockTrack, Event, GimbalSource, GimbalTrack, HeightSource, HeightTrack, RawBlock, Track
 from aerodft.service import block_of
@@ -24,7 +24,7 @@ def open_source(path: Path) -> "HeightTable":
     return HeightTable(path)
 
 
-def new_decoder(followed: Followed) -> "HeightTableDecoder":
+def new_decoder(followed: FollowedIds) -> "HeightTableDecoder":
     del followed
     return HeightTableDecoder()
 

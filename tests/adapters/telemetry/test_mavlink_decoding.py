@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.spatial.transform import Rotation
 
-from aerodft.adapters.telemetry.mavlink import Followed, MavlinkDecoder, headers
+from aerodft.adapters.telemetry.mavlink import FollowedIds, MavlinkDecoder, headers
 from aerodft.model import (
     NO_BOOT_TIME,
     ClockTrack,
@@ -307,7 +307,7 @@ def test_the_first_vehicle_is_followed(pack: Pack, block: MakeBlock) -> None:
     (track,) = _besides_life(decoder, block(frames))
     assert decoder.system == 3
     assert track.arrival_ns.tolist() == [10**18 + 2 * 10**6, 10**18 + 5 * 10**6]
-    chosen = MavlinkDecoder(Followed(system=4))
+    chosen = MavlinkDecoder(FollowedIds(system=4))
     assert len(_besides_life(chosen, block(frames))[0].arrival_ns) == 1
 
 

@@ -58,7 +58,7 @@ class Stated:
     image: str | None = None
 
     @staticmethod
-    def of(label: str, table: ObservationTable) -> "Stated":
+    def from_table(label: str, table: ObservationTable) -> "Stated":
         """The observation of a table."""
         place, outside = table.place, table.may_be_outside
         return Stated(label, table.all_pixels, place, is_geo=table.is_geo, may_be_outside=outside, image=table.image)

@@ -155,7 +155,7 @@ def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> Evidence
 def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
     table, rows = file.table, file.rows
     size_px = next((each.size_px for each in table.images if each.size_px), None)  # one camera's mode has one size
-    stated = tuple(Stated.of(row.label, row.table) for row in rows)
+    stated = tuple(Stated.from_table(row.label, row.table) for row in rows)
     crs = checked_crs(table.crs)
     for camera in table.cameras:
         check_datums(stated, camera, crs)

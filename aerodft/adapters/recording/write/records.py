@@ -201,7 +201,7 @@ class RecordEncoder:
             if name not in self._observed:
                 self._observed[name] = json_channel(self._keys.observation(name), OBSERVATION_SCHEMA)
             own = np.array([row for row, observation in enumerate(observations) if observation.name == name])
-            texts = PackedBytes.of([encode_observation(observations[row]) for row in own.tolist()])
+            texts = PackedBytes.from_texts([encode_observation(observations[row]) for row in own.tolist()])
             arrival_ns = np.array([observations[row].arrival_ns for row in own.tolist()])
             rows.add_inputs(self._observed[name], batches.observation_tick[own], arrival_ns, 2 + own, texts)
 
@@ -213,7 +213,7 @@ class RecordEncoder:
             sequence = np.concatenate([block.images for block in outputs.images]) & _SEQUENCE_MASK
             rows.add_outputs(self._pose, tick, order, encode_poses(poses), sequence)
             fixed = self._fixes_due(poses, rows.now_ns[tick], order)
-            fixes = PackedBytes.of([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
+            fixes = PackedBytes.from_texts([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
             rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
         for tick, order, batch in outputs.measured():
             rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, encode_batch(batch))
@@ -228,7 +228,7 @@ class RecordEncoder:
                 case _:  # an observation is recorded as it came
                     continue
             tick, order = np.array([[single.tick], [_PER_IMAGE * single.order]])
-            rows.add_outputs(channel, tick, order, PackedBytes.of([data]))
+            rows.add_outputs(channel, tick, order, PackedBytes.from_texts([data]))
 
     def _fixes_due(self, poses: PoseBatch, now_ns: IntArray, order: IntArray) -> IntArray:
         """Which of the poses ``(n,)`` are shown on maps: a few times a second one whose place is known."""
@@ -253,7 +253,7 @@ class _TickRows:
         self.now_ns = now_ns
         self._channels: dict[Channel, int] = {}
         self._heads: list[IntArray] = [np.empty((5, 0), dtype=np.int64)]
-        self._texts: list[PackedBytes] = [PackedBytes.of([])]
+        self._texts: list[PackedBytes] = [PackedBytes.from_texts([])]
 
     def add_inputs(
         self,

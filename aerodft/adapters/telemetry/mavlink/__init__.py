@@ -20,7 +20,7 @@ from aerodft.adapters.telemetry.mavlink.decoding import (
     SYSTEM_TIME,
     TERRAIN_REPORT,
     VIDEO_STREAM_INFORMATION,
-    Followed,
+    FollowedIds,
     MavlinkDecoder,
     is_peripheral,
 )

@@ -117,7 +117,7 @@ SLOTS: Final = _slots()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Followed:
+class FollowedIds:
     """Who is listened to; None for whoever is heard first.
 
     Attributes:
@@ -131,7 +131,7 @@ class Followed:
     gimbal: int | None = None
 
 
-def fresh_state(followed: Followed) -> IntArray:
+def fresh_state(followed: FollowedIds) -> IntArray:
     """The state before the first frame."""
     state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
     state[SENSOR_SEEN:CHOSEN_COMPONENT] = state[OTHER_SENSORS:LOCKS] = 0
@@ -186,7 +186,7 @@ def _is_of_chosen_gimbal(state: IntArray, message_id: int, component: int, devic
 
 
 @njit
-def _admit(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
+def _is_from_followed(state: IntArray, message_id: int, slot: int, component: int, device: int) -> bool:
     """Whether a message of the followed system comes from the component that is listened to for it.
 
     The clock, the attitude, the position and the vehicle's health come from the autopilot, reports of cameras from all
@@ -219,7 +219,7 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
 
 
 @njit
-def _superseded(state: IntArray, message_id: int, spacing: int) -> bool:
+def _is_superseded(state: IntArray, message_id: int, spacing: int) -> bool:
     """Note the better messages of a height, and tell whether one of them makes this message superfluous.
 
     Once a DISTANCE_SENSOR has come, RANGEFINDER is left out for good; ALTITUDE once a TERRAIN_REPORT has.
@@ -264,7 +264,9 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
             state[LOOKS_ASIDE] += 1
             continue
         spacing = _byte(data, payload_at, length, _SPACING_AT) | _byte(data, payload_at, length, _SPACING_AT + 1)
-        if _admit(state, message_id, slot, component, device) and not _superseded(state, message_id, spacing):
+        if _is_from_followed(state, message_id, slot, component, device) and not _is_superseded(
+            state, message_id, spacing
+        ):
             rows[k] = slot
 
 
@@ -328,7 +330,7 @@ class OtherSenders:
         followed: What was chosen; of that there are no rivals.
     """
 
-    def __init__(self, followed: Followed) -> None:
+    def __init__(self, followed: FollowedIds) -> None:
         self._followed = followed
 
     def tracks(self, block: RawBlock, heads: IntArray, slots: IntArray, state: IntArray) -> Iterator[OtherSenderTrack]:
@@ -462,8 +464,8 @@ class MavlinkDecoder:
         rejected: Rows left out, by ``MESSAGE: reason``.
     """
 
-    def __init__(self, followed: Followed | None = None) -> None:
-        followed = followed or Followed()
+    def __init__(self, followed: FollowedIds | None = None) -> None:
+        followed = followed or FollowedIds()
         self._state = fresh_state(followed)
         self._others = OtherSenders(followed)
         self.rejected: Counter[str] = Counter()

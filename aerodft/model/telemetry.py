@@ -147,7 +147,7 @@ class PositionTrack(Track):
     Attributes:
         lat_rad: ``(n,)`` WGS84.
         lon_rad: ``(n,)`` WGS84.
-        alt_msl_m: ``(n,)``; finite: a log that does not state it has no position.
+        alt_msl_m: ``(n,)``; NaN in all rows of a log that does not state it.
         height_home_m: ``(n,)`` above home.
     """
 

@@ -23,7 +23,7 @@ class PositionBatch:
     Attributes:
         east_north_m: ``(n, 2)``.
         velocity_enu_mps: ``(n, 3)``.
-        lat_lon_alt: ``(n, 3)`` latitude, longitude (rad) and altitude (m MSL).
+        lat_lon_alt: ``(n, 3)`` latitude, longitude (rad) and altitude (m MSL), NaN where the log has none.
         missing: ``(n,)`` as ``Missing``.
     """
 
@@ -57,14 +57,14 @@ class VehiclePositions:
 
     def append(self, track: PositionTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append the positions of a step, at least one; ``row_end_by_tick`` as in ``Stream.append``."""
-        columns = {"lat_rad": track.lat_rad, "lon_rad": track.lon_rad, "alt_msl_m": track.alt_msl_m}
+        columns = {name: getattr(track, name) for name in ("lat_rad", "lon_rad", "alt_msl_m", "height_home_m")}
         self.stream.append(stamps_ns, row_end_by_tick, **columns)
         if self.origin is None:
-            above_plane = float(track.height_home_m[0]) + self._home_above_plane_m
+            plane_m = float(track.alt_msl_m[0]) - (float(track.height_home_m[0]) + self._home_above_plane_m)
             self.origin = GeoOrigin(
                 lat_rad=float(track.lat_rad[0]),
                 lon_rad=float(track.lon_rad[0]),
-                alt_msl_m=float(track.alt_msl_m[0]) - above_plane,
+                alt_msl_m=None if math.isnan(plane_m) else plane_m,
             )
 
     def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> PositionBatch:
@@ -80,14 +80,16 @@ class VehiclePositions:
         if not len(rows):
             return PositionBatch(places, velocity, lat_lon_alt, missing)
         found = found.rows(rows)
-        lat, lon, alt = (self.stream.column(name) for name in ("lat_rad", "lon_rad", "alt_msl_m"))
+        names = "lat_rad", "lon_rad", "alt_msl_m", "height_home_m"
+        lat, lon, alt, height_home = (self.stream.column(name) for name in names)
+        height = np.where(np.isnan(alt), height_home, alt)
         before, after = (east_north(self.origin, lat[ends], lon[ends]) for ends in (found.before, found.after))
         step_m = after - before
         moves = found.gap_ns > 0
         per_s = np.where(moves, SECOND_NS / np.where(moves, found.gap_ns, 1), 0.0)
         places[rows] = before + found.weight[:, None] * step_m
         velocity[rows, :2] = step_m * per_s[:, None]
-        velocity[rows, 2] = (alt[found.after] - alt[found.before]) * per_s
+        velocity[rows, 2] = (height[found.after] - height[found.before]) * per_s
         eastward_rad = _wrap_pi(lon[found.after] - lon[found.before])  # also over the 180th meridian
         lon_rad = _wrap_pi(lon[found.before] + found.weight * eastward_rad)
         lat_lon_alt[rows] = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])

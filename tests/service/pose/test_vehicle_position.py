@@ -15,18 +15,17 @@ METRE_RAD = 1 / 6_378_137.0  # of longitude on the equator
 HALF_SECOND = SECOND_NS // 2
 
 
-def places(lat_rad, lon_rad):
-    """Two positions, a second apart."""
+def places(lat_rad, lon_rad, alt_msl_m=(50.0, 50.0)):
+    """Two positions, a second apart, 50 m above home."""
     made = VehiclePositions(HeightSettings(), None)
     stamps_ns = np.array([0, SECOND_NS])
-    level = np.full(2, 50.0)
     track = PositionTrack(
         arrival_ns=stamps_ns,
         boot_ns=stamps_ns,
         lat_rad=np.array(lat_rad),
         lon_rad=np.array(lon_rad),
-        alt_msl_m=level,
-        height_home_m=level,
+        alt_msl_m=np.array(alt_msl_m),
+        height_home_m=np.full(2, 50.0),
     )
     made.append(track, stamps_ns)
     return made
@@ -53,3 +52,13 @@ def test_between_two_positions_that_nothing_flies_between_there_is_none(apart_m,
     found = at(places([0.0, 0.0], [0.0, apart_m * METRE_RAD]), HALF_SECOND)
     assert found.missing.tolist() == [Missing.NOTHING if is_known else Missing.STALE]
     assert np.isfinite(found.east_north_m).all() == is_known
+
+
+def test_a_log_without_altitudes_has_places_all_the_same():
+    """Its origin's altitude is unknown, and what climbs is the height above home."""
+    made = places([0.0, 0.0], [0.0, 10 * METRE_RAD], alt_msl_m=(math.nan, math.nan))
+    assert made.origin.alt_msl_m is None
+    found = at(made, HALF_SECOND)
+    np.testing.assert_allclose(found.east_north_m, [[5.0, 0.0]], atol=1e-3)
+    np.testing.assert_allclose(found.velocity_enu_mps, [[10.0, 0.0, 0.0]], atol=1e-3)
+    assert np.isnan(found.lat_lon_alt).tolist() == [[False, False, True]]

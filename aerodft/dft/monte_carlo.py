@@ -28,7 +28,8 @@ from aerodft.model import BoolArray, FloatArray, IntArray, Pose, ProbeKind
 
 DRAWS: Final = 1024
 _SEED: Final = 10
-"""Of 60 the one whose 95 % intervals of sums of two errors end best: at most 7 % of half of the length off."""
+"""Any would do: of sums of two errors of 20, 95 % intervals end off by 2.3 to 2.5 % of half of their length, root mean
+square, and 8 to 14 % at most, with each of 60 seeds; with this one by 2.4 and 10 %."""
 _RAYS_PER_CHUNK: Final = 32 * DRAWS
 """Ray draws that fit the cache together."""
 

@@ -51,18 +51,16 @@ class ReplayResult:
         measurements: Measurements published.
         images: Images published.
         others: Poses and states published.
-        damaged: Payloads that were left out because they are damaged.
         rounds: How often the end was reached.
         has_listeners: Whether anybody had subscribed to something that was published.
         mavlink_frames: Frames sent on the MAVLink link; None without one.
         is_stopped: Whether it was ended before its end.
-        left_out: What the recordings lack; of other tools' nothing is known.
+        left_out: What the recordings lack, and payloads that could not be decoded; of other tools' nothing is known.
     """
 
     measurements: int
     images: int
     others: int
-    damaged: int
     rounds: int
     has_listeners: bool
     mavlink_frames: int | None
@@ -315,12 +313,14 @@ class Replay:
             measurements=published.measurements,
             images=published.images,
             others=published.others,
-            damaged=published.damaged,
             rounds=self._player.rounds,
             has_listeners=self._has_listeners,
             mavlink_frames=None if self._sender is None else self._sender.frames,
             is_stopped=self.controls.ended,
             left_out=LeftOut.joined(
-                each.left_out(images=True) for each in self._recordings if isinstance(each, Recording)
+                [
+                    *(each.left_out(images=True) for each in self._recordings if isinstance(each, Recording)),
+                    LeftOut(damaged_messages=published.damaged),
+                ]
             ),
         )

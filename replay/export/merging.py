@@ -111,6 +111,7 @@ def merge_segments(recording: Recording, path: Path) -> "MergedRecordingWriter":
             for beside in annotator.messages(message):
                 merged.add(beside)
             del message  # of megabytes: not to be held while the next one is read
+        recording.damaged_messages += annotator.damaged_messages
     return merged
 
 

@@ -56,11 +56,13 @@ class LeftOut:
     Attributes:
         damaged_chunks: Chunks that were met and are damaged.
         missing_segments: Segments whose number is missing, or that belong to another recording.
+        damaged_messages: Messages that were met and cannot be decoded.
         gaps: When something is missing, in order of time.
     """
 
     damaged_chunks: int = 0
     missing_segments: int = 0
+    damaged_messages: int = 0
     gaps: tuple[Gap, ...] = ()
 
     @classmethod
@@ -70,16 +72,21 @@ class LeftOut:
         return cls(
             damaged_chunks=sum(each.damaged_chunks for each in found),
             missing_segments=sum(each.missing_segments for each in found),
+            damaged_messages=sum(each.damaged_messages for each in found),
             gaps=tuple(gap for each in found for gap in each.gaps),
         )
 
     def __bool__(self) -> bool:
-        return bool(self.damaged_chunks or self.missing_segments or self.gaps)
+        return bool(self.damaged_chunks or self.missing_segments or self.damaged_messages or self.gaps)
 
     @property
     def sentence(self) -> str:
         """Sentence on data that could not be read; empty where all could."""
-        counts = {"damaged chunk": self.damaged_chunks, "missing segment": self.missing_segments}
+        counts = {
+            "damaged chunk": self.damaged_chunks,
+            "missing segment": self.missing_segments,
+            "damaged message": self.damaged_messages,
+        }
         found = [f"{count} {what}{'s' * (count > 1)}" for what, count in counts.items() if count]
         times = [gap for gap in self.gaps if gap.from_ns is not None or gap.to_ns is not None]
         if times:
@@ -94,6 +101,7 @@ class LeftOut:
         return {
             "damaged_chunks": self.damaged_chunks,
             "missing_segments": self.missing_segments,
+            "damaged_messages": self.damaged_messages,
             "gaps": [
                 {
                     "from_ns": None if gap.from_ns is None else str(gap.from_ns),
@@ -122,6 +130,7 @@ class Recording:
         start_ns: Earliest log time.
         end_ns: Latest log time.
         is_whole: Whether every segment was finished; else a recorder was killed and the end may be missing.
+        damaged_messages: Messages that whoever read them could not decode, so far.
 
     Args:
         folder: The recording's folder; or one of its files, or one file that they were put together in.
@@ -137,6 +146,7 @@ class Recording:
         if self._is_file and not is_mcap(folder):
             expected = "a recording's folder, or an MCAP file"
             raise InputError("there is no recording", where=folder, got=looks_like(folder), expected=expected)
+        self.damaged_messages = 0
         self._missing = {"data": 0, "images": 0}
         self._between: dict[str, list[Gap]] = {"data": [], "images": []}
         self.data = (scan_segment(folder),) if self._is_file else self._segments("data")
@@ -218,6 +228,7 @@ class Recording:
         return LeftOut(
             damaged_chunks=sum(len(each.damaged_offsets) for each in segments),
             missing_segments=sum(self._missing[stem] for stem in stems),
+            damaged_messages=self.damaged_messages,
             gaps=tuple(sorted(gaps, key=lambda gap: gap.from_ns or 0)),
         )
 

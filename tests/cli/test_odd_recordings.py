@@ -2,6 +2,7 @@
 
 import csv
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -182,12 +183,35 @@ def test_replay_leaves_out_what_is_damaged_and_counts_it(aerodft, tmp_path: Path
 
     folder = remade(tmp_path / "remade", data=damaged)
     done = aerodft("replay", folder, "--rate", "max", "--listen", free_endpoint(), "--json")
-    assert done.code == 0, done.err
+    assert done.code == 5, done.err
     measured = next(count)
     assert measured == 118
-    assert done.json["damaged"] == -(-measured // 3)
-    assert done.json["measurements"] == measured - done.json["damaged"]
+    assert done.json["damaged_messages"] == -(-measured // 3)
+    assert done.json["measurements"] == measured - done.json["damaged_messages"]
     assert caplog.text.count(f"{folder}: damaged payloads are left out: ") == 1
+    assert done.last.endswith("without 40 damaged messages")
+
+
+def test_a_merged_file_keeps_what_is_damaged_and_counts_it(aerodft, tmp_path: Path, caplog) -> None:
+    """Every fifth pose is cut: it is in the file as it was, and no transform is drawn of it."""
+    poses: list[bytes] = []
+
+    def damaged(channel, data: bytes) -> bytes:
+        if not channel.topic.endswith("/pose"):
+            return data
+        poses.append(data if len(poses) % 5 else data[: len(data) // 2])
+        return poses[-1]
+
+    folder = remade(tmp_path / "remade", data=damaged)
+    done = aerodft("export", folder, "-o", tmp_path / "all.mcap", "--json")
+    lost, drawn = len(poses[::5]), sum(b'"wxyz":[' in each and each.endswith(b"}") for each in poses)
+    assert lost > 0 < drawn
+    assert (done.code, done.json["damaged_messages"]) == (5, lost), done.err
+    assert done.last.endswith(f"without {lost} damaged messages")
+    assert caplog.text.count("a message is damaged; it is kept as it is") == 1
+    with (tmp_path / "all.mcap").open("rb") as file:
+        topics = Counter(channel.topic.rpartition("/")[2] for _, channel, _ in make_reader(file).iter_messages())
+    assert (topics["pose"], topics["transform"]) == (len(poses), drawn)
 
 
 def test_a_file_called_dash_is_not_made(aerodft, tmp_path: Path, monkeypatch) -> None:

@@ -192,7 +192,7 @@ def test_export_writes_the_file_or_says_why_not(tmp_path: Path, command: Command
     empty = record(tmp_path / "empty", [])
     target = tmp_path / "out.geojson"
     done = command("export", a, "--format", "geojson", "-o", target, "--json")
-    whole = {"damaged_chunks": 0, "missing_segments": 0, "gaps": []}
+    whole = {"damaged_chunks": 0, "missing_segments": 0, "damaged_messages": 0, "gaps": []}
     assert orjson.loads(done.out) == {"file": str(target), "format": "geojson", "measurements": 1, **whole}
     assert len(orjson.loads(target.read_bytes())["features"]) == 1
     assert command("export", a).out.startswith("time_utc,stamp_ns,name")

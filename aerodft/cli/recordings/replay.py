@@ -96,7 +96,8 @@ def replay(
     r"""Publish recordings again: original payloads on original keys, in order of time.
 
     On a terminal space pauses and goes on, n or the right arrow goes to the next image, l loops or stops looping, q
-    ends. Exit 5 where damaged or missing parts of a recording are not in what was published.
+    ends. Exit 5 where damaged or missing parts or messages of a recording are not in what was
+    published.
 
     \b
     Examples:
@@ -173,18 +174,16 @@ def _report(names: list[str], result: "ReplayResult", *, as_json: bool) -> None:
             "measurements": result.measurements,
             "images": result.images,
             "others": result.others,
-            "damaged": result.damaged,
             "rounds": result.rounds,
             "subscribers": result.has_listeners,
             **result.left_out.document(),
         }
         print_json(document if result.mavlink_frames is None else {**document, "mavlink_frames": result.mavlink_frames})
         return
-    damaged = f"; left out {result.damaged} damaged payloads" if result.damaged else ""
     frames = "" if result.mavlink_frames is None else f", sent {result.mavlink_frames} MAVLink frames"
     say(
         f"{', '.join(names)}: published {result.measurements} measurements, {result.images} images"
-        f" and {result.others} poses and states{frames}{damaged}"
+        f" and {result.others} poses and states{frames}"
     )
     if not result.has_listeners and result.mavlink_frames is None:
         say("aerodft: nobody subscribed to them; --wait SECONDS waits for somebody")

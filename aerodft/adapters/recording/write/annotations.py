@@ -1,7 +1,7 @@
 """What viewers such as Foxglove draw over a recording's images: probes with their values, the camera's way, numbers."""
 
 import logging
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
@@ -56,7 +56,7 @@ class Annotator:
         self._annotations = protobuf_channel(self._keys.annotations, ImageAnnotations)
         self._transform = protobuf_channel(self._keys.transform, FrameTransform)
         self._numbers: dict[str, Channel] = {}
-        self._damaged: set[str] = set()  # topics
+        self._damaged: Counter[str] = Counter()  # messages, by topic
 
     def messages(self, message: ChannelMessage) -> list[ChannelMessage]:
         """What viewers need beside a message; nothing beside most, nor beside a damaged one (the first is said)."""
@@ -66,8 +66,13 @@ class Annotator:
             topic = message.channel.topic
             if topic not in self._damaged:
                 _log.warning("%s: a message is damaged; it is kept as it is, and nothing is drawn of it", topic)
-            self._damaged.add(topic)
+            self._damaged[topic] += 1
             return []
+
+    @property
+    def damaged_messages(self) -> int:
+        """How many messages were damaged so far."""
+        return self._damaged.total()
 
     def _drawn_from(self, message: ChannelMessage) -> Iterator[ChannelMessage]:
         schema = message.channel.schema

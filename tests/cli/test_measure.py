@@ -170,15 +170,26 @@ def test_every_answer_follows_the_published_schema(aerodft, lens):
 def test_every_answer_says_what_was_stated_and_what_assumed(aerodft, lens):
     asked = ("measure", "--camera", lens, "--height", 50, "--tilt", 0, "--probe", "range 990,500")
     (assumed,) = aerodft(*asked, "--json").json
-    said = "assumed: height 0.5 m, tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading"
+    said = "assumed: height 0.5 m, tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading, focal"
     assert assumed["reasons"] == [said, "std of pixels assumed: 1 px"]
     assert assumed["std"] == pytest.approx(0.5, rel=2e-3)
     (partly,) = aerodft(*asked, "--json", "--std", "height=0.1,px=1").json
     said = "std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading"
-    assert partly["reasons"] == [said]
+    assert partly["reasons"] == [f"{said}, focal"]
+    (focal,) = aerodft(*asked, "--json", "--std", "height=0.1,px=1,focal=3").json
+    assert focal["reasons"] == [said]
     (exact,) = aerodft(*asked, "--json", "--std", "px=0,height=0,attitude=0").json
     assert exact["std"] == 0.0
     assert said in aerodft(*asked, "--std", "height=0.1").out.decode()
+
+
+def test_a_focal_length_of_std_0_is_exact_whatever_its_camera_file_says(aerodft, lens, tmp_path):
+    (tmp_path / "stated.toml").write_text(f"{lens.read_text()}\nfocal_std_px = 30.0\n")
+    asked = ("--height", 50, "--tilt", 0, "--probe", "distance 300,500 900,500", "--json", "--std")
+    (stated,) = aerodft("measure", "--camera", tmp_path / "stated.toml", *asked, "height=0,attitude=0,px=0").json
+    assert stated["std"] > 0.1
+    (exact,) = aerodft("measure", "--camera", tmp_path / "stated.toml", *asked, "height=0,attitude=0,px=0,focal=0").json
+    assert exact["std"] == 0.0
 
 
 def test_people_get_a_table(aerodft, lens):

@@ -71,14 +71,15 @@ class PoseStd:
         """The standard deviations with those that are assumed of a pose at this height."""
         return PoseStd(**{each.name: self._of(each.name, height_m) for each in fields(self)})
 
-    def description(self, height_m: float) -> str:
-        """Which are stated, assumed and taken as exact at this height, for people."""
+    def description(self, height_m: float, *exact: str) -> str:
+        """Which are stated, assumed and taken as exact at this height, for people; ``exact`` names more of the last."""
         parts: dict[str, list[str]] = {"std stated": [], "assumed": [], "taken as exact": []}
         for each in fields(self):
             (name, unit), value = each.name.split("_"), self._of(each.name, height_m)
             is_stated = getattr(self, each.name) is not None
             part = "std stated" if is_stated else "assumed" if value else "taken as exact"
             parts[part].append(f"{name} {value:.3g} {unit}" if is_stated or value else name)
+        parts["taken as exact"].extend(exact)
         return "; ".join(f"{part}: {', '.join(names)}" for part, names in parts.items() if names)
 
     def si(self, height_m: float) -> model.PoseStd:
@@ -169,18 +170,20 @@ class CameraPose:
         )
         return pose if self.covariance is None else replace(pose, cov=self.covariance)
 
-    def sample(self, origin: GeoOrigin | None) -> PoseSample:
+    def sample(self, origin: GeoOrigin | None, camera: Camera) -> PoseSample:
         """The pose as the engine takes it, in ENU of the camera's foot.
 
         Args:
             origin: The camera's foot; with its altitude, where that is known.
+            camera: The camera, whose focal length may be taken as exact: the pose's reasons say so.
 
         Raises:
             UsageError: There is no height, or there are two.
             InputError: The altitude is below the ground.
         """
         pose, height_m = self.pose(origin), self._height_m(origin)
-        said = (self.std.description(height_m),) if self.covariance is None else ()
+        exact = () if camera.covariance or camera.std.focal_px else ("focal",)
+        said = (self.std.description(height_m, *exact),) if self.covariance is None else ()
         ground_msl_m = None if origin is None else origin.alt_msl_m
         return PoseSample(
             stamp_ns=0,
@@ -347,7 +350,7 @@ def image_setup(
         terrain, sample = _ground(ground, pose.origin)[0], pose
     else:
         terrain, origin = _ground(ground, pose.origin)
-        sample = pose.sample(origin)
+        sample = pose.sample(origin, camera)
     setup = Setup(camera=camera, model=model or ProjectionModel.PINHOLE, ground=terrain)
     if known is not None:
         setup, sample = _corrected(setup, sample, known)

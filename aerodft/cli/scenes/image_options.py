@@ -183,13 +183,13 @@ class Stds:
 
     Attributes:
         pose: Of height (m), position (m) and angles (deg), by the names of ``--std``.
-        focal_px: Of the focal length.
+        focal_px: Of the focal length; None for what the camera file says.
         elevation_m: Of the measured surface.
         px: Of each pixel coordinate; None for the assumed 1 px.
     """
 
     pose: Mapping[str, float] = field(default_factory=dict)
-    focal_px: float = 0.0
+    focal_px: float | None = None
     elevation_m: float = 0.0
     px: float | None = None
 
@@ -219,9 +219,11 @@ class Stds:
         Raises:
             UsageError: The camera has a whole covariance.
         """
-        if self.focal_px and camera.covariance:
+        if self.focal_px is None:
+            return camera
+        if camera.covariance:
             raise UsageError("--std focal beside a camera file with a covariance", expected="one of the two")
-        return replace(camera, std=replace(camera.std, focal_px=self.focal_px)) if self.focal_px else camera
+        return replace(camera, std=replace(camera.std, focal_px=self.focal_px))
 
 
 def parse_stds(text: str | None) -> Stds:

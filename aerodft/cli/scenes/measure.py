@@ -152,7 +152,7 @@ def answer(
             say(_pose_sentence(sample))
     else:
         setup, sample = scene.scene(ground, model)
-        sample = scene.stds.noted(sample)
+    sample = scene.stds.noted(sample)
     _check_model(setup, sample, model, scene.roll, compare=compare)
     if mapped.depth_map is not None:
         _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)

@@ -118,19 +118,20 @@ class MapCrs:
         if geometry is None or self.transform is None:
             return geometry
         try:
-            return {"type": geometry["type"], "coordinates": self._moved(geometry["coordinates"])}
+            return {"type": geometry["type"], "coordinates": _moved(geometry["coordinates"], self.transform)}
         except ProjError as error:
             expected = "a system that covers the measurements' places"
             raise InputError("`crs` has no coordinates there", got=f"EPSG:{self.code}", expected=expected) from error
 
-    def _moved(self, coordinates: list[Any]) -> list[Any]:
-        if isinstance(coordinates[0], list):
-            return [self._moved(each) for each in coordinates]
-        assert self.transform is not None  # noqa: S101 - asked before, for the type checker
-        x, y = self.transform(coordinates[0], coordinates[1])
-        if not math.isfinite(x + y):
-            raise ProjError("no coordinates")
-        return [x, y, *coordinates[2:]]
+
+def _moved(coordinates: list[Any], transform: Callable[[float, float], tuple[float, float]]) -> list[Any]:
+    """Coordinates of a geometry, lists of any depth, in another system."""
+    if isinstance(coordinates[0], list):
+        return [_moved(each, transform) for each in coordinates]
+    x, y = transform(coordinates[0], coordinates[1])
+    if not math.isfinite(x + y):
+        raise ProjError("no coordinates")
+    return [x, y, *coordinates[2:]]
 
 
 def map_features(payloads: Iterable[bytes], *, is_local: bool = False) -> Iterator[MapFeature]:

@@ -8,7 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft import model
-from aerodft.adapters.config.camera import CalibrationFile, load_calibration, pose_sample
+from aerodft.adapters.config.camera import CalibrationFile, FixedPose, load_calibration, pose_sample
 from aerodft.conventions import LARGEST
 from aerodft.dft import Setup
 from aerodft.errors import InputError, UsageError, located
@@ -341,7 +341,9 @@ def image_setup(
     if known is not None and known.pose is not None:
         if pose is not None:
             raise UsageError("a pose beside a calibration that has one", expected="one of them")
-        setup, sample = _calibrated(Path(str(calibration)), known, camera, model, ground)
+        if model not in (None, known.model):
+            raise UsageError(f"{model} beside a calibration", expected=f"{known.model}, which it was made with")
+        setup, sample = _calibrated(Path(str(calibration)), known, known.pose, camera, ground)
         return surface.on(setup), sample
     if camera is None or pose is None:
         missing = "camera" if camera is None else "pose"
@@ -358,19 +360,16 @@ def image_setup(
 
 
 def _calibrated(
-    path: Path, known: CalibrationFile, camera: Camera | None, model: ProjectionModel | None, ground: GroundTerms
+    path: Path, known: CalibrationFile, pose: FixedPose, camera: Camera | None, ground: GroundTerms
 ) -> tuple[Setup, PoseSample]:
     """Camera, pose and ground of a calibration that has a pose."""
-    assert known.pose is not None  # noqa: S101 - the caller's own condition, for the type checker
-    if model not in (None, known.model):
-        raise UsageError(f"{model} beside a calibration", expected=f"{known.model}, which it was made with")
     lens = known.camera or camera
     if lens is None:
         raise UsageError("a calibration without a lens", where=path, expected="a camera beside it")
-    flat = pose_sample(known.pose, None)
+    flat = pose_sample(pose, None)
     surface, origin = _ground(ground, flat.origin)
     with located(path):
-        sample = flat if surface is None else pose_sample(known.pose, origin, surface)
+        sample = flat if surface is None else pose_sample(pose, origin, surface)
     return Setup(camera=lens, model=known.model, ground=surface), sample
 
 

@@ -7,7 +7,7 @@ import typer
 
 from aerodft.cli.options import JsonOption, grouped
 from aerodft.cli.scenes.image_options import GroundOptions, SurfaceOptions
-from aerodft.cli.scenes.measure import DepthOptions, ModelOption, RecordedOptions, answer
+from aerodft.cli.scenes.measure import DepthOptions, ModelOption, RecordedOptions, measure_image
 
 
 @grouped
@@ -30,4 +30,4 @@ def depth_map(
         --lat 48.1 --lon 11.5 -o depth
     """
     mapped = DepthOptions(depth_map=output, image=image, step=step)
-    answer(ground, scene, recorded, model, None, mapped, compare=False, explain=False, as_json=json)
+    measure_image(ground, scene, recorded, model, None, mapped, compare=False, explain=False, as_json=json)

@@ -6,7 +6,7 @@ import typer
 
 from aerodft.cli.options import JsonOption, grouped
 from aerodft.cli.scenes.image_options import GroundOptions, SurfaceOptions
-from aerodft.cli.scenes.measure import ModelOption, ProbeOption, RecordedOptions, answer
+from aerodft.cli.scenes.measure import ModelOption, ProbeOption, RecordedOptions, measure_image
 
 
 @grouped
@@ -35,4 +35,4 @@ def explain(
         --probe "range 1944,493"
       aerodft explain --recording demo/recording --at 5 --probe "distance 200,300 500,300" --compare
     """
-    answer(ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)
+    measure_image(ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)

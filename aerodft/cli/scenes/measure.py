@@ -115,10 +115,10 @@ def measure(
       aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
-    answer(ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
+    measure_image(ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
 
 
-def answer(
+def measure_image(
     ground: GroundOptions,
     scene: SurfaceOptions,
     recorded: RecordedOptions,
@@ -189,7 +189,7 @@ def _source(name: str | None) -> str:
 
 
 def _pose_sentence(sample: PoseSample) -> str:
-    """When it was, and where the camera was and looked; of a pose that there is none of the probes say why."""
+    """Sentence on a pose: its stamp, height and angles, with one std; the stamp alone where there is no pose."""
     from aerodft.adapters.wire.pose import summary_payload
 
     summary = summary_payload(sample)

@@ -7,6 +7,7 @@ depend on how the frames were cut into blocks.
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from itertools import pairwise
 from typing import Final
 
@@ -77,10 +78,23 @@ _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
 WANTED: Final = tuple(_MAKERS)
 OF_POSES: Final = tuple(each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, *_OF_HEALTH, *OF_CAMERAS})
 
-# The selection's state: what was decided so far, then each wanted message's component.
-SYSTEM, COMPONENT, SENSOR_SEEN, TERRAIN_SEEN, OTHER_GIMBALS = 0, 1, 2, 3, 4
-CHOSEN_COMPONENT, CHOSEN_GIMBAL, OTHER_SENSORS, LOOKS_ASIDE, LOCKS = 5, 6, 7, 8, 9
 ORIENTATION_DOWN = 25
+
+
+class State(IntEnum):
+    """Places in the array in which the selection keeps what it has decided so far."""
+
+    SYSTEM = 0  # the vehicle's system id
+    COMPONENT = 1  # its autopilot's component id
+    SENSOR_SEEN = 2  # 1 once a DISTANCE_SENSOR has come
+    TERRAIN_SEEN = 3  # 1 once a TERRAIN_REPORT with a database has
+    OTHER_GIMBALS = 4  # messages of gimbals that are not followed
+    CHOSEN_COMPONENT = 5  # what the station's file asks for
+    CHOSEN_GIMBAL = 6
+    OTHER_SENSORS = 7  # messages of rangefinders that are not followed
+    LOOKS_ASIDE = 8  # messages of rangefinders that do not look down
+    SENDERS = 9  # from here on, by ``WANTED``: the component, with its device's number, that a message is taken from
+
 
 _UNDECIDED = -1
 _TYPE_AT = field_offset(HEARTBEAT, "type")
@@ -133,9 +147,13 @@ class FollowedIds:
 
 def fresh_state(followed: FollowedIds) -> IntArray:
     """The state before the first frame."""
-    state = np.full(LOCKS + len(WANTED), _UNDECIDED, dtype=np.int64)
-    state[SENSOR_SEEN:CHOSEN_COMPONENT] = state[OTHER_SENSORS:LOCKS] = 0
-    chosen = ((SYSTEM, followed.system), (CHOSEN_COMPONENT, followed.component), (CHOSEN_GIMBAL, followed.gimbal))
+    state = np.full(State.SENDERS + len(WANTED), _UNDECIDED, dtype=np.int64)
+    state[State.SENSOR_SEEN : State.CHOSEN_COMPONENT] = state[State.OTHER_SENSORS : State.SENDERS] = 0
+    chosen = (
+        (State.SYSTEM, followed.system),
+        (State.CHOSEN_COMPONENT, followed.component),
+        (State.CHOSEN_GIMBAL, followed.gimbal),
+    )
     for place, value in chosen:
         state[place] = _UNDECIDED if value is None else value
     return state
@@ -151,9 +169,9 @@ def is_peripheral(component: int) -> bool:
 
 def device_of(state: IntArray, slot: int) -> int:
     """The gimbal's or sensor's number at that component; 0 where the component is the gimbal."""
-    if state[LOCKS + slot] == _UNDECIDED:
-        return max(int(state[CHOSEN_GIMBAL]), 0)
-    return int(state[LOCKS + slot]) >> _DEVICE_BITS
+    if state[State.SENDERS + slot] == _UNDECIDED:
+        return max(int(state[State.CHOSEN_GIMBAL]), 0)
+    return int(state[State.SENDERS + slot]) >> _DEVICE_BITS
 
 
 @njit
@@ -174,13 +192,13 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
 @njit
 def _is_of_chosen_gimbal(state: IntArray, message_id: int, component: int, device: int) -> bool:
     """Whether a message comes from the chosen gimbal, or from no gimbal at all."""
-    chosen = state[CHOSEN_GIMBAL]
+    chosen = state[State.CHOSEN_GIMBAL]
     if chosen == _UNDECIDED or message_id not in (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS):
         return True
     if chosen >= _FIRST_GIMBAL_COMPONENT:
         return bool(component == chosen)
     if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != chosen:
-        state[OTHER_GIMBALS] += 1
+        state[State.OTHER_GIMBALS] += 1
         return False
     return True
 
@@ -194,17 +212,17 @@ def _is_from_followed(state: IntArray, message_id: int, slot: int, component: in
     sensors that one component speaks for from the first.
     """
     if message_id in OF_AUTOPILOT:
-        return bool(component == state[COMPONENT])
+        return bool(component == state[State.COMPONENT])
     if message_id in OF_CAMERAS:
         return True
     if not _is_of_chosen_gimbal(state, message_id, component, device):
         return False
     sender = component | device << _DEVICE_BITS
-    if state[LOCKS + slot] == _UNDECIDED:
-        state[LOCKS + slot] = sender
-    if component == state[LOCKS + slot] & _COMPONENT_MASK and sender != state[LOCKS + slot]:
-        state[OTHER_SENSORS if message_id == DISTANCE_SENSOR else OTHER_GIMBALS] += 1
-    return bool(sender == state[LOCKS + slot])
+    if state[State.SENDERS + slot] == _UNDECIDED:
+        state[State.SENDERS + slot] = sender
+    if component == state[State.SENDERS + slot] & _COMPONENT_MASK and sender != state[State.SENDERS + slot]:
+        state[State.OTHER_SENSORS if message_id == DISTANCE_SENSOR else State.OTHER_GIMBALS] += 1
+    return bool(sender == state[State.SENDERS + slot])
 
 
 @njit
@@ -227,11 +245,11 @@ def _is_superseded(state: IntArray, message_id: int, spacing: int) -> bool:
     of ``spacing`` 0, speaks for nobody.
     """
     if message_id == DISTANCE_SENSOR:
-        state[SENSOR_SEEN] = 1
+        state[State.SENSOR_SEEN] = 1
     elif message_id == TERRAIN_REPORT and spacing != 0:
-        state[TERRAIN_SEEN] = 1
-    return (message_id == RANGEFINDER and state[SENSOR_SEEN] == 1) or (
-        message_id == ALTITUDE and state[TERRAIN_SEEN] == 1
+        state[State.TERRAIN_SEEN] = 1
+    return (message_id == RANGEFINDER and state[State.SENSOR_SEEN] == 1) or (
+        message_id == ALTITUDE and state[State.TERRAIN_SEEN] == 1
     )
 
 
@@ -252,16 +270,16 @@ def select(data: Bytes, heads: IntArray, slots: npt.NDArray[np.int16], state: In
         slot = slots[message_id] if 0 <= message_id < TABLE_IDS else -1
         if slot < 0:
             continue
-        if state[COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
-            if state[SYSTEM] == _UNDECIDED:
-                state[SYSTEM] = system
-            if state[SYSTEM] == system and state[CHOSEN_COMPONENT] in (_UNDECIDED, component):
-                state[COMPONENT] = component
-        if state[COMPONENT] == _UNDECIDED or system != state[SYSTEM]:
+        if state[State.COMPONENT] == _UNDECIDED and _is_vehicle(data, message_id, component, payload_at, length):
+            if state[State.SYSTEM] == _UNDECIDED:
+                state[State.SYSTEM] = system
+            if state[State.SYSTEM] == system and state[State.CHOSEN_COMPONENT] in (_UNDECIDED, component):
+                state[State.COMPONENT] = component
+        if state[State.COMPONENT] == _UNDECIDED or system != state[State.SYSTEM]:
             continue
         device = _device(data, message_id, payload_at, length)
         if device < 0:
-            state[LOOKS_ASIDE] += 1
+            state[State.LOOKS_ASIDE] += 1
             continue
         spacing = _byte(data, payload_at, length, _SPACING_AT) | _byte(data, payload_at, length, _SPACING_AT + 1)
         if _is_from_followed(state, message_id, slot, component, device) and not _is_superseded(
@@ -293,9 +311,9 @@ class SharedAddress:
             state: Of the selection, which knows the autopilot.
             rejected: Counts what is left out.
         """
-        if state[COMPONENT] < 0:
+        if state[State.COMPONENT] < 0:
             return block, heads
-        own = (heads[0] >= 0) & (heads[1] == state[SYSTEM]) & (heads[2] == state[COMPONENT])
+        own = (heads[0] >= 0) & (heads[1] == state[State.SYSTEM]) & (heads[2] == state[State.COMPONENT])
         if not own.any() or self._admits(block.sender, block.arrival_ns[own]):
             return block, heads
         rejected[f"{OF_ANOTHER_ADDRESS} than {self._followed}"] += int(own.sum())
@@ -342,7 +360,7 @@ class OtherSenders:
             slots: ``(n,)`` which were selected: -1 for what was left out.
             state: Of the selection, which knows who is followed.
         """
-        if state[COMPONENT] < 0:
+        if state[State.COMPONENT] < 0:
             return
         aside = np.flatnonzero(slots < 0)
         aside = aside[_TELLS[np.clip(heads[0, aside], 0, TABLE_IDS - 1)]]
@@ -358,7 +376,7 @@ class OtherSenders:
 
     def _sentence(self, message_id: int, system: int, component: int, state: IntArray) -> str | None:
         """Who sent a message that was left out; None where it is nobody who could have been meant."""
-        own_system, own_component = int(state[SYSTEM]), int(state[COMPONENT])
+        own_system, own_component = int(state[State.SYSTEM]), int(state[State.COMPONENT])
         if system != own_system:
             is_rival = self._followed.system is None and not self._is_of_gimbal(message_id, component)
             other, own, key = f"system {system}", f"system {own_system}", "system"
@@ -376,7 +394,7 @@ class OtherSenders:
 def _gimbal(message_id: int, component: int, state: IntArray) -> str | None:
     """Which gimbal a message is of, beside the one that is followed."""
     slot = WANTED.index(message_id)
-    sender = int(state[LOCKS + slot])
+    sender = int(state[State.SENDERS + slot])
     if sender < 0:
         return None
     name, own = message_name(message_id), sender & 0xFF
@@ -412,9 +430,9 @@ class SequenceWatch:
         Returns:
             None where the block has no frame of it.
         """
-        if state[COMPONENT] < 0:
+        if state[State.COMPONENT] < 0:
             return None
-        is_own = (heads[0] >= 0) & (heads[1] == state[SYSTEM]) & (heads[2] == state[COMPONENT])
+        is_own = (heads[0] >= 0) & (heads[1] == state[State.SYSTEM]) & (heads[2] == state[State.COMPONENT])
         if not is_own.any():
             return None
         own = slice(None) if is_own.all() else np.flatnonzero(is_own)
@@ -475,13 +493,13 @@ class MavlinkDecoder:
     @property
     def system(self) -> int | None:
         """The system that is followed; None until one was heard."""
-        system = int(self._state[SYSTEM])
+        system = int(self._state[State.SYSTEM])
         return None if system < 0 else system
 
     @property
     def component(self) -> int | None:
         """The autopilot's component that is followed; None until one was heard."""
-        component = int(self._state[COMPONENT])
+        component = int(self._state[State.COMPONENT])
         return None if component < 0 else component
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
@@ -515,12 +533,12 @@ class MavlinkDecoder:
 
     def _note_others(self, before: IntArray) -> None:
         """Count what came of other gimbals and sensors, and of those that look elsewhere, since the state was that."""
-        aside = int(self._state[LOOKS_ASIDE] - before[LOOKS_ASIDE])
+        aside = int(self._state[State.LOOKS_ASIDE] - before[State.LOOKS_ASIDE])
         if aside:
             self.rejected[f"{message_name(DISTANCE_SENSOR)}: does not look down"] += aside
         for counter, message_id, what in (
-            (OTHER_GIMBALS, GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal"),
-            (OTHER_SENSORS, DISTANCE_SENSOR, "sensor"),
+            (State.OTHER_GIMBALS, GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal"),
+            (State.OTHER_SENSORS, DISTANCE_SENSOR, "sensor"),
         ):
             count = int(self._state[counter] - before[counter])
             if count:
@@ -532,7 +550,7 @@ class MavlinkDecoder:
         message_id = WANTED[slot]
         payload = payload_rows(block, heads[3:, index], _DTYPES[message_id])
         component = heads[2, index]
-        boot_ns = np.where(component == self._state[COMPONENT], boot_ns_of(payload), NO_BOOT_TIME)
+        boot_ns = np.where(component == self._state[State.COMPONENT], boot_ns_of(payload), NO_BOOT_TIME)
         if message_id in OF_CAMERAS:
             number_cameras(payload, component)
         rows = Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns, {})

@@ -17,5 +17,5 @@ def measure(setup: Setup, sample: PoseSample, requests: tuple[Request, ...]) -> 
 def sample_at(poses: PoseSource, stamp_ns: int, *, final: bool, by_utc: bool = False) -> PoseSample | None:
     """The pose at a stamp (UTC) as of the last tick; None as long as telemetry that matters may still come."""
     asked = np.array([stamp_ns]), LAST
-    found, is_pending = poses.at(*asked, final=np.array([final]), by_utc=np.array([by_utc]))
+    found, is_pending = poses.at(*asked, is_final=np.array([final]), by_utc=np.array([by_utc]))
     return None if is_pending[0] else found[0]

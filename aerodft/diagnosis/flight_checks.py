@@ -139,21 +139,21 @@ class PoseSampler:
             step_ns = max(usual_ns, min(least_ns, now_ns - self._next_ns))
             self._waiting.append((self._next_ns, step_ns))
             self._next_ns += step_ns
-        self._ask(final=False)
+        self._ask(is_final=False)
 
     def poses(self) -> PoseAvailability:
         """Availability of all poses, with the telemetry at hand."""
-        self._ask(final=True)
+        self._ask(is_final=True)
         return self._poses
 
-    def _ask(self, *, final: bool) -> None:
+    def _ask(self, *, is_final: bool) -> None:
         """Ask for the poses at the moments that wait, up to the first whose telemetry may still come."""
         if not self._waiting:
             return
         arrivals_ns = np.array([arrival_ns for arrival_ns, _ in self._waiting])
         ticks, no = np.broadcast_to(LAST, arrivals_ns.shape), np.full(len(arrivals_ns), fill_value=False)
         stamps_ns = self._source.clock.host_to_utc(arrivals_ns, ticks)
-        poses, is_pending = self._source.at(stamps_ns, ticks, final=no | final, by_utc=no)
+        poses, is_pending = self._source.at(stamps_ns, ticks, is_final=no | is_final, by_utc=no)
         count = int(np.argmax(is_pending)) if np.any(is_pending) else len(is_pending)
         for sample in poses[:count]:
             arrival_ns, step_ns = self._waiting.popleft()

@@ -241,8 +241,8 @@ class Pipeline:
         is_ready = np.array([sample is not None for sample in work.samples], dtype=np.bool_)
         answer = self._answer_order(work, np.where(is_ready, 0, 1), answer_times, last_image_ns)
         parts = self._stored_poses(work)
-        final = np.flatnonzero((answer >= 0) & ~is_ready)
-        parts += self._poses_at_deadline(work, final, np.full(len(final), -1))
+        overdue = np.flatnonzero((answer >= 0) & ~is_ready)
+        parts += self._poses_at_deadline(work, overdue, np.full(len(overdue), -1))
         self._answer_work(work, parts, answer, answer_times, tick)
 
     def _answer(self, now_ns: IntArray, first: int) -> None:
@@ -252,11 +252,12 @@ class Pipeline:
             return
         deadline_tick = np.searchsorted(now_ns, work.deadline_ns)
         ready_tick, parts = self._complete_poses(work, np.minimum(deadline_tick, count), count)
-        is_final = (ready_tick >= deadline_tick) & (deadline_tick < count)
-        final = np.flatnonzero(is_final)
-        is_on_tick = now_ns[deadline_tick[final]] == work.deadline_ns[final]
+        overdue = np.flatnonzero((ready_tick >= deadline_tick) & (deadline_tick < count))
+        is_on_tick = now_ns[deadline_tick[overdue]] == work.deadline_ns[overdue]
         # Work that arrived after its deadline, within one long tick, is answered on that tick.
-        parts += self._poses_at_deadline(work, final, np.maximum(deadline_tick[final] - ~is_on_tick, work.tick[final]))
+        parts += self._poses_at_deadline(
+            work, overdue, np.maximum(deadline_tick[overdue] - ~is_on_tick, work.tick[overdue])
+        )
         answer_times = AnswerTimes.from_ticks(now_ns, work.deadline_ns)
         last_image_ns = self._images.last_ns()[answer_times.ticks - 1]
         answer = self._answer_order(work, ready_tick + 1, answer_times, last_image_ns)
@@ -307,8 +308,8 @@ class Pipeline:
         """Poses of rows as of ticks ``(n,)`` from the telemetry at hand, with the rows."""
         if not len(rows):
             return []
-        final = np.full(len(rows), fill_value=True)
-        return [(rows, self._poses_at(work.stamp_ns[rows], as_of_tick, final=final, by_utc=work.by_utc[rows])[0])]
+        is_final = np.full(len(rows), fill_value=True)
+        return [(rows, self._poses_at(work.stamp_ns[rows], as_of_tick, is_final=is_final, by_utc=work.by_utc[rows])[0])]
 
     @staticmethod
     def _stored_poses(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
@@ -338,8 +339,8 @@ class Pipeline:
             tick[has_no_image] = self._images.ticks_with(required_image_ns[rows[has_no_image]], tick[has_no_image])
             is_early = tick < until_tick[rows]
             rows, tick = rows[is_early], tick[is_early]
-            final = np.full(len(rows), fill_value=False)
-            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick, final=final, by_utc=work.by_utc[rows])
+            is_final = np.full(len(rows), fill_value=False)
+            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick, is_final=is_final, by_utc=work.by_utc[rows])
             done = np.flatnonzero(~is_pending)
             ready_tick[rows[done]] = tick[done]
             parts.append((rows[done], poses.rows(done)))
@@ -359,18 +360,18 @@ class Pipeline:
         self._answering.add(ready, describe_switch)
 
     def _poses_at(
-        self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
+        self, stamps_ns: IntArray, ticks: IntArray, *, is_final: BoolArray, by_utc: BoolArray
     ) -> tuple[PoseBatch, BoolArray]:
         """Poses at stamps ``(n,)``, and where telemetry is pending; a fixed camera's pose never is."""
         fixed = self._settings.fixed_pose
         if fixed is not None:
             return PoseBatch.repeated(fixed, stamps_ns), np.full(len(stamps_ns), fill_value=False)
-        return self._poses.at(stamps_ns, ticks, final=final, by_utc=by_utc)
+        return self._poses.at(stamps_ns, ticks, is_final=is_final, by_utc=by_utc)
 
     def _refined_at(self, stamp_ns: int) -> PoseSample:
         """The refined pose at a stamp (UTC), as of the last tick."""
         stamps, false = (np.array([stamp_ns]), LAST), np.array([False])
-        poses, _ = self._poses_at(*stamps, final=~false, by_utc=false)
+        poses, _ = self._poses_at(*stamps, is_final=~false, by_utc=false)
         return self._answering.refined(poses)[0]
 
     def _host_to_utc(self, host_ns: int) -> int:

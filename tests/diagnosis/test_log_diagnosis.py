@@ -306,7 +306,7 @@ class _Silent:
         stamps_ns: IntArray,
         ticks: IntArray,  # noqa: ARG002 - as the real one
         *,
-        final: BoolArray,  # noqa: ARG002
+        is_final: BoolArray,  # noqa: ARG002
         by_utc: BoolArray,
     ) -> tuple[PoseBatch, BoolArray]:
         self.asked += len(stamps_ns)

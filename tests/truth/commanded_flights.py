@@ -143,7 +143,7 @@ def _looks(source, stamps_ns):
     if not len(stamps_ns):
         return []
     last, yes = np.full(len(stamps_ns), -1), np.ones(len(stamps_ns), dtype=bool)
-    poses, _ = source.at(stamps_ns, last, final=yes, by_utc=yes)
+    poses, _ = source.at(stamps_ns, last, is_final=yes, by_utc=yes)
     return [poses[row] for row in range(len(stamps_ns))]
 
 

@@ -283,7 +283,7 @@ def _poses_of(
 def _around(poses: PoseSource, stamp_ns: int, offsets_ns: Sequence[int]) -> tuple[PoseSample, ...]:
     stamps_ns = stamp_ns + np.array(offsets_ns)
     no = np.full(len(stamps_ns), fill_value=False)
-    found, _ = poses.at(stamps_ns, np.broadcast_to(LAST, stamps_ns.shape), final=~no, by_utc=no)
+    found, _ = poses.at(stamps_ns, np.broadcast_to(LAST, stamps_ns.shape), is_final=~no, by_utc=no)
     return tuple(found)
 
 

@@ -102,26 +102,26 @@ class PoseSource:
         return update.host_shift_ns
 
     def at(
-        self, stamps_ns: IntArray, ticks: IntArray, *, final: BoolArray, by_utc: BoolArray
+        self, stamps_ns: IntArray, ticks: IntArray, *, is_final: BoolArray, by_utc: BoolArray
     ) -> tuple[PoseBatch, BoolArray]:
         """Poses at stamps.
 
         Args:
             stamps_ns: ``(n,)`` UTC.
             ticks: ``(n,)`` as in ``Stream.find``.
-            final: ``(n,)`` whether not to wait for more telemetry.
+            is_final: ``(n,)`` whether not to wait for more telemetry.
             by_utc: ``(n,)`` whether each is UTC, not on this machine's clock; such a stamp waits for the vehicle's UTC.
 
         Returns:
             The poses, and where telemetry is pending: these poses are placeholders.
         """
         is_unsettled = (self.clock.off_ns(ticks, by_utc) != 0) | (self.clock.skips(stamps_ns) & by_utc)
-        is_pending = ~final & (is_unsettled | (by_utc & (not self.clock.is_utc_known)))
-        refused_rows = np.flatnonzero(is_unsettled & final)
+        is_pending = ~is_final & (is_unsettled | (by_utc & (not self.clock.is_utc_known)))
+        refused_rows = np.flatnonzero(is_unsettled & is_final)
         matched = np.flatnonzero(~is_unsettled & ~is_pending)
         if not len(matched) and not len(refused_rows):
             return PoseBatch.repeated(_PLACEHOLDER, stamps_ns), is_pending
-        watermark_ns = np.where(final, END_OF_TIME, self._newest_ns(ticks))
+        watermark_ns = np.where(is_final, END_OF_TIME, self._newest_ns(ticks))
         inputs = self._inputs(stamps_ns[matched], ticks[matched], watermark_ns[matched], by_utc[matched])
         is_pending[matched] = inputs.is_pending
         whole = np.flatnonzero(inputs.is_complete & ~inputs.is_pending)

@@ -14,9 +14,8 @@ from pathlib import Path
 
 from aerodft.adapters.config.station import load_station
 from aerodft.app.assembly import RunStatistics, build_pipeline, run
-from aerodft.app.importing import open_flight
-from aerodft.cli.flights.import_ import import_
-from aerodft.cli.recordings.recompute import recompute
+from aerodft.app.importing import import_flight, open_flight
+from aerodft.app.recompute import recompute
 from aerodft.service import MergedFeed
 from aerodft.sim import Autopilot, datagrams
 from aerodft.sim.scenario import EPOCH_NS
@@ -92,8 +91,8 @@ def main(arguments: list[str] | None = None) -> None:
         log, config = write_flight(folder, args.seconds, args.probes, args.rate)
         print(f"{args.seconds:g} s, {sum(RATES_HZ.values()):g} messages/s, {args.probes} probes at {args.rate:g}/s")
         _timed("measure, not recorded", args.seconds, lambda: _measure_alone(log, config))
-        _timed("import", args.seconds, lambda: import_(log, config, folder / "a"))
-        _timed("recompute", args.seconds, lambda: recompute([str(folder / "a")], folder / "b"))
+        _timed("import", args.seconds, lambda: import_flight(log, station=config, output=folder / "a"))
+        _timed("recompute", args.seconds, lambda: recompute(folder / "a", folder / "b"))
         with cProfile.Profile() as profile:
             _measure_alone(log, config)
         pstats.Stats(profile).sort_stats("tottime").print_stats(15)

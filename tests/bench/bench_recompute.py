@@ -29,7 +29,7 @@ from aerodft.adapters.config.station import load_station
 from aerodft.adapters.images import RateSource
 from aerodft.adapters.telemetry import TlogSource
 from aerodft.app.assembly import DelayedSource, build_recorder
-from aerodft.cli.recordings.recompute import recompute
+from aerodft.app.recompute import recompute
 from aerodft.model import Camera, Observation
 from aerodft.service import MergedFeed, StepOutputs
 from aerodft.sim import Autopilot, Waypoint, datagrams, fly
@@ -269,7 +269,7 @@ def main(arguments: list[str] | None = None) -> None:
             print(f"{args.log.name}: the goal is {GOAL_OF_LOG:g} times real time", flush=True)
         if args.profile:
             with cProfile.Profile() as profile:
-                recompute([str(kept / (args.only or "home"))], Path(name) / "profiled")
+                recompute(kept / (args.only or "home"), Path(name) / "profiled")
             pstats.Stats(profile).sort_stats("tottime").print_stats(30)
 
 

@@ -22,7 +22,7 @@ from aerodft.vision.river import River, RiverQuestion, find_river
 from tests.waterside import Waterside, WatersideRenderer
 
 PARTS = {
-    "network": ("water/network.py", "looks"),
+    "network": ("network.py", "looks"),
     "bank lines": ("bank_lines.py", "bank_lines"),
     "centreline": ("centreline.py", "centreline"),
     "transects": ("centreline.py", "transects"),

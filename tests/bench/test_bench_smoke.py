@@ -32,7 +32,7 @@ HERE = Path(__file__).parent
         (
             "bench_river.py",
             ["--width", "960", "--runs", "1"],
-            r"images/s of one core[^$]*where the time goes: small copy",
+            r"images/s of one core[^$]*where the time goes: network [1-9]",
         ),
         ("bench_recompute.py", ["--seconds", "5", "--rate", "2"], r"recompute: \d+ times real time.*MB on disk"),
         (

@@ -8,9 +8,12 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import tempfile
 import tomllib
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -33,7 +36,7 @@ from tests.commands import run_aerodft
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?", re.MULTILINE | re.DOTALL)
-SLOW = ("demo/", "aerodft.sim", "aerodft serve", "sync", "dataset", "aerodft paper")
+SLOW = ("demo/", "aerodft.sim", "aerodft serve", "aerodft view", "sync", "dataset", "aerodft paper", "make ")
 PATIENCE_S = 900.0
 FILES = (ConfigTable, CameraTable, EvidenceTable, ImageEntry, FlightTable, MarkersTable, CalibrationTable)
 PUNCTUATION = "`'\"()[]{}<>,.;:!?|=*"
@@ -41,6 +44,7 @@ IN_HERE = os.environ | {
     "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
     "COLUMNS": "132",
     "NO_MKDOCS_2_WARNING": "1",
+    "BROWSER": "true",
 }
 
 
@@ -56,9 +60,36 @@ def run(command, folder, code=0):
     return done.stdout
 
 
+def run_script(text, folder):
+    """A block of which one line needs what another one leaves running, or set."""
+    with tempfile.TemporaryFile() as said:
+        with subprocess.Popen(
+            ["bash", "-ec", text], cwd=folder, env=IN_HERE, stdout=said, stderr=said, start_new_session=True
+        ) as shell:
+            try:
+                code = shell.wait(PATIENCE_S)
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(shell.pid, signal.SIGTERM)  # what runs in the background
+        said.seek(0)
+        assert code == 0, f"{text}\n{said.read()[-3000:].decode()}"
+
+
+def run_until_ctrl_c(words, folder):
+    with subprocess.Popen(
+        [sys.executable, "-m", *words], cwd=folder, env=IN_HERE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        said = list(takewhile(lambda line: "Ctrl-C" not in line, process.stderr))
+        process.send_signal(signal.SIGINT)
+        said.append(process.communicate(timeout=PATIENCE_S)[1])
+    assert process.returncode == 0, f"{words}\n{said}"
+
+
 def run_line(line, folder):
     code = int(found[1]) if (found := re.search(r"# exit (\d+)", line)) else 0
     program, *words = shlex.split(line, comments=True)
+    if "view" in words or "--web" in words:
+        return run_until_ctrl_c([program, *words], folder) or ""
     if program != "aerodft" or "serve" in words:
         return run(["bash", "-c", line], folder, code)
     with contextlib.chdir(folder):
@@ -68,6 +99,9 @@ def run_line(line, folder):
 
 
 def run_block(language, text, output, folder):
+    if language == "sh" and ("&\n" in text or ". .venv" in text):
+        run_script(text, folder)
+        return
     if language == "sh":
         said = "".join(run_line(line, folder) for line in text.replace("\\\n", " ").splitlines())
     elif language == "python":
@@ -81,8 +115,6 @@ def run_block(language, text, output, folder):
     elif language == "json":
         json.loads(text)
         return
-    else:
-        return
     if output is not None:
         assert said.strip() == output.strip()
 
@@ -93,6 +125,12 @@ def folder(tmp_path):
     for name in ("configs", "samples", "docs", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path
+
+
+@pytest.fixture
+def clone(tmp_path):
+    run(["git", "clone", "--quiet", str(ROOT), str(tmp_path / "clone")], tmp_path)
+    return tmp_path / "clone"
 
 
 def with_blocks(is_slow):
@@ -110,11 +148,33 @@ def test_blocks_run_and_say_what_is_shown(page, folder):
 @pytest.mark.nightly
 @pytest.mark.timeout(3600)
 @with_blocks(lambda text: any(word in text for word in SLOW))
-def test_slow_blocks_run_too(page, folder):
-    if "demo/" in page.read_text(encoding="utf-8"):
+def test_slow_blocks_run_too(page, folder, clone):
+    if "make demo" in page.read_text(encoding="utf-8"):
+        folder = clone
+    elif "demo/" in page.read_text(encoding="utf-8"):
         run([sys.executable, "-m", "aerodft", "demo", "--output", "demo", "--duration", "10"], folder)
     for language, text, output in blocks_of(page):
         run_block(language, text, output, folder)
+
+
+def test_every_block_is_one_that_is_run_or_an_output():
+    kinds = {language for page in PAGES for language, _, _ in blocks_of(page)}
+    assert kinds == {"sh", "python", "toml", "json"}
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        pictures = len(re.findall(r"^```\n(?:.*\n)*?```$", text, re.MULTILINE)) if page.stem == "architecture" else 0
+        fences = sum(2 + 2 * (output is not None) for _, _, output in blocks_of(page)) + 2 * pictures
+        assert text.count("```") == fences, page
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_of_the_help_have_only_options_that_there_are(name):
+    command = typer.main.get_command(build_app([name])).commands[name]
+    examples = re.findall(r"^ *(?:Example: )?aerodft (\S+)(.*)$", command.help.replace("\\\n", " "), re.MULTILINE)
+    assert examples
+    for asked, words in examples:
+        assert asked == name
+        command.make_context(name, shlex.split(words))
 
 
 def test_the_readme_is_read_in_five_minutes():

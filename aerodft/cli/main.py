@@ -24,7 +24,7 @@ import typer
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
-from aerodft.cli.options import as_typed
+from aerodft.cli.options import as_typed, help_record
 from aerodft.errors import AerodftError, InputError, UsageError, printable
 from aerodft.version import SOFTWARE
 
@@ -149,7 +149,7 @@ class _GroupedCommand(TyperCommand):
         others: list[tuple[str, str]] = []
         for each in self.get_params(ctx):
             heading = "Arguments" if each.param_type_name == "argument" else getattr(each, "rich_help_panel", None)
-            if record := each.get_help_record(ctx):
+            if record := help_record(each, ctx):
                 (others if heading is None else sections.setdefault(heading, [])).append(record)
         for heading, records in {**sections, "Options": others}.items():
             if records:

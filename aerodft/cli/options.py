@@ -28,6 +28,9 @@ TopicOption: TypeAlias = Annotated[
     typer.Option("--topic", help="Of another tool's recording: mavlink=/TOPIC, images=/TOPIC, camera=/TOPIC."),
 ]
 
+LOG_FORMATS: Final = "{log formats}"
+"""In a help text: what the registry of log formats names, which is loaded where the text is shown."""
+
 MOST_SECONDS = 1e8
 """Three years: what a wait may last at most."""
 
@@ -61,6 +64,16 @@ _TYPED_AS: Final = {
     "topics": "--topic",
 }
 """What is typed for names of the Python API, where it is not the name of a parameter without its unit."""
+
+
+def help_record(parameter: Any, context: Any) -> tuple[str, str] | None:  # noqa: ANN401 - types of the library's own
+    """A parameter as help shows it, and what it is; None of one that is hidden."""
+    record: tuple[str, str] | None = parameter.get_help_record(context)
+    if record is None or LOG_FORMATS not in record[1]:
+        return record
+    from aerodft.adapters import telemetry
+
+    return record[0], record[1].replace(LOG_FORMATS, ", ".join(each.TITLE for each in telemetry.LOG_FORMATS))
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:

@@ -19,6 +19,7 @@ from aerodft.adapters.config.station.station_tables import ConfigTable
 from aerodft.adapters.config.tables import Table, Uncertain
 from aerodft.adapters.outputs import OUTPUTS
 from aerodft.cli import main
+from aerodft.cli.options import help_record
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("aerodft", "calibration", "replay")
@@ -101,7 +102,7 @@ def commands() -> str:
         parts.append("| option | what | default |\n| --- | --- | --- |")
         context = command.make_context(name, [], resilient_parsing=True)
         for each in command.params:
-            if record := each.get_help_record(context):
+            if record := help_record(each, context):
                 what = re.sub(r"\s*\[(default|required)[^\]]*\]\s*$", "", record[1])
                 parts.append(f"| `{_code(record[0])}` | {_cell(_flowed(what))} | {_default(each)} |")
         parts.append("")

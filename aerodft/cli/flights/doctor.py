@@ -9,7 +9,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aerodft.cli.options import MOST_SECONDS, ConfigOption, JsonOption, TopicOption, as_typed, grouped, parse_topics
+from aerodft.cli.options import (
+    LOG_FORMATS,
+    MOST_SECONDS,
+    ConfigOption,
+    JsonOption,
+    TopicOption,
+    as_typed,
+    grouped,
+    parse_topics,
+)
 from aerodft.cli.output import tables
 from aerodft.errors import NoAnswerError
 from aerodft.model import ReportFrame
@@ -53,7 +62,8 @@ class ListeningOptions:
 @grouped
 def doctor(
     target: Annotated[
-        str, typer.Argument(metavar="LOG|LINK", help="A .tlog or .bin log, a recording, or a link such as udpin:14550.")
+        str,
+        typer.Argument(metavar="LOG|LINK", help=f"A log ({LOG_FORMATS}), a recording, or a link such as udpin:14550."),
     ],
     follow: FollowedOptions,
     listen: ListeningOptions,

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.options import ConfigOption, JsonOption, TopicOption, parse_topics, parse_utc
+from aerodft.cli.options import LOG_FORMATS, ConfigOption, JsonOption, TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import progress
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
@@ -21,7 +21,7 @@ class SyncChoice(StrEnum):
 
 
 def import_(
-    log: Annotated[Path | None, typer.Argument(help=".tlog, ArduPilot .bin, or an MCAP file with MAVLink.")] = None,
+    log: Annotated[Path | None, typer.Argument(help=f"A log: {LOG_FORMATS}, or an MCAP file with MAVLink.")] = None,
     config: ConfigOption = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="New folder for the recording.")] = None,
     video: Annotated[Path | None, typer.Option(help="Video file.")] = None,

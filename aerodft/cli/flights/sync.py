@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 from rich.table import Table
 
-from aerodft.cli.options import ConfigOption, JsonOption, TopicOption, parse_topics, parse_utc
+from aerodft.cli.options import LOG_FORMATS, ConfigOption, JsonOption, TopicOption, parse_topics, parse_utc
 from aerodft.cli.output import print_json, progress, say, tables
 from aerodft.errors import UsageError, located
 
@@ -18,9 +18,7 @@ _NOTABLE_RATIO: Final = 0.01
 
 def sync(
     video: Annotated[Path, typer.Argument(help="Video file.")],
-    log: Annotated[
-        Path, typer.Argument(help=".tlog, ArduPilot .bin, or an MCAP file with MAVLink, of the same flight.")
-    ],
+    log: Annotated[Path, typer.Argument(help=f"The flight's log: {LOG_FORMATS}, or an MCAP file with MAVLink.")],
     camera: Annotated[Path | None, typer.Option(help="Camera file (TOML); else the configuration's.")] = None,
     config: ConfigOption = None,
     video_start: Annotated[

@@ -80,3 +80,10 @@ def test_without_the_line_nobody_knows_it(log: Path, tmp_path: Path) -> None:
     done = run_aerodft("import", log, "-c", tmp_path / "station.toml", "-o", tmp_path / "out")
     assert done.code == 3
     assert "wrong type of file" in done.err
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize("command", ["import", "doctor", "sync"])
+def test_the_help_names_it(command: str) -> None:
+    shown = " ".join(run_aerodft(command, "--help").out.decode().split())
+    assert f"a MAVLink .tlog, an ArduPilot .bin log, {height_table.TITLE}" in shown

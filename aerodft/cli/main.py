@@ -12,11 +12,13 @@ import os
 import re
 import signal
 import sys
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from itertools import pairwise
+from itertools import chain, pairwise
 from keyword import iskeyword
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Final, NoReturn, cast
 
@@ -29,6 +31,7 @@ from aerodft.errors import AerodftError, InputError, UsageError, printable
 from aerodft.version import SOFTWARE
 
 _INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
+_TERMINATED = 128 + signal.SIGTERM
 _PIPE_CLOSED = 141
 
 COMMANDS: Final = {
@@ -199,7 +202,7 @@ def _ended_by_sigterm() -> Iterator[None]:
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - a signal handler's signature
     signal.signal(number, signal.SIG_IGN)  # once is enough: what closes files must not be interrupted itself
-    raise SystemExit(128 + number)
+    raise SystemExit(_TERMINATED)
 
 
 def _run(arguments: list[str]) -> NoReturn:
@@ -221,6 +224,7 @@ def _run(arguments: list[str]) -> NoReturn:
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
     _guard_streams()
+    began_s = time.time()
     try:
         with _ended_by_sigterm():
             try:
@@ -228,13 +232,31 @@ def main() -> None:
             finally:
                 with suppress(ValueError):  # closed already
                     sys.stdout.flush()
+    except SystemExit as ending:
+        if ending.code in {_INTERRUPTED, _TERMINATED}:
+            typer.echo(f"aerodft: {_left_by(sys.argv[1:], began_s)}", err=True)
+        raise
     except AerodftError as error:
         typer.echo(f"aerodft: {as_typed(str(error))}", err=True)
         sys.exit(error.exit_code)
     except _ReaderGone:
         sys.exit(_PIPE_CLOSED)
     except KeyboardInterrupt:  # while the command was loaded; once it runs, typer exits likewise
+        typer.echo("aerodft: stopped", err=True)
         sys.exit(_INTERRUPTED)
+
+
+def _left_by(arguments: list[str], began_s: float) -> str:
+    """What a command that was stopped leaves of its output."""
+    named = (after for option, after in pairwise(arguments) if option in _OUTPUT)
+    joined = (argument.partition("=")[2] for argument in arguments if argument.startswith("--output="))
+    output = next(map(Path, chain(named, joined)), None)
+    if output is None:
+        return "stopped"
+    with suppress(OSError):
+        if any(each.stat().st_mtime >= began_s for each in (output, *output.rglob("*"))):
+            return f"stopped; {output} holds what was done so far"
+    return "stopped; nothing was written"
 
 
 def usage_error(error: TyperException, arguments: list[str], commands: Collection[str]) -> UsageError | None:

@@ -27,9 +27,26 @@ def test_an_import_that_is_ended_keeps_what_it_has_and_says_so(desk, number, cod
         process.send_signal(number)
         said, complained = process.communicate(timeout=60)
     assert (process.returncode, said) == (code, "")
-    assert complained.splitlines()[-1] == f"aerodft: not finished; {out} holds what was read so far"
+    assert complained.splitlines()[-1] == f"aerodft: stopped; {out} holds what was done so far"
     assert "Traceback" not in complained
     assert Recording(out).is_whole
+
+
+@pytest.mark.parametrize("kept", ["frames", ""])
+def test_any_command_that_is_stopped_says_what_is_left(aerodft, monkeypatch, tmp_path, kept):
+    out = tmp_path / "out"
+
+    def stopped(*_, **__):
+        if kept:
+            out.mkdir()
+            (out / kept).touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("aerodft.app.frames.open_reel", stopped)
+    found = aerodft("frames", "video.mp4", "-o", out)
+    assert found.code == 130
+    left = f"{out} holds what was done so far" if kept else "nothing was written"
+    assert found.last == f"aerodft: stopped; {left}"
 
 
 def test_a_wait_ends_by_a_signal_that_another_thread_received():

@@ -285,12 +285,13 @@ def build_recorder(
 
 @contextmanager
 def closing_recorder(recorder: McapRecorder, folder: Path) -> Iterator[None]:
-    """Close a recorder at the end; where the end came early, say that what there is was kept."""
+    """Close a recorder at the end; where an error came early, say that what there is was kept."""
     try:
         yield
-    except BaseException:
+    except BaseException as error:
         recorder.close()
-        _log.warning("not finished; %s holds what was read so far", folder)
+        if isinstance(error, Exception):  # of a signal the command line says it
+            _log.warning("not finished; %s holds what was read so far", folder)
         raise
     recorder.close()
 

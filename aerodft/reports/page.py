@@ -21,7 +21,20 @@ from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
 from aerodft.reports.recording_plot import digits_of, draw_recording, typical, unit_of
 from aerodft.reports.recording_series import RecordingSeries, Series
 from aerodft.reports.river_folder import RiverFolder
-from aerodft.reports.style import BAND, BLACK, BLUE, COLOURS, GREY, RED, SKY, as_map, draw_band, styled
+from aerodft.reports.style import (
+    BAND,
+    BANKS,
+    BLACK,
+    BLUE,
+    COLOURS,
+    GREY,
+    OUTLINED,
+    SKY,
+    as_map,
+    draw_band,
+    second_utc,
+    styled,
+)
 from aerodft.version import SOFTWARE
 from replay.export import time_utc
 
@@ -32,7 +45,6 @@ _MOST_LINES: Final = 200
 _JPEG_QUALITY: Final = 88
 _NAMESPACES: Final = re.compile(r'\s+xmlns(:\w+)?="[^"]*"')
 _METADATA: Final = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
-_TO_SECONDS: Final = 19  # characters of a time in ISO 8601
 _ENDS: Final = 2
 
 _STYLE: Final = """
@@ -47,7 +59,8 @@ td { overflow-wrap: break-word }
 td.n, th.n { text-align: right; white-space: nowrap } td.hash { font-family: monospace; overflow-wrap: anywhere }
 @page { size: A4; margin: 15mm }
 @media print { body { margin: 0; max-width: none; font-size: 10pt } thead { display: table-header-group }
-  h2 { break-after: avoid } figure, tr { break-inside: avoid } figure svg { max-height: 24cm } }
+  h2 { break-after: avoid } figure, tr { break-inside: avoid } figure svg { max-height: 24cm }
+  figure img { max-height: 18cm; width: auto; margin: auto } }
 """
 _POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _COVERS: Final = (
@@ -91,7 +104,7 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
     Raises:
         InputError: One of its files cannot be read.
     """
-    start, end = (_clock(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
+    start, end = (second_utc(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
     posed = found.poses.answered
     quantities = "1 quantity" if len(found.probes) == 1 else f"{len(found.probes)} quantities"
     lead = f"{quantities} in {found.images} images; for {posed} of these the camera's pose is known."
@@ -222,10 +235,6 @@ def _drawing(figure: Figure, words: str) -> str:
     return f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
 
 
-def _clock(stamp_ns: int) -> str:
-    return time_utc(stamp_ns)[:_TO_SECONDS].replace("T", " ")
-
-
 def _summary(probes: Iterable[Series]) -> str:
     """One row for each probe: what it came to, in the median."""
     rows = []
@@ -261,7 +270,7 @@ def _values(probes: Iterable[Series]) -> str:
 
 
 def _events(found: RecordingSeries) -> str:
-    rows = [(_clock(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
+    rows = [(second_utc(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
     return _table(("UTC", "of", "what"), rows, words=3)
 
 
@@ -383,8 +392,8 @@ def _river_map(river: RiverFolder) -> Figure:
     looks: dict[str, dict[str, Any]] = {
         "centreline": {"color": BLACK, "linestyle": "--", "linewidth": 0.9},
         "transects": {"color": GREY, "linewidth": 0.6},
-        "left bank": {"color": RED, "linewidth": 1.6},
-        "right bank": {"color": BLUE, "linewidth": 1.6},
+        "left bank": {"color": BANKS[0], "linewidth": 1.3, "path_effects": OUTLINED},
+        "right bank": {"color": BANKS[1], "linewidth": 1.3, "path_effects": OUTLINED},
     }
     said = set()
     for layer, properties, parts in shapes:

@@ -27,11 +27,11 @@ from aerodft.reports.style import (
     RED,
     draw_band,
     save_figure,
+    second_utc,
     set_visible_range,
     styled,
     with_gaps,
 )
-from replay.export import time_utc
 
 MOST_PROBES: Final = 12
 """More have no room in a figure."""
@@ -42,7 +42,6 @@ _MOST_SPANS: Final = 1000
 _WIDTH_IN, _PANEL_IN = 11.0, 1.9
 _HATCHES: Final = ("", "///", "\\\\\\", "...")
 _STATUS_COLOURS: Final = ("#D55E00", "#E69F00", "#CC79A7", "#56B4E9", "#F0E442", "#999999")
-_TO_SECONDS: Final = 19  # characters of a time in ISO 8601
 _MOST_LETTERS: Final = 40  # of a name, or of an event
 _LETTER_SHARE: Final = 0.0075  # of the figure's width
 _TIMES: Final = ((3 * 3600, 3600, "hours"), (600, 60, "minutes"), (0, 1, "seconds"))
@@ -96,7 +95,7 @@ class _Clock:
         length_s = (end_ns - start_ns) / SECOND_NS
         _, self._unit_s, name = next(each for each in _TIMES if length_s >= each[0])
         self._zero_ns = zero_ns
-        zero, start, end = (time_utc(each)[:_TO_SECONDS].replace("T", " ") for each in (zero_ns, start_ns, end_ns))
+        zero, start, end = map(second_utc, (zero_ns, start_ns, end_ns))
         self.label, self.span = f"{name} since {zero} UTC", f"{start} to {end} UTC"
 
     def of(self, stamps_ns: IntArray) -> FloatArray:
@@ -236,7 +235,7 @@ def _draw_height(axes: Axes, poses: Series, clock: _Clock) -> dict[str, str]:
 def _draw_tilt(axes: Axes, poses: Series, clock: _Clock) -> None:
     tilt, half = poses.numbers("tilt_deg"), NORMAL_95 * poses.numbers("tilt_std_deg")
     beyond = _draw_line(axes, clock.of(poses.stamps), tilt, (tilt - half, tilt + half), BLACK)
-    axes.set(title=f"camera's tilt: 0 straight down, 90 to the horizon{_cut(beyond)}", ylabel="°")
+    axes.set(title=f"camera's tilt: 0 straight down, 90 to the horizon{_cut(beyond)}", ylabel="degrees")
 
 
 class _Spans:

@@ -11,15 +11,21 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 
 from aerodft.errors import UsageError
 from aerodft.model import FloatArray
+from replay.export import time_utc
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, YELLOW, BLACK, GREY = "#CC79A7", "#56B4E9", "#F0E442", "#000000", "#999999"
 COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, YELLOW)
 """In the order in which things get them; red is vermillion."""
+
+BANKS: Final = (RED, YELLOW)
+"""A river's left and right bank; with ``OUTLINED`` they are told from any ground, and from white."""
+OUTLINED: Final = (Stroke(linewidth=2.4, foreground=BLACK), Normal())
 
 BAND: Final = "95 % interval"
 NORMAL_95: Final = 1.96
@@ -28,6 +34,7 @@ NORMAL_95: Final = 1.96
 FORMATS: Final = frozenset({"png", "svg", "pdf"})
 
 _DPI: Final = 110
+_TO_SECONDS: Final = 19  # characters of a time in ISO 8601
 _GAP_STEPS: Final = 5  # usual steps from one row to the next
 _SCALE_SHARE: Final = 0.3  # of the map's width, at the most
 _LOOK: Final = {
@@ -45,6 +52,11 @@ _LOOK: Final = {
     "svg.hashsalt": "aerodft",
     "text.parse_math": False,  # names are what they are
 }
+
+
+def second_utc(stamp_ns: int) -> str:
+    """A stamp's UTC to whole seconds, as figures and pages show it."""
+    return time_utc(stamp_ns)[:_TO_SECONDS].replace("T", " ")
 
 
 @contextmanager

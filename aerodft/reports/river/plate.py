@@ -12,22 +12,19 @@ import numpy as np
 from aerodft.dft.maps import Sampling, TopView, top_view
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.reports.river.document import SIDES, RiverImages, water_confidence
-from aerodft.reports.style import BAND, BLACK, BLUE, GREY, RED, SKY, YELLOW, as_map, draw_band, styled
+from aerodft.reports.style import BAND, BANKS, BLUE, GREY, OUTLINED, SKY, as_map, draw_band, second_utc, styled
 from aerodft.vision.river import Centreline, Reach, River, RiverStatus, RiverView
-from replay.export import time_utc
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 
 _HEIGHT_IN: Final = 10.0
 _MOST_VIEW_PX: Final = 500_000
 
-LEFT, RIGHT, ACROSS, UNUSED = RED, YELLOW, SKY, GREY
-_OUTLINED: Final = (Stroke(linewidth=2.4, foreground=BLACK), Normal())  # told from any ground, and from white
+ACROSS, UNUSED = SKY, GREY
 MOST_LINES: Final = 120
 """Transects that are drawn at the most: a plate has no room for more."""
 _VALUE_SHARE: Final = (0.14, 0.055)  # of the image's width and height, that a value takes
@@ -36,7 +33,6 @@ _FINE_M: Final = 0.05  # half an interval, below which centimetres are shown
 
 _REACH_HEIGHT_IN: Final = 14.0
 _FIRST_UTC_NS: Final = 10**17  # a stamp below it counts from something else
-_TO_SECONDS: Final = 19  # characters of a time in ISO 8601
 
 
 def _save_plate(figure: Figure, path: Path) -> None:
@@ -63,9 +59,9 @@ def _draw_image(
     axes.grid(visible=False)
     for row in range(0, len(banks_px), max(1, len(banks_px) // MOST_LINES)):
         axes.plot(*banks_px[row].T, color=ACROSS if used[row] else UNUSED, linewidth=0.6, alpha=0.8)
-    for side, color in enumerate((LEFT, RIGHT)):
+    for side, color in enumerate(BANKS):
         label = f"{SIDES[side]} bank, {told_by}"
-        axes.plot(*banks_px[:, side].T, color=color, linewidth=1.4, label=label, path_effects=_OUTLINED)
+        axes.plot(*banks_px[:, side].T, color=color, linewidth=1.4, label=label, path_effects=OUTLINED)
     height, width = image.shape[:2]
     for row in _with_room(banks_px, used, (_VALUE_SHARE[0] * width, _VALUE_SHARE[1] * height)):
         end = max(banks_px[row].tolist())  # the one that is farther to the right
@@ -127,7 +123,7 @@ def _title(view: RiverView, *, is_utc: bool) -> str:
     if lat_rad is not None and lon_rad is not None:
         parts.append(f"camera at {math.degrees(lat_rad):.5f}°, {math.degrees(lon_rad):.5f}° (WGS84)")
     if is_utc:
-        parts.append(f"{time_utc(view.sample.stamp_ns)[:_TO_SECONDS].replace('T', ' ')} UTC")
+        parts.append(f"{second_utc(view.sample.stamp_ns)} UTC")
     return ", ".join(parts)
 
 
@@ -159,9 +155,9 @@ def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, vi
     for row in range(0, len(banks), max(1, len(banks) // MOST_LINES)):
         if used[row]:
             axes.plot(*banks[row].T, color=ACROSS, linewidth=0.5, alpha=0.8)
-    for side, color in enumerate((LEFT, RIGHT)):
-        axes.plot(*banks[:, side].T, color=color, linewidth=1.2, path_effects=_OUTLINED)
-    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, path_effects=_OUTLINED)
+    for side, color in enumerate(BANKS):
+        axes.plot(*banks[:, side].T, color=color, linewidth=1.2, path_effects=OUTLINED)
+    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, path_effects=OUTLINED)
     as_map(axes, [banks.reshape(-1, 2), places])
     axes.set_title("from above, on the water's plane")
 
@@ -203,8 +199,8 @@ def _reach_from_above(axes: Axes, found: Reach) -> None:
     points = found.found.widths.points_enu_m[found.found.images > 0]
     for ends in points:
         axes.plot(*ends[:, :2].T, color=ACROSS, linewidth=0.6, alpha=0.6)
-    for side, color in enumerate((LEFT, RIGHT)):
-        axes.plot(*points[:, side, :2].T, color=color, linewidth=1.3, path_effects=_OUTLINED)
+    for side, color in enumerate(BANKS):
+        axes.plot(*points[:, side, :2].T, color=color, linewidth=1.3, path_effects=OUTLINED)
     axes.plot(*found.line.places_en_m.T, color="black", linewidth=0.8, linestyle="--", label="centreline")
     as_map(axes, [points[..., :2].reshape(-1, 2), found.line.places_en_m])
     axes.set_title("banks and transects of all images, from above")
@@ -217,7 +213,7 @@ def _drift(axes: Axes, document: dict[str, Any], images: RiverImages) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     axes.set_title("one image's widths against those of all")
     axes.xaxis.set_major_locator(MaxNLocator(7))
-    start = f"{time_utc(images.views[0].sample.stamp_ns)[:_TO_SECONDS]} UTC" if images.is_utc else "the first image"
+    start = f"{second_utc(images.views[0].sample.stamp_ns)} UTC" if images.is_utc else "the first image"
     axes.set_xlabel(f"s since {start}")
     axes.set_ylabel("larger by (%)")
     axes.grid(alpha=0.3)

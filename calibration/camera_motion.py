@@ -171,7 +171,7 @@ class LookJudge:
         return enough and float(np.max(np.diag(turn.cov))) <= self._fine_rad**2
 
     def _staying(self, pairs: FloatArray, turn: RelativeRotation | None) -> int:
-        """How many points are where the turn does not bring them, and were there at the last look too."""
+        """Number of points that the turn does not explain, and that were in the same place at the last look."""
         is_stray = np.ones(len(pairs), dtype=np.bool_) if turn is None else _beyond(turn.residual_px, self._off_px)
         before, self._strays = self._strays, {tuple(then.tolist()): now for then, now in pairs[is_stray]}
         return sum(
@@ -186,7 +186,7 @@ def _beyond(off_px: FloatArray, limit_px: float) -> np.ndarray:
 
 
 class Scatter:
-    """How far a camera turns to and fro between images, each axis alike.
+    """Scatter of a camera's rotation between images, equal about each axis.
 
     Args:
         limit_rad: What counts as moved.
@@ -232,12 +232,12 @@ class RestAttitude:
 
     @property
     def looks(self) -> int:
-        """How many it is the mean of."""
+        """Number of averaged looks."""
         return len(self._turns)
 
     @property
     def last(self) -> RelativeRotation:
-        """The newest of them."""
+        """The newest look."""
         return self._turns[-1]
 
     def add(self, turn: RelativeRotation) -> None:
@@ -246,7 +246,7 @@ class RestAttitude:
         self._mean_rad = np.mean([_between(self._base_wxyz, each) for each in self._turns], axis=0)
 
     def off(self, turn: RelativeRotation) -> FloatArray:
-        """How far a look is from here: a small rotation ``(3,)`` about the camera's axes now."""
+        """Small rotation ``(3,)`` of a look from the mean, about the camera's axes now."""
         return _between(self.wxyz, turn)
 
     def newest(self, count: int) -> list[RelativeRotation]:
@@ -340,7 +340,7 @@ class CameraMotionState:
         return self._within(stamp_ns, self.rest)
 
     def _followed(self, rest: RestAttitude, turn: RelativeRotation, off_rad: FloatArray) -> RestAttitude:
-        """Where the camera looks, with a look that is near; where the last few agree on a step, by these alone."""
+        """Attitude with a near look added; where the last few agree on a step, by these alone."""
         is_chance = np.linalg.norm(off_rad) <= self._chance_rad(1.0) * _NOTED / _RARE
         self.off_rad = np.zeros(3) if is_chance else off_rad
         self._scatter.learn(off_rad)
@@ -381,7 +381,7 @@ class CameraMotionState:
         return MotionState.MOVED
 
     def _chance_rad(self, variances: float) -> float:
-        """What chance does not reach, where so many times a look's variance adds up."""
+        """Rotation that chance does not exceed where ``variances`` times a look's variance adds up."""
         return float(_RARE * np.sqrt(variances * self._scatter.max_rad2))
 
 
@@ -451,7 +451,7 @@ class CameraMotionCalibrator:
         return f"{self._id}:{self._looks}" if self._looks else None
 
     def _turn(self, stamp_ns: IntArray) -> KnownTurn | None:
-        """Where the camera looks in images, against where it looked; None before the first look that determined it.
+        """Rotation of the camera since the reference, by image; None before the first look that determined it.
 
         Args:
             stamp_ns: ``(n,)``; the turn's covariance is ``(n, 3, 3)``.
@@ -477,7 +477,7 @@ class CameraMotionCalibrator:
         return np.asarray(self._settings.limit_rad**2 * np.maximum(stamp_ns - determined_ns, 0) / _HOUR_NS)
 
     def _remarks(self, stamp_ns: IntArray, turn: KnownTurn | None) -> list[tuple[str, ...]]:
-        """What people should know of poses that have numbers, for each stamp ``(n,)``."""
+        """Remarks on poses that have numbers, for each stamp ``(n,)``."""
         state, remarks = self._state, []
         if turn is not None and state.moved_ns is not None:
             angle_deg = math.degrees(np.linalg.norm(turn.rotvec_rad))

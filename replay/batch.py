@@ -117,7 +117,7 @@ def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int) -> 
 
 
 def _threads(client: DaskObject) -> int:
-    """How many jobs run at once; a worker that died is being replaced."""
+    """Number of jobs that run at once; a worker that died is being replaced."""
     count: int = sum(client.nthreads().values())
     return max(count, 1)
 
@@ -293,11 +293,11 @@ class Dataset:
 
     @staticmethod
     def statuses_text(statuses: Mapping[str, int], left_out: str = "") -> dict[str, str]:
-        """What a part's footer says of its rows, and of the recording's parts that are not in them."""
+        """Footer text of a part: statuses of its rows, and what it leaves out."""
         return {_STATUSES: orjson.dumps(dict(statuses)).decode(), _LEFT_OUT: left_out}
 
     def left_out(self, recording: str, key: InputKey) -> str:
-        """What a part that is done says of what is not in it; empty where that is nothing."""
+        """Sentence of a finished part on what is not in it; empty where that is nothing."""
         return (_metadata(self._path(recording, key)) or {}).get(_LEFT_OUT, "")
 
     def _path(self, recording: str, key: InputKey) -> Path:

@@ -136,7 +136,7 @@ def _short(error: zenoh.ZError) -> str:
 
 
 def _fault_of(endpoint: str) -> str:
-    """What is wrong with how an endpoint is written; empty where nothing is."""
+    """Fault in the text of an endpoint; empty where there is none."""
     protocol, _, address = endpoint.partition("/")
     if protocol not in (*_WITH_PORT, *_OTHERS):
         return f"{protocol!r} for a protocol" if address else repr(endpoint)
@@ -236,7 +236,7 @@ def _as_it_is(image: Image) -> Image:
 
 
 class _Payload(NamedTuple):
-    """What is published: its place among all of some ticks, the probe of a measurement, the key, the JSON."""
+    """One message to publish: its order among those of some ticks, a measurement's probe, key and JSON."""
 
     order: int
     name: str | None
@@ -297,7 +297,7 @@ class ZenohBus:
             self._declared.append(self._observations(on_observation))
 
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the observations that came in, in one sentence."""
+        """Sentence on observations that were refused."""
         sentence = f"{self._malformed} observations on the bus were none; the first was said when it came"
         return (sentence,) if self._malformed else ()
 

@@ -62,7 +62,7 @@ def parse_offset(text: str) -> timedelta:
 
 
 def zone_hint(images_ns: tuple[int, int], telemetry_ns: tuple[int, int]) -> str:
-    """What people read where images lie beside telemetry by as much as a clock does that tells local time as UTC.
+    """Hint where images lie beside telemetry by as much as a clock does that tells local time as UTC.
 
     Args:
         images_ns: First and last stamp, UTC as it was stated.

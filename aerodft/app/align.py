@@ -66,7 +66,7 @@ class VideoAlignment:
 
     @property
     def time_reference_ns(self) -> int:
-        """Where the offset holds, by the video's clock."""
+        """Stamp of the video's clock at which the offset holds."""
         return self.solution.reference_ns
 
     @property
@@ -82,7 +82,7 @@ class VideoAlignment:
 
     @property
     def lag_s(self) -> float | None:
-        """By how much more the gimbal may be late; None where the data do not tell."""
+        """Lag of the gimbal; None where the data do not tell."""
         return round(self.solution.lateness_s, 4) if self.solution.is_lag_determined else None
 
     @property

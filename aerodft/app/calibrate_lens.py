@@ -53,7 +53,7 @@ class LensCalibration(LensFit):
 
     @property
     def notes(self) -> list[str]:
-        """What was decided on the way, and what is missing for a better calibration, in sentences."""
+        """Sentences on decisions of the calibration, and on what would make it better."""
         return [*lens_notes(self), *missing(self.solution)]
 
     def document(self, files: Sequence[str] = ()) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def calibrate_lens(
 
 
 def _look(paths: Sequence[Path], board: Board, progress: Progress) -> tuple[int, tuple[int, int], list[View]]:
-    """How many images there are, their size, and what those that show the board show of it."""
+    """Number and size of the images, and the board's corners in those that show it."""
     finder, views = BoardFinder(board), []
     first: NamedImage | None = None
     count = 0

@@ -26,7 +26,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """How a live link is listened to.
+    """Options for listening to a live link.
 
     Attributes:
         seconds: For how long.

@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecomputeResult(RunResult):
-    """What a recording computed anew holds, and how it compares with what it was computed from.
+    """Result of a recording computed anew, compared with what it was computed from.
 
     Attributes:
         provenance: What it was computed from: recording, its hash, station, camera, configuration and calibration.
@@ -208,7 +208,7 @@ def _copy_images(recording: Recording, output: Path) -> int:
 
 
 def _provenance_of(job: Recomputation) -> dict[str, Any]:
-    """What new measurements no longer name of the recording that they are computed from; ids are those in its own.
+    """Provenance that new measurements no longer have: the recording they are computed from, and its ids.
 
     Where it was computed from another one itself, what it says of that one is under ``computed_from``.
 
@@ -346,6 +346,6 @@ def _outcome(job: Job, state: State, statuses: Mapping[str, int], left_out: str)
 
 
 def _key(opened: Recomputation) -> InputKey:
-    """What the numbers follow from: the recorded input, its configuration and the one to compute with."""
+    """Hashes of all that the numbers follow from: recorded input, its configuration and the one to use."""
     texts = (opened.recording.text("config.toml") or "", resolved_toml(opened.station))
     return input_key([segment.path for segment in opened.recording.data], texts)

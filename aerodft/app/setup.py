@@ -129,7 +129,7 @@ class StationDraft:
 
 @dataclass(slots=True)
 class _Sources:
-    """What is measured from: at most one telemetry, and one input of images."""
+    """Inputs of a station: at most one of telemetry, and one of images."""
 
     log: Path | None = None
     link: str | None = None
@@ -407,7 +407,7 @@ def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, fold
 
 
 def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> Iterator[str]:
-    """When a video begins: as its container says, else with the log."""
+    """Start of a video: as its container says, else the log's."""
     sync = "`import_flight` with `sync` finds it to milliseconds where the camera turned, and so does `align`"
     draft.needs_sync = report is not None
     info = video_info(video)

@@ -127,7 +127,7 @@ class Station:
 
     @property
     def file(self) -> Path | None:
-        """Its configuration's file; None where it was given a configuration."""
+        """File of the station's configuration; None where it was given a configuration."""
         return Path(self._where) if self._where else None
 
     @property
@@ -159,12 +159,12 @@ class Station:
 
     @property
     def output_warnings(self) -> tuple[str, ...]:
-        """What went wrong at the outputs, one sentence each; complete once the ``with`` block was left."""
+        """Sentences on failures of the outputs; complete once the ``with`` block was left."""
         return tuple(sentence for output in self._outputs for sentence in output.warnings())
 
     @property
     def result(self) -> RunResult:
-        """What was recorded and measured so far; complete once the ``with`` block was left.
+        """Totals of the run so far; complete once the ``with`` block was left.
 
         Raises:
             ValueError: It was not entered yet.

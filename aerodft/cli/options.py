@@ -109,7 +109,7 @@ def _options_of(parameter: inspect.Parameter, hint: Any) -> list[tuple[str, Any,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageOptions:
-    """Where a page listens, and what it lets people do."""
+    """Options on the address of a page, and on what it lets people do."""
 
     host: Annotated[
         str, typer.Option(help="Address that the page listens on; beyond this machine a token is asked for.")

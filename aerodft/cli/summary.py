@@ -68,7 +68,7 @@ def report(
 
 
 def _calibrated(statistics: "RunStatistics") -> dict[str, object]:
-    """What became of landmarks, and whether a watched camera still looks where it looked: where the station has any."""
+    """Lines on landmarks, and on the motion of a watched camera, where the station has any."""
     found: dict[str, object] = {}
     if (last := statistics.estimate) is not None:
         found["landmarks"] = {"used": last.updates, "refused": last.refused, "restarts": last.restarts}

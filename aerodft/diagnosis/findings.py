@@ -99,7 +99,7 @@ def _followed_gimbal(report: DiagnosisReport, name: str, gimbals: list[int]) -> 
 
 
 def _components(report: DiagnosisReport, *names: str) -> list[int]:
-    """Who of the followed system sends one of these messages."""
+    """Components of the followed system that send one of these messages."""
     found = {s.component for s in report.streams if s.system == report.system and s.name in names}
     return sorted(component for component in found if component is not None)
 
@@ -312,7 +312,7 @@ def _switched_off(report: DiagnosisReport) -> Iterator[str]:
 
 
 def _frames(report: DiagnosisReport) -> Iterator[str]:
-    """What gimbals' roll and pitch are against, where that is not simply the horizon; and demands."""
+    """Sentences on the reference of gimbals' roll and pitch, where that is not the horizon; and on demands."""
     stated = _settings(report).attitude
     for name, evidence in report.frames.items():
         undid = f"it undid {evidence.undone} of the vehicle's {evidence.motions} motions ({evidence.motion_s:.0f} s)"

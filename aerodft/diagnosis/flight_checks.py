@@ -68,7 +68,7 @@ class PoseAvailability:
 
     @property
     def seconds(self) -> float:
-        """How long the flight was."""
+        """Length of the flight."""
         return sum(span.seconds for span in self.spans.values())
 
     @property
@@ -191,12 +191,12 @@ class HeightPair:
 
     @property
     def offset_text(self) -> str:
-        """By how much the second one is above or below, in words."""
+        """Words for the second source's offset from the first."""
         median_m = float(np.median(self.steps_m))
         return f"{abs(median_m):.2f} m {'below' if median_m < 0 else 'above'}"
 
     def sentence(self, first: str, second: str, advice: str) -> str:
-        """How the two differ, and what to do."""
+        """Sentence on the difference of the two, and what to do."""
         return (
             f"heights disagree: {second} is {self.offset_text} {first} in the median "
             f"({min(self.steps_m):+.2f} to {max(self.steps_m):+.2f} m), beyond their std in {self.beyond} of "
@@ -261,7 +261,7 @@ def _sentences(disagreeing: dict[tuple[str, str], HeightPair], home_above_plane_
 
 
 def _advice(name: str, steps_m: list[float], home_above_plane_m: float) -> str:
-    """What to do about a source that is so far above others that speak of the ground below."""
+    """Advice about a source that is so far above others which speak of the ground below."""
     if name != HeightSource.HOME:
         return "take it out of telemetry.height.order, or see std_m"
     middle_m = float(np.median(steps_m))
@@ -285,7 +285,7 @@ def _as_second(names: tuple[str, str], pair: HeightPair, name: str) -> HeightPai
 
 
 def _outlier_sentence(name: str, others: dict[str, HeightPair], home_above_plane_m: float) -> str:
-    """That one source contradicts others, which agree; and what to do."""
+    """Sentence on one source that contradicts others, which agree; and what to do."""
     steps_m = [step_m for pair in others.values() for step_m in pair.steps_m]
     offset_text = " and ".join(f"{pair.offset_text} {other}" for other, pair in others.items())
     beyond = " and ".join(f"{pair.beyond} of {len(pair.steps_m)}" for pair in others.values())

@@ -97,7 +97,7 @@ class StreamGap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockSummary:
-    """How the sender's UTC relates to the recording machine's.
+    """Relation of the sender's UTC to the recording machine's.
 
     Attributes:
         known_after_s: First UTC, since the log's first frame; None where the sender never knew it.
@@ -206,7 +206,7 @@ class DiagnosisReport:
 
     @property
     def ready_s(self) -> float:
-        """When a vehicle that starts up in this log knew UTC, since the first frame; 0 where it does not start up."""
+        """Time at which a vehicle that starts up in the log knew UTC, since the first frame; else 0."""
         after_s = self.clock.known_after_s
         return after_s if after_s is not None and after_s >= 1 and _NO_UTC_YET & self.rejected.keys() else 0.0
 
@@ -248,7 +248,7 @@ class ClockStatistics:
             self._last = boot_ns, unix_ns - boot_ns
 
     def note(self, health: ClockHealth, at_ns: int) -> None:
-        """What is new in the clock's health since the last time, at the latest at this arrival."""
+        """Take in restarts and jumps of the clock, which happened at this arrival at the latest."""
         if health.restarts > len(self._reboots_ns):
             self._reboots_ns.append(at_ns if self._fall_ns is None else self._fall_ns)
         if len(health.jumps_s) > len(self._jumps_ns):
@@ -266,7 +266,7 @@ class ClockStatistics:
 
 
 def unknown_ids(block: RawBlock) -> Counter[int]:
-    """How often each unknown id stands between a stamped log's frames; links hand on good frames alone."""
+    """Counts of each unknown id between a stamped log's frames; links hand on good frames alone."""
     found: Counter[int] = Counter()
     if block.protocol != WireProtocol.MAVLINK or len(block.offset) < 2:  # noqa: PLR2004 - two frames have a gap
         return found
@@ -443,7 +443,7 @@ def _history_parts(block: RawBlock) -> Iterator[RawBlock]:
 
 
 def _signed_count(block: RawBlock) -> int:
-    """How many frames carry a signature."""
+    """Number of frames with a signature."""
     if block.protocol != WireProtocol.MAVLINK:
         return 0
     data = np.frombuffer(block.data, dtype=np.uint8)

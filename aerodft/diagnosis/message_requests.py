@@ -158,7 +158,7 @@ class MessageRequest:
 
     @property
     def rate_text(self) -> str:
-        """How often it is wanted, in words."""
+        """Words for the wanted rate."""
         return "once" if self.rate_hz is None else f"at {self.rate_hz:g} Hz"
 
     @property
@@ -190,7 +190,7 @@ class MessageRequest:
         )
 
     def sentence(self, *, is_live: bool) -> str:
-        """What is wrong, and what to do: at once on a link, before the next flight where a log is all there is."""
+        """Sentence on the message, and what to do: at once on a link, before the next flight for a log."""
         settings = [f"{_WAYS[name]} {how}" for name, how in self.parameters.items()]
         if not is_live:
             came = f"came at {self.now_hz:.1f} Hz" if self.now_hz else "did not come"
@@ -246,7 +246,7 @@ def missing_messages(
     autopilot: int | None,
     parameters: Parameters | None = None,
 ) -> tuple[MessageRequest, ...]:
-    """What a vehicle should send more often than it does; not what its parameters switch off.
+    """Messages that a vehicle should send more often; not those that its parameters switch off.
 
     Args:
         streams: All that came.
@@ -282,7 +282,7 @@ def missing_messages(
 
 
 def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_CatalogueEntry]:
-    """What this vehicle can send: nothing that is switched off, and of an old firmware the old gimbal message."""
+    """Messages that this vehicle can send: none that is switched off, of an old firmware the old gimbal message."""
     for each in _CATALOGUE:
         is_gimbal = each.message_id == GIMBAL_DEVICE_ATTITUDE_STATUS
         is_old = is_gimbal and each.name not in own and (_OLD_MOUNT in parameters.values or _MOUNT_STATUS in own)
@@ -291,7 +291,7 @@ def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_Cata
 
 
 def _heard(streams: Sequence[Stream], system: int, autopilot: int) -> dict[str, Stream]:
-    """By message, who of a system sends it: only the autopilot what is its own, else whoever sends it most often."""
+    """Senders of a system by message: only the autopilot for its own, else whoever sends it most often."""
     of_system = sorted((each for each in streams if each.system == system), key=lambda each: each.rate_hz)
     return {each.name: each for each in of_system if each.component == autopilot or each.name not in _OF_AUTOPILOT}
 
@@ -313,7 +313,7 @@ def _sender(own: dict[str, Stream], name: str, autopilot: int) -> int:
 def missing_camera_messages(
     streams: Sequence[Stream], *, system: int | None, component: int | None, autopilot: int | None, zoom: ZoomSettings
 ) -> Iterator[MessageRequest]:
-    """What cameras should say of their view: of each source before the first that they say anything in.
+    """Messages on their view that cameras should send: of each source before the first that they use.
 
     A camera is asked for each once, as MAVLink's camera protocol has it: it says by itself when it zooms. ArduPilot
     says what it knows of the cameras that it speaks for as often as it is told to, and nothing of their video streams.
@@ -430,7 +430,7 @@ def _answer_to(link: MavlinkLink, batches: Iterator[Batches], request: MessageRe
 
 
 def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:
-    """What a block's frames say of a request; None where they are of something else, or it is being worked on."""
+    """Answer to a request in a block's frames; None where there is none, or the request is in progress."""
     sender = (heads[1] == request.system) & (heads[2] == request.component)
     acknowledged = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
     is_ours = np.isin(acknowledged["target_system"], (0, OWN_SYSTEM)) & (acknowledged["command"] == request.command_id)

@@ -72,7 +72,7 @@ class StreamTable:
         self._streams: dict[int, Stream] = {}
 
     def streams(self) -> list[Stream]:
-        """By name, then sender."""
+        """All streams by name, then sender."""
         return sorted(self._streams.values(), key=lambda s: (s.name, s.system or 0, s.component or 0))
 
     def add(self, block: RawBlock, formats: dict[int, MessageFormat]) -> None:

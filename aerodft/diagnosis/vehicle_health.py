@@ -80,7 +80,7 @@ class Episode:
 
 @dataclass(frozen=True, slots=True, order=True)
 class _Reporter:
-    """Who says something of a view: a camera, one of its video streams (0: of none), and in which message."""
+    """Sender of a view: a camera, one of its video streams (0: none), and the message."""
 
     camera: int
     source: ZoomSource
@@ -120,7 +120,7 @@ class CameraReports:
             view.sizes_px |= {(w, h) for w, h in np.unique(track.size_px[own], axis=0).tolist() if w and h}
 
     def sentences(self, camera: Camera | None, zoom: ZoomSettings) -> Iterator[str]:
-        """What is to be known of the cameras, and what they say against a camera file.
+        """Sentences on the cameras, and on their differences from a camera file.
 
         Args:
             camera: As its file has it; None where nothing is held against one.
@@ -289,7 +289,7 @@ class VehicleHealth:
     def sentences(
         self, camera: Camera | None = None, settings: TelemetrySettings | None = None, ready_s: float = 0.0
     ) -> list[str]:
-        """What limits how far the vehicle may be believed; and what it says against a camera file.
+        """Sentences on limits of the vehicle's health, and on differences from a camera file.
 
         Args:
             camera: As its file has it; None where nothing is held against one.

@@ -75,7 +75,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundHits:
-    """Where rays first meet the ground.
+    """First intersections of rays with the ground.
 
     Attributes:
         points_enu_m: ``(..., 3)``; NaN where ``status`` is not ok.

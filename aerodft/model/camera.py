@@ -16,7 +16,7 @@ class LensModel(StrEnum):
 
     @property
     def coefficient_counts(self) -> tuple[int, ...]:
-        """How many coefficients a lens may have."""
+        """Numbers of coefficients that a lens may have."""
         return (0, 4, 5, 8) if self is LensModel.BROWN else (0, 4)
 
 

@@ -73,7 +73,7 @@ def _over_time(panel: Axes, pairs: "Pairs", start_ns: int) -> None:
 
 
 def _thinned(change: FloatArray) -> IntArray:
-    """Of more rows than can be told apart, the farthest from 0 in each of as many runs."""
+    """Rows to draw: the farthest from 0 in each of as many runs as can be told apart."""
     if len(change) <= _MOST_POINTS:
         return np.arange(len(change))
     bounds = np.linspace(0, len(change), _MOST_POINTS + 1).astype(int)

@@ -114,7 +114,7 @@ def _scene_of(setup: Setup, sample: PoseSample) -> _Scene:
 
 
 def _height_above(ground: Ground | None, elevation_m: float, pose: Pose) -> float:
-    """Of the camera above the ground below it; above the elevation 0 where terrain has no height there."""
+    """Height of the camera above the ground below it; above elevation 0 where terrain has no height there."""
     camera_m, foot_m = float(pose.position_enu_m[2]), elevation_m
     if ground is not None:
         below_m = float(ground.height_at(pose.position_enu_m[:2]))
@@ -354,7 +354,7 @@ def _draw_heights(axes: Axes, z_m: Float32Array, step: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Georeference:
-    """Where a view lies.
+    """Place of a view on the map.
 
     Attributes:
         crs: Its coordinate reference system; None for the station's own east and north in metres.
@@ -379,7 +379,7 @@ def map_projection(origin: GeoOrigin) -> CRS:
 
 
 def georeference(view: TopView, origin: GeoOrigin | None) -> Georeference:
-    """Where a view lies on the map; without an origin in the station's own east and north."""
+    """Place of a view on the map; without an origin in the station's own east and north."""
     local = np.array([[view.step_m, 0.0, view.west_m], [0.0, -view.step_m, view.north_m]])
     if origin is None:
         return Georeference(None, local, 0.0)

@@ -327,7 +327,7 @@ def _thin(things: Sequence[FloatArray]) -> list[FloatArray]:
 
 @styled()
 def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure | None:
-    """Where the camera was and what was measured, in metres; None where nothing has a place."""
+    """Map of the camera's way and of what was measured, in metres; None where nothing has a place."""
     poses = np.stack([found.poses.numbers("east_m"), found.poses.numbers("north_m")], axis=-1)
     track = poses[np.isfinite(poses).all(axis=-1)]
     shown = {

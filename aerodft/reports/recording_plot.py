@@ -209,7 +209,7 @@ def _cut(beyond: int) -> str:
 
 
 def _thinned(value: FloatArray) -> IntArray:
-    """Of more rows than can be told apart, the least and the largest value in each of as many runs."""
+    """Rows to draw: the least and the largest value in each of as many runs as can be told apart."""
     if len(value) <= _MOST_POINTS:
         return np.arange(len(value))
     bounds = np.linspace(0, len(value), _MOST_POINTS // 2 + 1).astype(int)

@@ -71,7 +71,7 @@ class Series:
 
     @property
     def answered(self) -> int:
-        """How many rows have a value, or of a position a place."""
+        """Number of rows with a value, or for a position with a place."""
         return self.statuses.count(Status.OK)
 
     def add(self, stamp_ns: int, status: str, **numbers: object) -> None:

@@ -27,7 +27,7 @@ from aerodft.service.height_sources import HEIGHT_SOURCES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraMotionSettings:
-    """How a fixed camera's motion is detected.
+    """Settings of the detection of a fixed camera's motion.
 
     Attributes:
         limit_rad: Rotation above which the camera has moved.
@@ -52,7 +52,7 @@ OBJECTS: Final = "objects"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectSettings:
-    """How moving objects are detected in a fixed camera's images, and tracked over the ground.
+    """Settings of detecting moving objects in a fixed camera's images, and of tracking them over the ground.
 
     Attributes:
         detect: Whether aerodft detects objects; else all outlines come from outside.
@@ -83,7 +83,7 @@ class ObjectSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZoomSettings:
-    """How a vehicle's reports of its camera's zoom are followed, relative to the camera file.
+    """Settings of following a vehicle's reports of its camera's zoom, relative to the camera file.
 
     Attributes:
         order: Sources in order of preference, the first live one is used; empty: the camera file always applies.
@@ -222,7 +222,7 @@ class AttitudeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelemetrySettings:
-    """How telemetry is turned into poses.
+    """Settings of turning telemetry into poses.
 
     Attributes:
         system: MAVLink system id to follow; None for the first vehicle heard.
@@ -271,7 +271,7 @@ DRIFT = ErrorStd(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveCalibration:
-    """How biases of the telemetry are estimated from landmarks while the station measures.
+    """Settings of the estimation of telemetry's biases from landmarks while the station measures.
 
     Most of a stated standard deviation is one error for a whole flight, which is estimated; the rest is independent
     noise from image to image, which stays in every interval.
@@ -356,7 +356,7 @@ class WaterHints:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RiverSettings:
-    """How river banks are detected.
+    """Settings of the detection of river banks.
 
     Attributes:
         every_s: Shortest time between two looks; 0 for every image.

@@ -293,7 +293,7 @@ def _land_without_telemetry(
 def _drift_of(
     keyframe: Keyframe, now: PlaneImage, last: PlaneImage, then_px: FloatArray, now_px: FloatArray
 ) -> GroundDrift | None:
-    """Where a place of the keyframe ``(2,)`` that is seen at ``now_px (2,)`` has gone over the ground, by telemetry."""
+    """Drift over the ground, by telemetry, of a place of the keyframe ``(2,)`` seen at ``now_px (2,)``."""
     before, after = keyframe.plane_image.plane_pose, now.plane_pose
     if before is None or after is None:
         return None
@@ -315,7 +315,7 @@ def _on_plane(from_plane: FloatArray, px: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lock:
-    """Where the plane is in an image.
+    """The plane's homography in an image.
 
     Attributes:
         homography: ``(3, 3)`` from straight small pixels of the first image to those of this one.
@@ -336,7 +336,7 @@ class Lock:
         return place_cov_px2(self.cov, self.unit, apply_homography(self.homography, first))
 
     def first_std_px(self, first: FloatArray) -> float:
-        """How well points at ``first (n, 2)`` are held, the worst of them, in pixels of the first image."""
+        """Largest standard deviation of points at ``first (n, 2)``, in pixels of the first image."""
         back = np.linalg.inv(self.homography)
         cov = place_cov_px2(compose_cov(self.cov, np.asarray(back), self.unit), self.unit, first)
         return math.sqrt(float(np.max(np.linalg.eigvalsh(cov))))
@@ -363,7 +363,7 @@ class PlaneLock:
         self._keyframes = [self._keyframe_in_use]
 
     def know_first(self, plane_pose: PlanePose | None) -> None:
-        """Where the first image was taken from, which may become known after it."""
+        """Set the first image's pose, which may become known after it."""
         first = self._keyframes[0]
         if first.plane_image is self._last_image:
             self._last_image = replace(first.plane_image, plane_pose=plane_pose)
@@ -521,7 +521,7 @@ class TrackedProbes:
         ]
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
-        """Where the probes are.
+        """Pixels of the tracked probes in an image.
 
         Raises:
             AerodftError: The pixels cannot be read.

@@ -35,7 +35,7 @@ class _Stray:
 
 
 def common_error(found: EvidenceFile, result: Result) -> InputError | None:
-    """What explains all rejected landmarks, seen from the camera of the others; None if nothing does."""
+    """A common error of all rejected landmarks, seen from the camera of the others; None if there is none."""
     state, kept = result.solution.state, result.solution.kept
     landmarks = [isinstance(each, Landmark) for each in found.known.evidence]
     if not result.weakest.is_determined or np.count_nonzero(kept & landmarks) < _MIN_KEPT:

@@ -155,7 +155,7 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
 
 
 def _other_pixels(pixels: FloatArray, camera: Camera) -> Iterator[tuple[str, str, FloatArray]]:
-    """What is wrong, what to do, and pixels ``(n, 2)``, which may lie outside of the image."""
+    """Other readings of pixels: what is wrong, what to do, pixels ``(n, 2)``, maybe outside of the image."""
     yield "u and v look interchanged", "give u (across) before v (down)", pixels[:, ::-1]
     u, v = pixels.T
     flipped = np.column_stack([u, camera.height_px - 1 - v])
@@ -227,13 +227,13 @@ class Attempt:
 
 
 def misfit(result: Result) -> float:
-    """What four fifths of the observations are off by at most, in stated stds."""
+    """Residual that four fifths of the observations stay below, in stated stds."""
     each = [left.sigma if math.isfinite(left.sigma) else OUT_OF_SIGHT for left in result.left]
     return float(np.quantile(each, 1 - _MAX_REJECTED)) if each else 0.0
 
 
 def likely_mistake(attempt: Attempt) -> AerodftError | None:
-    """What is wrong with evidence that does not fit; None where it does, or where nothing explains it.
+    """The likely mistake in evidence that does not fit; None where it fits, or where nothing explains it.
 
     Returns:
         An :class:`InputError` that names it; :class:`NotDetermined` where unknowns are missing that nobody stated.
@@ -383,7 +383,7 @@ def _fit(variant: Result) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SuspectPrior:
-    """What is stated of the camera, of one unknown or of its place, and the calibration without it."""
+    """A stated prior of one unknown or of the place, and the calibration without it."""
 
     evidence: EvidenceFile
     priors: dict[str, Prior]
@@ -395,7 +395,7 @@ class _SuspectPrior:
         return math.remainder(off, 2 * math.pi) if name in _FULL_TURN else off
 
     def stds_off(self) -> float:
-        """How far the two are apart, in standard deviations of their difference."""
+        """Distance of stated and fitted value, in standard deviations of their difference."""
         variances = dict(zip(self.variant.names, np.diag(self.variant.solution.covariance), strict=True))
         return max(
             abs(self.off(name)) / math.sqrt(prior.std**2 + variances[name]) for name, prior in self.priors.items()

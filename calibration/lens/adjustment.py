@@ -170,7 +170,7 @@ class _Adjustment:
 
 
 def covariance(bundle: Bundle, corners: Corners, weights: FloatArray | None = None) -> tuple[FloatArray, float]:
-    """How well the intrinsics are known, the poses being unknown.
+    """Covariance of the intrinsics, the poses being unknown.
 
     Args:
         bundle: The adjusted bundle.
@@ -225,7 +225,7 @@ def first_guesses(corners: Corners, lens: LensModel, size_px: tuple[int, int], c
 
 
 def resected(camera: Camera, corners: Corners) -> Bundle | None:
-    """Where a camera sees its boards; None where it cannot see one of them."""
+    """Boards' poses in a camera; None where it cannot see one of them."""
     rays = rays_from_pixels(camera, corners.pixels_px)
     rotations, translations = [], []
     for rows in np.split(np.arange(len(rays)), corners.starts[1:]):

@@ -72,7 +72,7 @@ class Board:
 
     @property
     def corners(self) -> int:
-        """How many inner corners it has."""
+        """Number of inner corners."""
         return self.columns * self.rows
 
     @property
@@ -251,7 +251,7 @@ class BoardFinder:
 
 
 def suggestion(image: ImageArray, board: Board) -> str:
-    """What board an image shows instead, as a hint; empty where there is none that could be meant."""
+    """Hint at the board that an image shows instead; empty where there is none that could be meant."""
     grey = _shrunk(grey_of(image))[0]
     if board.kind is BoardKind.CHARUCO:
         return _other_markers(grey, board)

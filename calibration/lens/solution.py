@@ -403,7 +403,7 @@ def _different(views: Sequence[View], least_px: float) -> list[View]:
 
 
 def _moved_px(one: View, other: View) -> float:
-    """How far the corners that both show are apart, root mean square; infinite where few are the same."""
+    """Root mean square distance of the corners that both show; infinite where few are common."""
     _, mine, theirs = np.intersect1d(one.ids, other.ids, assume_unique=True, return_indices=True)
     if 2 * len(mine) < max(len(one.ids), len(other.ids)):
         return math.inf
@@ -428,7 +428,7 @@ def _covering(views: Sequence[View], size_px: tuple[int, int], most: int) -> lis
 
 
 def _features(views: Sequence[View], size_px: tuple[int, int]) -> list[set[tuple[str, int, int]]]:
-    """What each view shows: cells of the image, a tilt in steps of 15 degrees, a size in octaves."""
+    """Features of each view: cells of the image, a tilt in steps of 15 degrees, a size in octaves."""
     found = []
     for view, facing in zip(views, normals(views, size_px), strict=True):
         shown = {("cell", int(x), int(y)) for x, y in cells(view, size_px)}
@@ -489,7 +489,7 @@ def _open_regions(covered: np.ndarray) -> list[str]:
 
 
 def distortion_px(camera: Camera, pixels_px: FloatArray) -> FloatArray:
-    """How far the lens moves pixels ``(..., 2)`` from where it would have them with coefficients of 0.
+    """Distances that the lens moves pixels ``(..., 2)`` from where coefficients of 0 would have them.
 
     That is a pinhole for a Brown lens, and for a fisheye one whose pixels are apart as angles are. NaN where the lens
     has no inverse.
@@ -499,7 +499,7 @@ def distortion_px(camera: Camera, pixels_px: FloatArray) -> FloatArray:
 
 
 def ray_std_px(camera: Camera, cov: FloatArray, pixels_px: FloatArray) -> FloatArray:
-    """How well the rays of pixels ``(n, 2)`` are known, in pixels: the longer half axis of one sigma, ``(n,)``.
+    """Standard deviation of the rays of pixels ``(n, 2)`` in pixels: the longer half axis, ``(n,)``.
 
     A part of that is as if the whole camera were turned, which a pose that is found with this camera makes up for; it
     is left out.

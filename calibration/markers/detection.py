@@ -193,7 +193,7 @@ def _area(corners_px: FloatArray) -> FloatArray:
 
 
 def _crossing(profiles: FloatArray, steps: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Where profiles ``(..., taps)`` cross the middle between their ends, nearest to 0; and whether they do at all."""
+    """Positions at which profiles ``(..., taps)`` cross the middle of their ends, nearest to 0; and whether they do."""
     black, white = profiles[..., :_PLATEAU].mean(axis=-1), profiles[..., -_PLATEAU:].mean(axis=-1)
     above = profiles - ((black + white) / 2)[..., None]
     crosses = (above[..., :-1] < 0) & (above[..., 1:] >= 0)
@@ -228,7 +228,7 @@ def _lines(points: FloatArray, seen: BoolArray) -> tuple[FloatArray, FloatArray,
 
 
 def _crossings(a: FloatArray, along_a: FloatArray, b: FloatArray, along_b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where lines meet ``(..., 2)``, and the sine of the angle between them; not finite where they are parallel."""
+    """Intersections of lines ``(..., 2)``, and the sine of the angle between them; not finite for parallel ones."""
     sine = along_a[..., 0] * along_b[..., 1] - along_a[..., 1] * along_b[..., 0]
     gap = b - a
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -345,7 +345,7 @@ def _detector(name: str, index: int, longest_px: int) -> cv2.aruco.ArucoDetector
 
 
 def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares) -> tuple[IntArray, Squares]:
-    """What an earlier look found, and what a later one found elsewhere."""
+    """Markers of an earlier look, with those that a later one found elsewhere."""
     sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
     away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
     new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
@@ -402,7 +402,7 @@ def _pattern(name: str, marker: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPlace:
-    """Where a camera is.
+    """Place of a camera.
 
     Attributes:
         position_enu_m: ``(3,)`` from the station's origin.

@@ -26,7 +26,7 @@ Answer = Callable[[EvidenceSet], Result]
 
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """How far a pose that has not seen a marker misses its centre.
+    """Distance by which a pose without a marker misses the marker's centre.
 
     Attributes:
         id: Of the marker.
@@ -119,7 +119,7 @@ def _agrees(result: Result) -> bool:
 
 
 def _disagreeing(result: Result, known: EvidenceSet, markers: list[int], answer: Answer) -> dict[int, str]:
-    """What does not fit: the one marker without which all the rest agrees, or else those that the fit rejected."""
+    """Markers that do not fit: the one without which all the rest agrees, or else those that the fit rejected."""
     if _agrees(result):
         return {}
     without = {marker: answer(rest) for marker in markers if (rest := _without(known, marker)).evidence}
@@ -193,7 +193,7 @@ def _of_wrong_size(
 def _looks(
     result: Result, seen: Mapping[int, MarkerSighting], markers: list[int], sides_m: Mapping[int, float]
 ) -> Iterator[tuple[int, float, float]]:
-    """How long the sides of those markers look whose sides are known, m, and the std as a share of it."""
+    """Id, apparent side (m) and that one's relative std of each marker whose side is known."""
     state = result.solution.state
     for marker in markers:
         centre_m = _centre_m(result.problem.known, marker)

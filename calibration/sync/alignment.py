@@ -95,11 +95,11 @@ class Alignment:
 
     @property
     def lateness_s(self) -> float:
-        """By how much more than its lag the camera may be behind while it turns."""
+        """Lateness of the camera beyond its lag, while it turns."""
         return 2 * float(self.stds[LAG]) + self.time_constant_s
 
     def attitude_std_s(self, after_s: float = 0.0) -> float:
-        """How well the camera's attitude is found, this long after the reference: of offset less lag, with drift."""
+        """Std of the attitude's time so long after the reference: of offset less lag, with drift."""
         weights = np.array([1.0, after_s, -1.0])
         return float(np.sqrt(weights @ self.cov @ weights))
 
@@ -205,7 +205,7 @@ def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
 
 
 def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, first: FloatArray) -> PlaneMotion:
-    """The homographies of what moves alike, with the ground where the first fit has it."""
+    """Homographies of what moves alike, with the ground where the first fit has it."""
     offset, drift, lag = first[: LAG + 1].tolist()
     stamps = np.array([(pair.start_ns, pair.end_ns) for pair in pairs], dtype=np.int64)
     start, end = (offset + (1 + drift) * ((stamps - zero_ns) / SECOND_NS)).T

@@ -166,7 +166,7 @@ def position_deviations(first: ProbeSeries, second: ProbeSeries) -> Deviations:
 def _one_sided(
     first: ProbeSeries, second: ProbeSeries, change: FloatArray, stds: tuple[FloatArray, FloatArray]
 ) -> BoolArray:
-    """Where one of two has a standard deviation, or a value under the same status, that the other has not."""
+    """Mask of pairs in which one has a standard deviation, or a value, that the other lacks at the same status."""
     values = (np.isnan(first.value) != np.isnan(second.value)) & (first.status == second.status)
     is_sided = (np.isnan(stds[0]) != np.isnan(stds[1])) & ~np.isnan(change)
     return np.asarray(values | is_sided, dtype=np.bool_)
@@ -240,7 +240,7 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """How far apart the numbers of one probe (or of all) are; None where no two numbers could be compared.
+    """Deviations of one probe's numbers (or of all); None where no two numbers could be compared.
 
     Attributes:
         paired: Measurements in both.

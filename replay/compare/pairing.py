@@ -29,7 +29,7 @@ class PairBy(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pairing:
-    """How measurements are paired.
+    """Rule by which measurements are paired.
 
     Attributes:
         by: ``IMAGE`` (the same index) or ``STAMP`` (the nearest, within the limit).
@@ -148,7 +148,7 @@ def _equal(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _occurrence(keys: IntArray) -> IntArray:
-    """How many equal ones came before each."""
+    """Number of equal ones before each."""
     order = np.argsort(keys, kind="stable")
     ranked = keys[order]
     count = np.empty(len(keys), dtype=np.int64)

@@ -30,7 +30,7 @@ _USED: Final = ("name", "kind", "unit", "stamp_ns", "image", "value", "std", "st
 
 
 class ProbeKey(NamedTuple):
-    """What makes two probes comparable: a width is none any more where its name stands for an area."""
+    """Key of comparable probes: a width is none any more where its name stands for an area."""
 
     name: str
     kind: str

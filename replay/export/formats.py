@@ -183,7 +183,7 @@ def parquet_rows(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]
 
 
 def parquet_metadata(path: Path) -> dict[str, str] | None:
-    """What a Parquet file's footer says besides its columns; None where it cannot be read.
+    """Metadata in a Parquet file's footer; None where it cannot be read.
 
     Raises:
         InputError: The extra is not installed.

@@ -67,7 +67,7 @@ class MapFeature(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MapCrs:
-    """What a map's coordinates are, and how features come to be in it.
+    """Coordinate system of a map, and the projection into it.
 
     Attributes:
         crs: The coordinate reference system; None for local metres.

@@ -202,7 +202,7 @@ def _digits(width: float) -> int:
 
 
 def _header(items: Sequence[Item], stamp_ns: int, index: int) -> list[str]:
-    """When and from where: one line for each."""
+    """Lines with the stamp and the pose, one for each."""
     if not items:
         return [f"{_clock(stamp_ns)}  image {index}", "nothing was measured in this image"]
     pose = items[0]["pose"]
@@ -332,7 +332,7 @@ class _MeasurementsByImage:
         self._by_stamp: dict[int, list[Item]] = {}
 
     def of(self, image: Image) -> list[Item]:
-        """What was measured in an image; asked for in order of their arrival."""
+        """Measurements of an image; to be asked for in order of arrival."""
         for payload in self._payloads:
             item = parsed(payload)
             row_of(item)  # what is no measurement is refused, as in every other format

@@ -149,7 +149,7 @@ class FrameReader:
             yield cut, np.searchsorted(ends, first + cut.offset + cut.length - cut.known)
 
     def unwrapped(self, data: bytes) -> bytes:
-        """What a message holds of a link's bytes; nothing where it cannot be read."""
+        """A link's bytes in a message; nothing where it cannot be read."""
         if len(data) > _MOST_BYTES:
             self.unreadable += 1
             return b""

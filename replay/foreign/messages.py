@@ -60,7 +60,7 @@ def type_of(schema: str) -> tuple[str, str]:
 
 
 def kind_of(channel: Channel) -> Kind | None:
-    """What a channel holds; None where nothing says so, or in an encoding that is not read."""
+    """Kind of a channel; None where nothing tells, or in an encoding that is not read."""
     if _MAVLINK_ENCODINGS.fullmatch(channel.encoding) or _MAVLINK_ENCODINGS.fullmatch(channel.schema):
         return Kind.MAVLINK
     kind = _BY_TYPE.get(type_of(channel.schema))
@@ -108,7 +108,7 @@ class RosFields:
         return int(self.number(code))
 
     def floats(self, count: int | None = None) -> tuple[float, ...]:
-        """So many doubles; None for a sequence, which says itself how many."""
+        """``count`` doubles; None for a sequence, which states its own length."""
         count = self.integer() if count is None else count
         if count > _MOST_NUMBERS:
             raise ValueError(f"a sequence of {count} numbers")

@@ -214,7 +214,7 @@ class ForeignRecording:
 
     @cached_property
     def zero_ns(self) -> int:
-        """What people's seconds count from: the log time of the first image, without images the earliest one."""
+        """Zero of people's seconds: the log time of the first image, without images the earliest one."""
         first = None if self.images is None else next(self.messages(self.images), None)
         return self.start_ns if first is None else first.log_ns
 
@@ -507,7 +507,7 @@ class ForeignImages:
         return f"{self._recording.path}, {self._topic}" + ("" if index is None else f", image {index}")
 
     def _refuse_first(self, index: int, error: ValueError) -> None:
-        """What is wrong with the first message is most likely wrong with all."""
+        """Refuse a recording by its first message: a fault in that is most likely one of all."""
         if index == 0:
             channel = self._recording.channels[self._topic]
             got = f"{channel.schema or 'no schema'} ({channel.encoding}): {error}"

@@ -63,7 +63,7 @@ def timeline(
 
 
 class Outlet(Protocol):
-    """Where messages go."""
+    """Destination of messages."""
 
     def send(self, item: TimelineMessage, shift_ns: int) -> None:
         """Send one, with this much added to its stamps."""

@@ -78,7 +78,7 @@ def _instant(whole: bytes, fraction: bytes, shift_ns: int) -> bytes:
 
 
 def shift_of(channel: Channel) -> Shift | None:
-    """How the stamps of another tool's messages are moved; None where nobody knows where they are."""
+    """Shift of the stamps in another tool's messages; None where nobody knows where they are."""
     if channel.encoding == PROTOBUF:
         return _protobuf_shift(channel)
     if channel.encoding == JSON:
@@ -186,7 +186,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class Published:
-    """How many messages went out, and how many did not because they are damaged."""
+    """Counts of messages that went out, and of damaged ones that did not."""
 
     measurements: int = 0
     others: int = 0
@@ -295,7 +295,7 @@ class Republisher:
         self._publishers.close()
 
     def _send_foreign(self, item: TimelineMessage, recording: ForeignRecording, shift_ns: int) -> None:
-        """Another tool's message on its own topic as it was recorded, and a JPEG as a station's image beside it."""
+        """Send another tool's message on its own topic, and a JPEG as a station's image beside it."""
         channel, data = item.message.channel, item.message.data
         if shift_ns and channel.topic not in recording.framed:  # frames stay as they were
             shift = self._shift(channel)

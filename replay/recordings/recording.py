@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOut:
-    """What a recording is known to lack; of one that was recovered, what came after that.
+    """Known losses of a recording; of one that was recovered, those after that.
 
     Attributes:
         damaged_chunks: Chunks that were met and are damaged.
@@ -97,7 +97,7 @@ class LeftOut:
         return f"the recording is not whole, and so is what came of it: without {' and '.join(found)}" if found else ""
 
     def document(self) -> dict[str, object]:
-        """Its counts and times for a JSON document; stamps as decimal strings."""
+        """Counts and times for a JSON document; stamps as decimal strings."""
         return {
             "damaged_chunks": self.damaged_chunks,
             "missing_segments": self.missing_segments,
@@ -208,7 +208,7 @@ class Recording:
 
     @cached_property
     def zero_ns(self) -> int:
-        """What people's seconds count from: the stamp of the first image, without images the earliest log time.
+        """Zero of people's seconds: the stamp of the first image, without images the earliest log time.
 
         Raises:
             InputError: The image's record is damaged.
@@ -220,7 +220,7 @@ class Recording:
             return decode_image(first.data).stamp_ns
 
     def left_out(self, *, images: bool = False) -> LeftOut:
-        """What is known so far to be missing of the data; where asked, of the images too."""
+        """Known losses of the data so far; where asked, of the images too."""
         segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()
         stems = ("data", "images") if images else ("data",)
         gaps = [gap for segment in segments for gap in segment.all_gaps()]
@@ -319,7 +319,7 @@ class Recording:
 
 
 def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
-    """What is proven to be missing between segments, by what they and their neighbours count.
+    """Proven gaps between segments, by what they and their neighbours count.
 
     Args:
         segments: Of one series, in order.
@@ -349,7 +349,7 @@ def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]
 
 
 def _gaps_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
-    """What is proven to be missing behind the last segment, of the arguments of ``_gaps_between``."""
+    """Proven gap behind the last segment, of the arguments of ``_gaps_between``."""
     gaps = []
     if segments and segments[-1].after is not None:
         gaps.append(Gap(from_ns=segments[-1].end_ns, to_ns=None))

@@ -15,7 +15,7 @@ _Key = tuple[str, int]
 
 @dataclass(slots=True)
 class RedetectionStatistics:
-    """How points that were detected again differ from the recorded ones.
+    """Differences of points that were detected again from the recorded ones.
 
     Attributes:
         moves_px: Of each point that is in both.

@@ -20,7 +20,7 @@ from aerodft.adapters.recording.read import (
 
 
 def segment_order(path: Path) -> tuple[list[int], str]:
-    """What files that were split are put in order by: ``data_1000`` comes after ``data_999``."""
+    """Sort key of split files: ``data_1000`` comes after ``data_999``."""
     return [int(digits) for digits in re.findall(r"\d+", path.stem)], path.name
 
 

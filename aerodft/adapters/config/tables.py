@@ -74,12 +74,12 @@ class Table(BaseModel):
         return cls.model_construct(**{key: value for key, value in found.items() if key not in replaced})
 
     def to_toml(self) -> dict[str, Any]:
-        """What TOML has for the keys that are set, in the order of the table; what is None is left out."""
+        """TOML values of the keys that are set, in the order of the table; None is left out."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_unset=True, warnings="error")
 
     @classmethod
     def without_marked(cls, document: dict[str, Any]) -> dict[str, Any]:
-        """What ``to_toml`` returned, without the keys that are ``NOT_IN_CONFIG_ID``."""
+        """A result of ``to_toml`` without the keys that are ``NOT_IN_CONFIG_ID``."""
         found = {}
         for key, _, nested in _keys(cls):
             if key in document and NOT_IN_CONFIG_ID not in cls.model_fields[key].metadata:
@@ -246,7 +246,7 @@ def _to_key(value: AnyValue, key: str, attribute: str, si: SiAttribute, nested: 
 
 
 def _owner_of(value: object, name: str) -> tuple[object, str] | None:
-    """What has the attribute that a key is, and its name; None where nothing has."""
+    """The object that has the attribute of a key, and the attribute's name; None where nothing has."""
     *path, last = name.split(".")
     for step in path:
         value = getattr(value, step, None)
@@ -317,7 +317,7 @@ def _within(kind: type, attribute: str) -> AnyValue:
 
 
 def _attribute_of(kind: type, key: str) -> str | None:
-    """What an attribute is called that says what a key says; None where there is none."""
+    """Name of the attribute that a key stands for; None where there is none."""
     names, (stem, _, unit) = _hints(kind), key.rpartition("_")
     in_si = (f"{stem}_{si}" for people, si in _INTO_SI if people == unit)
     return next((name for name in (key, *in_si) if name in names), None)

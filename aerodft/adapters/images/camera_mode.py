@@ -165,7 +165,7 @@ def _doubts(path: Path, camera: Camera) -> Iterator[str]:
 
 
 def _difference(mode: CameraMode, other: CameraMode) -> tuple[str, str] | None:
-    """What the first has and what the other has, where both say it and differ."""
+    """First value that differs, as each mode states it; None where none that both state does."""
     others = asdict(other)
     for key, value in asdict(mode).items():
         expected = others[key]

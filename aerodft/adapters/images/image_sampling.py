@@ -108,7 +108,7 @@ def _of_video(path: Path) -> Iterator[tuple[int, ImageArray, float]]:
 
 
 def _sharpness(pixels: ImageArray) -> float:
-    """How much of the picture changes from pixel to pixel; for images of the same scene only."""
+    """Sharpness: variance of the Laplacian; comparable among images of one scene only."""
     grey = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
     scale = _COMPARED_PX / max(grey.shape)
     if scale < _LINEAR:

@@ -231,7 +231,7 @@ def _decoded(data: bytes) -> ImageArray | None:
 
 
 def _pixels_of(data: bytes) -> int:
-    """How many an image has by its header; 0 where it has none that could be read."""
+    """Number of pixels by an image's header; 0 where none could be read."""
     from PIL import Image as PillowImage  # noqa: PLC0415 - for what was recorded only
 
     try:

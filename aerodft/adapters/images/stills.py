@@ -332,7 +332,7 @@ def _is_whole(data: bytes) -> bool:
 
 
 def _first_scan(data: bytes) -> int:
-    """Where a JPEG's picture data begins: behind the segments, one of which may hold a whole thumbnail."""
+    """Offset of a JPEG's picture data: behind the segments, one of which may hold a whole thumbnail."""
     at = 2
     while at + 4 <= len(data) and data[at] == _JPEG_SCAN[0] and data[at : at + 2] != _JPEG_SCAN:
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")

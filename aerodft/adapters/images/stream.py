@@ -202,7 +202,7 @@ class UdpFile:
         return data
 
     def arrival_ns(self, offset: int) -> int | None:
-        """When the byte at ``offset`` of the stream came; None where that is forgotten.
+        """Arrival of the byte at ``offset`` of the stream; None where that is forgotten.
 
         A transport stream's image ends only where the next one begins: its own first byte tells the truth, a period
         before the demuxer lets it out.
@@ -323,7 +323,7 @@ def _units(data: bytes) -> list[tuple[int, bytes]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamStatus:
-    """How a stream is doing.
+    """State of a stream: whether it is connected, images delivered and left out, and losses.
 
     Attributes:
         connected: Whether images are coming.
@@ -387,7 +387,7 @@ class StreamReader:
 
     @property
     def status(self) -> StreamStatus:
-        """How it is doing now."""
+        """State of the stream now."""
         return self._status
 
     def start(self) -> None:

@@ -126,7 +126,7 @@ class Channels:
     _changes: list[tuple[dict[int, Any], int, Any]] = field(default_factory=list)
 
     def begin_chunk(self) -> None:
-        """Another chunk begins, whose definitions ``undo_chunk`` takes back."""
+        """Note that a chunk begins, whose definitions ``undo_chunk`` takes back."""
         self._bytes_before, self._owner = self._bytes, None
         self._changes.clear()
 

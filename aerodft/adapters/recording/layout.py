@@ -37,7 +37,7 @@ Compressor: TypeAlias = zstandard.ZstdCompressor
 
 
 def compressor() -> Compressor:
-    """What chunks are compressed with; used by one thread at a time, and cheaper used again than made anew."""
+    """Compressor of chunks; for one thread at a time, and cheaper used again than made anew."""
     return zstandard.ZstdCompressor(compression_params=_ZSTD)
 
 
@@ -71,7 +71,7 @@ class EncodedChunk(NamedTuple):
 
     @property
     def messages(self) -> int:
-        """How many messages are in it."""
+        """Number of messages in the chunk."""
         return sum(self.counts.values())
 
 
@@ -99,7 +99,7 @@ class ChunkBuffer:
         self.more(len(definition))[:] = definition
 
     def more(self, size: int) -> memoryview:
-        """So many bytes more of the content, which are then to be written."""
+        """A part of the content of some bytes, to be written next."""
         begin, end = self.content_bytes, self.content_bytes + size
         if end > len(self._memory):
             grown = np.empty(max(end, 2 * len(self._memory), _USUAL_BYTES), dtype=np.uint8).data

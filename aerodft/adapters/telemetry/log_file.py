@@ -31,7 +31,7 @@ class LogSource(Source, Protocol):
         ...
 
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with it, one sentence each; complete once ``events`` has ended."""
+        """Sentences on damage in the log; complete once ``events`` has ended."""
         ...
 
 
@@ -43,12 +43,12 @@ class LogFormat(Protocol):
 
     @property
     def PROTOCOL(self) -> str:  # noqa: N802 - a module's constant
-        """What its blocks of raw frames are marked with, here and in recordings; formats of one protocol share it."""
+        """Mark of the format's blocks of raw frames, here and in recordings; formats of one protocol share it."""
         ...
 
     @property
     def TITLE(self) -> str:  # noqa: N802 - a module's constant
-        """What such a file is, for the sentence that refuses others: ``a MAVLink .tlog``."""
+        """Words for such a file, for the sentence that refuses others: ``a MAVLink .tlog``."""
         ...
 
     def recognises(self, head: bytes) -> bool:
@@ -84,11 +84,11 @@ class Piece:
 
     @property
     def stop(self) -> int:
-        """Where the part ends in the log."""
+        """End of the part in the log."""
         return self.first + self.limit
 
     def block(self, rows: IntArray, protocol: str, sender: str, *, checked: bool = False) -> RawBlock:
-        """What a scanner found in it: ``rows (3, n)`` of where in ``data``, how long, and when in us."""
+        """Block of the frames that a scanner found: ``rows (3, n)`` of place in ``data``, length, and us."""
         start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
         return RawBlock(
             protocol=protocol,

@@ -275,7 +275,7 @@ class SignatureCheck:
         return SigningCounts(verified=self._verified, unsigned=self._unsigned, refused=dict(self._refused))
 
     def passed(self, frames: Sequence[bytes]) -> list[bytes]:
-        """Those of whole, intact frames that may be believed, in their order."""
+        """The whole, intact frames that may be believed, in their order."""
         known = max(signing_time(self._now_ns()), self._state.latest)
         return [frame for frame in frames if self._believes(frame, known)]
 

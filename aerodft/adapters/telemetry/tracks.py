@@ -116,7 +116,7 @@ class Rows:
 
 
 def beyond(values: FloatArray, limit: float) -> BoolArray:
-    """Where values are NaN, or larger in size than a limit."""
+    """Mask of values that are NaN, or larger in size than a limit."""
     return ~(np.abs(values) <= limit)
 
 
@@ -438,7 +438,7 @@ def _estimator_track(
 
 
 def gimbal_failure_tracks(rows: Rows) -> Iterator[GimbalFailureTrack]:
-    """What GIMBAL_DEVICE_ATTITUDE_STATUS says of failures: such rows hold no attitude, and others may fill the gap."""
+    """Failures by GIMBAL_DEVICE_ATTITUDE_STATUS: such rows hold no attitude, and others may fill the gap."""
     failures = rows.payload["failure_flags"]
     if not np.any(failures):
         return

@@ -36,15 +36,15 @@ class Keys:
         self.observations = f"{self.root}/observation/*"  # yours to publish: pixels of an observed probe
 
     def measurement(self, probe: str) -> str:
-        """Where a probe's measurements are published."""
+        """Key that a probe's measurements are published on."""
         return f"{self.root}/measurement/{key_part(probe)}"
 
     def number(self, probe: str) -> str:
-        """Where an exported file, and Foxglove, have a probe's values alone."""
+        """Key of a probe's values alone, in exported files and in Foxglove."""
         return f"{self.root}/number/{key_part(probe)}"
 
     def observation(self, probe: str) -> str:
-        """Where a probe's observations are expected."""
+        """Key that a probe's observations are expected on."""
         return f"{self.root}/observation/{key_part(probe)}"
 
     def observed_probe(self, key: str) -> str:

@@ -181,7 +181,7 @@ def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
 
 
 def _place_near(pipeline: Pipeline, image: Image) -> "CameraPlace | None":
-    """Where the camera is by the newest pose; None where that is too old, or has no place on the map."""
+    """Camera's place by the newest pose; None where that is too old, or has no place on the map."""
     from calibration.markers import CameraPlace  # noqa: PLC0415
 
     sample = _pose_near(pipeline, image)

@@ -66,7 +66,7 @@ def check_unknowns(names: tuple[str, ...], known: EvidenceSet, camera: Camera, m
 
 
 def wrong_unknowns(error: ValueError) -> UsageError:
-    """What the solver says of unknowns, as an error of whoever asked for them."""
+    """The solver's error about unknowns, as a ``UsageError``."""
     return UsageError(_UNKNOWNS, got=str(error).removeprefix("got "))
 
 
@@ -146,7 +146,7 @@ def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_mi
 
 
 def _in_line(result: Result | ImagesResult) -> str:
-    """What to say of landmarks of one image that are all in one line; empty where they are not."""
+    """Remark on landmarks of one image that all lie in one line; empty where they do not."""
     places_m = result.problem.landmarks[0] if isinstance(result, Result) else np.zeros((0, 3))
     if len(places_m) < _LINE:
         return ""

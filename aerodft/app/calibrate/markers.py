@@ -155,7 +155,7 @@ def _combined(seen: dict[str, _Sightings], camera: Camera) -> tuple[_Sightings, 
 
 
 def _excess(sighting: MarkerSighting, typical: MarkerSighting) -> float:
-    """By how much it is farther away than chance allows, px."""
+    """Distance beyond that which chance allows, px."""
     return math.dist(sighting.pixel, typical.pixel) - _MOVED_PX - _MOVED_STDS * sighting.std_px
 
 

@@ -60,7 +60,7 @@ class CalibrationResult:
 
     @property
     def values(self) -> dict[str, float]:
-        """What was found, by names with their units (``height_agl_m``, ``tilt_deg``, ``focal_px``, ...)."""
+        """Fitted values by names with units (``height_agl_m``, ``tilt_deg``, ``focal_px``, ...)."""
         return displayed_values(self.fit, self.evidence.frame)
 
     @property
@@ -75,7 +75,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know: rejected observations, stds that are too small, doubts about images."""
+        """Sentences worth knowing: rejected observations, stds that are too small, doubts about images."""
         return calibration_notes(self.fit, self.evidence)
 
     def refusal(self, *, is_saved: bool = False) -> AerodftError | None:

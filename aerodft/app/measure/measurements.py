@@ -60,7 +60,7 @@ class ImageProbe:
 
 
 class Position(ImageProbe):
-    """Where a pixel's ground point is; a 95 % ellipse instead of one value.
+    """Ground point of a pixel; a 95 % ellipse instead of one value.
 
     Example:
         >>> Position((1944, 1800), name="ford").pixels

@@ -40,7 +40,7 @@ class _PoseOnly:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overrides:
-    """What takes the place of what a recording was made with; None for its own.
+    """Replacements for parts of a recording's own setup; None keeps its own.
 
     Attributes:
         config: Station configuration.

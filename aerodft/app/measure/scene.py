@@ -102,7 +102,7 @@ _UNSTATED: Final = PoseStd()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPose:
-    """Where a camera is and where it looks.
+    """Place and attitude of a camera.
 
     Attributes:
         height_m: Above the ground right below the camera.
@@ -201,7 +201,7 @@ class CameraPose:
         )
 
     def _std(self, height_m: float) -> model.PoseStd:
-        """How well the pose is known; nothing beside a covariance."""
+        """Standard deviations of the pose; nothing beside a covariance."""
         return self.std.si(height_m) if self.covariance is None else model.PoseStd()
 
     def _height_m(self, origin: GeoOrigin | None) -> float:
@@ -284,7 +284,7 @@ def _ground(terms: GroundTerms, origin: GeoOrigin | None) -> tuple[Ground | None
 
 @dataclass(frozen=True, slots=True)
 class MeasuredSurface:
-    """Where the measured surface is, and how far it is looked at.
+    """Elevation of the measured surface, and the range to which it is measured.
 
     Attributes:
         elevation_m: Above the ground.

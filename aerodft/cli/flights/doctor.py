@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowedOptions:
-    """Who is listened to; None for whom the configuration names, or who is heard first."""
+    """Options on the vehicle to follow; None for the configured one, or the first that is heard."""
 
     system: Annotated[int | None, typer.Option(min=1, max=255, help="MAVLink system to follow.")] = None
     component: Annotated[int | None, typer.Option(min=1, max=255, help="Its autopilot, where it has several.")] = None
@@ -41,13 +41,13 @@ class FollowedOptions:
     ] = None
 
     def followed(self, configured: "FollowedIds") -> "FollowedIds":
-        """Who is followed."""
+        """Ids of the vehicle to follow."""
         return replace(configured, **{name: number for name, number in asdict(self).items() if number is not None})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ListeningOptions:
-    """How a live link is listened to."""
+    """Options for listening to a live link."""
 
     seconds: Annotated[float, typer.Option(min=0.1, max=MOST_SECONDS, help="How long to listen to a link.")] = 10.0
     baud: Annotated[int | None, typer.Option(min=1, help="Baud rate of a serial link.")] = None

@@ -97,7 +97,7 @@ def _show(found: "VideoAlignment") -> None:
 
 
 def next_best(peak_ratio: float) -> str:
-    """How far any other offset is from fitting as well, by the share of the best one's evidence that it has."""
+    """Sentence on how much worse the next best offset fits, by its share of the best one's evidence."""
     if peak_ratio < _NOTABLE_RATIO:
         return "No other offset fits."
     return f"No other offset fits as well: the next best one explains {peak_ratio:.0%} of what this one does."

@@ -18,7 +18,7 @@ _PROVENANCE_KEYS = ("recording", "recording_sha256", "config", "calibration")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManyOptions:
-    """How many recordings are computed at once."""
+    """Options for many recordings at once."""
 
     scheduler: Annotated[
         str | None,

@@ -74,7 +74,7 @@ class PlayOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutletOptions:
-    """Where messages go."""
+    """Options on the destination of messages."""
 
     mavlink: Annotated[str | None, typer.Option(help="Send its MAVLink there too, as it came: udpout:HOST:PORT.")] = (
         None

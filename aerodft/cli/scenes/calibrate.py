@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvidenceOptions:
-    """What a file of evidence does not say by itself; named as ``app.calibrate.calibrate`` has it."""
+    """Options on what a file of evidence leaves open; named as ``app.calibrate.calibrate`` has it."""
 
     telemetry: Annotated[
         Path | None,

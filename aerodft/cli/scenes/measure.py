@@ -42,7 +42,7 @@ ProbeOption: TypeAlias = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedOptions:
-    """Where camera and pose are taken from, in place of options."""
+    """Options that take camera and pose from a recording."""
 
     recording: Annotated[Path | None, _of_recording(help="Take camera and pose from this recording.")] = None
     at: Annotated[str | None, _of_recording(help="Seconds from the first image, UTC ns, or ISO 8601.")] = None
@@ -240,7 +240,7 @@ def _check_model(
 
 
 def cautions(camera: Camera, sample: PoseSample) -> list[str]:
-    """What the paper's model cannot see of this camera and pose, a sentence each: the horizon (Eq. 1), and roll."""
+    """Cautions about the paper's model for this camera and pose: the horizon (Eq. 1), and roll."""
     from aerodft.dft import tilt_warning
     from aerodft.geometry import camera_angles
 

@@ -124,7 +124,7 @@ def _listed(values: FloatArray | None) -> list[Any] | None:
 
 
 def _apart(item: ModelDifference) -> tuple[list[float] | None, list[float] | None]:
-    """How far the two ground points of each pixel are apart, in m and in percent of the pinhole's slant range."""
+    """Distances between both models' ground points, in m and in percent of the pinhole's slant range."""
     if item.ground_m is None or item.pinhole.range_m is None:
         return None, None
     apart = [math.hypot(*row) for row in item.ground_m.tolist()]

@@ -43,7 +43,7 @@ _MAX_DECIMALS = 6
 
 
 def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> list[str]:
-    """What a person should know: doubts about images, rejected observations, and whether the stated stds are true."""
+    """Sentences worth knowing: doubts about images, rejected observations, and whether stated stds are true."""
     solution, notes = result.solution, list(evidence.notes)
     for each, left in zip(result.evidence, result.left, strict=True):
         if math.isfinite(left.px):
@@ -153,7 +153,7 @@ def _observability(result: Result | ImagesResult, frame: LocalFrame) -> dict[str
 
 
 def displayed_values(result: Result | ImagesResult, frame: LocalFrame) -> dict[str, float]:
-    """What was found, by the names that people see (``tilt_deg``), in the order of the unknowns."""
+    """Fitted values by the names that people see (``tilt_deg``), in the order of the unknowns."""
     if isinstance(result, ImagesResult):
         return result.named_values
     return values_of(result.solution.state, result.names, frame)
@@ -186,7 +186,7 @@ def decimals(std: float) -> int:
 
 
 def _images(result: ImagesResult, frame: LocalFrame) -> list[dict[str, Any]]:
-    """Where each image was taken, and how far that is from the corrected telemetry in its own standard deviations."""
+    """Place of each image, and its distance from the corrected telemetry in standard deviations."""
     described = []
     for view, camera, own in zip(result.problem.views, result.solution.cameras, result.solution.state.own, strict=True):
         tilt_deg, roll_deg, heading_deg = angles_deg(camera)
@@ -430,7 +430,7 @@ def _place(about: dict[str, Any]) -> str:
 
 
 def _correlation_table(about: dict[str, Any]) -> tuple[str, ...]:
-    """How the unknowns depend on each other; nothing for a single one."""
+    """Table of the unknowns' correlations; nothing for a single one."""
     names = about["order"]
     if len(names) == 1:
         return ()
@@ -457,7 +457,7 @@ def _known(result: Result, evidence: EvidenceFile) -> list[str]:
 
 
 def _fit_sentences(result: Result | ImagesResult) -> list[str]:
-    """How well a calibration fits, in sentences."""
+    """Sentences on how well a calibration fits."""
     solution, sentences = result.solution, []
     if result.rms_px is not None:
         sentences.append(f"The landmarks are {result.rms_px:.2f} px off (root mean square), outliers apart.")

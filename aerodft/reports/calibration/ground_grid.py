@@ -221,7 +221,7 @@ class _Line:
         self._distance = math.hypot(height, value_m - float(foot[axis]))
 
     def pieces(self, low_m: float, high_m: float, gap_px: float) -> list[FloatArray]:
-        """What is drawn of it between two values of the other coordinate, ``(k, 2)`` each."""
+        """Drawn pieces of the line between two values of the other coordinate, ``(k, 2)`` each."""
         ends = [math.atan((end - self._nearest) / self._distance) for end in (low_m, high_m)]
         angles = np.linspace(ends[0], ends[1], _POINTS)
         shown = self._is_shown(angles, gap_px)

@@ -129,7 +129,7 @@ def pixels_of(state: State, points_enu_m: FloatArray) -> FloatArray:
 
 
 def ground_of(state: State, pixels_px: FloatArray, elevation_m: float) -> FloatArray:
-    """Where pixels ``(..., 2)`` meet the level plane at ``elevation_m``: ``(..., 3)``, NaN where they do not."""
+    """Points ``(..., 3)`` at which pixels ``(..., 2)`` meet the level plane at ``elevation_m``; NaN for a miss."""
     return state.ground_points(pixels_px, elevation_m).points_enu_m
 
 
@@ -208,7 +208,7 @@ def _vertical(state: State, evidence: Vertical) -> FloatArray:
 
 
 def _lines(state: State, evidence: GroundLines) -> FloatArray:
-    """Both lines, turned about their middles by the same amount in their level planes."""
+    """Two parallel lines, turned about their middles by equal amounts in their level planes."""
     rays = _rays(state, (*evidence.first, *evidence.second))
     level = rays / np.abs(rays[:, 2:])
     if np.any(level[0::2, 2] != level[1::2, 2]):

@@ -186,7 +186,7 @@ class Picture:
 
     @property
     def enlarged(self) -> float:
-        """What residuals are multiplied with: 1, 2, 5, 10, ... so that a typical one is seen and none covers much."""
+        """Factor of drawn residuals: 1, 2, 5, 10, ... so that a typical one is seen and none covers much."""
         off = np.array([np.linalg.norm(mark.off_px) for mark, is_outlier in self.marks if not is_outlier])
         known = off[np.isfinite(off)]
         if not np.any(known > _TINY_PX):

@@ -216,7 +216,7 @@ class SteadyPoints:
 
     @property
     def corners(self) -> int | None:
-        """How many points the reference has; None before there is one."""
+        """Number of the reference's points; None before there is one."""
         return None if self._held is None else self._held.corners
 
     def observe(self, image: Image) -> tuple[Observation, ...]:

@@ -181,7 +181,7 @@ class PlaneMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Turns:
-    """How a camera turned from image to image.
+    """Rotations of a camera from image to image.
 
     Attributes:
         rotvec_rad: ``(n, 3)`` ``earlier_SO3_later``: angular rate in camera axes times the time between the images.
@@ -300,7 +300,7 @@ def _apply_with_jacobian(h: FloatArray, xy: FloatArray) -> tuple[FloatArray, Flo
 
 
 def layered_motion(pairs: Sequence[ImagePair], rotvec_rad: FloatArray, normal_cam: FloatArray) -> PlaneMotion:
-    """The homographies of what moves alike in each pair: one or two of a pair, none where nothing does.
+    """Homographies of one or two layers that move alike in each pair; none where nothing does.
 
     Args:
         pairs: ``n`` image pairs.

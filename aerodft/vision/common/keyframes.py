@@ -157,7 +157,7 @@ def apply_change(homography: FloatArray, by: FloatArray, unit: FloatArray) -> Fl
 
 
 def change_between(homography: FloatArray, other: FloatArray, unit: FloatArray) -> FloatArray:
-    """By which eight elements the other homography is off from the first."""
+    """Differences of eight elements between another homography and a first one."""
     ratio = np.linalg.inv(unit) @ other @ np.linalg.inv(homography) @ unit
     return _free(ratio / ratio[2, 2] - _EYE)
 
@@ -198,7 +198,7 @@ class PlanePoses:
         return ImagePose(sample.pose, 1.0 if sample.zoom is None else sample.zoom.magnification)
 
     def view_of(self, seen: ImagePose | None) -> UndistortedView:
-        """Where zooming changes what the lens bends: by the last zoom that is known."""
+        """Undistorted view at the last known zoom, where zooming changes what the lens bends."""
         if seen is not None:
             return self.zoomed(self._view, seen)
         return self._zoomed[id(self._view)][1] if id(self._view) in self._zoomed else self._view
@@ -212,7 +212,7 @@ class PlanePoses:
         return known[1]
 
     def plane_pose(self, seen: ImagePose | None) -> PlanePose | None:
-        """Where an image was taken from; None where that, or how high the plane is, is not known."""
+        """Pose of an image over the plane; None where the pose, or the plane's height, is not known."""
         if seen is None or self.elevation_m is None or not seen.pose.position_enu_m[2] > self.elevation_m:
             return None
         lens = self._view.intrinsics.copy()
@@ -222,7 +222,7 @@ class PlanePoses:
         return PlanePose(lens, matrix(seen.pose.wxyz), place_m)
 
     def find_plane(self, seen: ImagePose, pixel: FloatArray, ground: Ground | None, elevation_m: float) -> None:
-        """How high the plane is at a pixel ``(2,)``, which is on the ground or so high above it.
+        """Find the plane's height at a pixel ``(2,)``, which is on the ground or so high above it.
 
         It stays unknown where the pixel shows no ground, or the camera is below it.
         """
@@ -279,7 +279,7 @@ class Stillness:
         self._last: GroundDrift | None = None
 
     def again(self) -> "Stillness":
-        """Of other points of that keyframe, of which nothing is known yet."""
+        """A fresh start for other points of the keyframe, of which nothing is known yet."""
         return Stillness(self._begun_s, LAND_AT_FIRST)
 
     def with_evidence(self, drift: GroundDrift) -> float:
@@ -308,7 +308,7 @@ class Stillness:
         return self._last is not None
 
     def unwatched_px(self, time_s: float) -> float:
-        """What they may have gone by now, a standard deviation, while telemetry says nothing."""
+        """Standard deviation of the points' drift by now, while telemetry says nothing."""
         if self._last is None:
             return 0.0
         scale = math.sqrt(abs(float(np.linalg.det(self._last.px_by_m))))
@@ -320,7 +320,7 @@ class Stillness:
         return -float(step @ step) / (2 * self._still_px(drift) ** 2)
 
     def _still_px(self, drift: GroundDrift) -> float:
-        """How far points that lie still may seem to have gone, a standard deviation in each coordinate."""
+        """Standard deviation, in each coordinate, of the apparent drift of points that lie still."""
         elapsed_s = abs(drift.time_s - self._since_s)
         metres = math.hypot(
             _DRIFT_MPS * min(elapsed_s, _DRIFT_S),
@@ -429,6 +429,6 @@ def corners_of(small: ImageArray, near_px: FloatArray) -> FloatArray:
 
 
 def nearest_px(points_px: FloatArray, others_px: FloatArray) -> FloatArray:
-    """How far each of ``(n, 2)`` is from the nearest of ``(m, 2)``; NaN is far."""
+    """Distance of each of ``(n, 2)`` from the nearest of ``(m, 2)``; NaN is far."""
     apart = np.linalg.norm(points_px[:, None] - others_px, axis=-1)
     return np.asarray(np.min(np.where(np.isnan(apart), np.inf, apart), axis=1, initial=np.inf))

@@ -71,7 +71,7 @@ class UndistortedView:
         return np.array([[lens.fx_px, 0, lens.cx_px], [0, lens.fy_px, lens.cy_px], [0, 0, 1.0]])
 
     def zoomed(self, magnification: float) -> "UndistortedView":
-        """That of the same camera at another focal length; it bends other pixels by other amounts."""
+        """The view at another focal length, at which the lens bends other pixels by other amounts."""
         return UndistortedView(self._whole.zoomed(magnification, 0.0), self._about_px) if self._is_distorted else self
 
     def small(self, pixels: ImageArray) -> ImageArray:
@@ -114,7 +114,7 @@ class UndistortedView:
         return self.distort(apply_homography(homography, then.undistort(small_px)))
 
     def warp(self, small: ImageArray, homography: FloatArray, then: "UndistortedView") -> ImageArray:
-        """What a small image ``(height, width)`` of another view shows, as this one sees it; its border is repeated."""
+        """A small image ``(height, width)`` of another view as this one sees it; its border is repeated."""
         inverse: FloatArray = np.asarray(np.linalg.inv(homography), dtype=np.float64)
         nodes = then.distort(apply_homography(inverse, self._nodes))
         columns_px, rows_px = between_nodes(nodes, self.camera.width_px, self.camera.height_px)

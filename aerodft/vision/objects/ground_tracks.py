@@ -102,7 +102,7 @@ def footprints(setup: Setup, pose: Pose, observations: tuple[Observation, ...]) 
 def below_top(
     setup: Setup, pose: Pose, footprint: ObjectFootprint, height_m: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Where an object stands of which the top is seen: east and north ``(2,)``, and their covariance ``(2, 2)``.
+    """Foot of an object of which the top is seen: east and north ``(2,)``, with covariance ``(2, 2)``.
 
     Args:
         setup: The station's circumstances.
@@ -305,7 +305,7 @@ class GroundTrack:
         return abs(footprint.height_m / self.height_m - 1) < _SAME_HEIGHT
 
     def aside_px(self, footprint: ObjectFootprint) -> float:
-        """By how much the middle of what is seen may be beside its middle, px."""
+        """Bound of the distance between the middle of the seen outline and the object's middle, px."""
         if not self.widths_m or not footprint.width_m > 0:
             return 0.0
         share = float(np.median(self.widths_m)) / footprint.width_m
@@ -329,7 +329,7 @@ class GroundTrack:
 
     @property
     def height_m(self) -> float:
-        """How high it is; NaN where that is not known."""
+        """Height of the object; NaN where it is not known."""
         return float(np.median(self.heights_m)) if self.heights_m else math.nan
 
     def has_moved(self, camera_enu_m: FloatArray) -> bool:

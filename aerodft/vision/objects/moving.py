@@ -123,7 +123,7 @@ def outlines_of(mask: BoolArray, slack_px: float = _SLACK_PX) -> list[FloatArray
 
 
 def shadows(image: ImageArray, background: ImageArray, labelled: BoolArray) -> BoolArray:
-    """Where there is shadow, of what is not background.
+    """Mask of shadows among what is not background.
 
     Args:
         image: ``(height, width, 3)`` BGR.
@@ -162,7 +162,7 @@ def _roughness(image: ImageArray, background: ImageArray, gain: Planes) -> Plane
 def without_shadows(
     pixels: ImageArray, background: ImageArray, new: BoolArray, labelled: BoolArray, min_area_px: int
 ) -> BoolArray:
-    """What is new and in no shadow; looked at only where there is something.
+    """Mask of what is new and in no shadow; computed only where there is something.
 
     Args:
         pixels: ``(height, width, 3)`` BGR.
@@ -184,7 +184,7 @@ def without_shadows(
 
 
 def _scraps(mask: BoolArray) -> BoolArray:
-    """What is small beside the largest part of a mask ``(height, width)``: rests of a shadow."""
+    """Small parts of a mask ``(height, width)`` beside the largest: rests of a shadow."""
     _, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA]
     small = areas < _SCRAP * np.max(areas[1:], initial=0)
@@ -262,7 +262,7 @@ def remember_changes(
 
 
 def stable_mask(share: Planes) -> BoolArray:
-    """Where who moves can be told ``(height, width)``."""
+    """Mask ``(height, width)`` of places calm enough to detect motion."""
     return np.asarray(cv2.blur(share, (_AROUND_PX, _AROUND_PX)) < _MOST_FLICKER)
 
 
@@ -328,7 +328,7 @@ class GroundCanvas:
         return np.asarray(seen, dtype=np.uint8), np.asarray(is_seen)
 
     def warp_from(self, planes: np.ndarray, other: "GroundCanvas") -> np.ndarray:
-        """What lies on another canvas ``(h, w, ...)`` as it lies on this one; 0 where there is nothing."""
+        """Planes of another canvas ``(h, w, ...)`` warped onto this one; 0 where there is nothing."""
         back = np.eye(3)
         back[:2, 2] = -self._margin_px
         onto = np.linalg.inv(other.onto(np.eye(3))) @ np.linalg.inv(self.since_first) @ back
@@ -386,7 +386,7 @@ class GroundBackground:
     def new_in(
         self, seen: ImageArray, is_seen: BoolArray, window: Window, elapsed_s: float
     ) -> tuple[BoolArray, BoolArray]:
-        """Where an image ``(h, w, 3)`` that is laid into a window shows something else, and where what may be shade."""
+        """Masks of an image ``(h, w, 3)`` in a window: differing from the background, and possibly shade."""
         mean = self.mean[window]
         off = seen.astype(np.float32) - mean
         grey = cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY)
@@ -493,7 +493,7 @@ class MovingObjects:
         return [outline for outline in found if not is_ghost(pixels, background, new, outline)]
 
     def _stable_mask(self, new: BoolArray, elapsed_s: float) -> BoolArray:
-        """Where who moves can be told ``(height, width)``, with what is new in the next image."""
+        """Mask ``(height, width)`` of places calm enough to detect motion, with what is new in the next image."""
         size = new.shape[1] // _COARSE, new.shape[0] // _COARSE
         now = np.asarray(cv2.resize(new.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
         if self._changes is None:

@@ -176,7 +176,7 @@ def _track_answer(at: _PlacedTrack, sample: PoseSample, pose: Pose, shared: Floa
 def _distance_answer(
     pair: tuple[_PlacedTrack, _PlacedTrack], sample: PoseSample, pose: Pose, shared: FloatArray
 ) -> MeasurementColumn:
-    """Both points are moved alike by what they share: that is in the difference of how they depend on it."""
+    """Distance of two points; shared errors enter by the difference of the points' dependence on them."""
     first, second = pair
     apart = (second.enu_m - first.enu_m)[:2]
     distance = float(np.linalg.norm(apart))

@@ -146,7 +146,7 @@ def _on_ground(pose: Pose, ground: Ground) -> Pose:
 
 
 def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin | None, float, float]:
-    """Where a fixed camera is: an ENU origin with its east and north (m) there.
+    """Place of a fixed camera: an ENU origin, and the camera's east and north (m) there.
 
     Args:
         fixed: The camera's pose.
@@ -186,7 +186,7 @@ def _radians(angle_deg: float | None) -> float:
 
 
 class _PlacedTable(Table):
-    """Where a camera is, and how its pose is known in full."""
+    """Place of a camera, and the full covariance of its pose."""
 
     INSTEAD_OF: ClassVar = {"lat_deg": ("east_m", "north_m")}
 

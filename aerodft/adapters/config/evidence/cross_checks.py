@@ -306,7 +306,7 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str) -> Lo
 
 
 def _own_metres(stated: Sequence[Stated], crs: str) -> str:
-    """What to do where all places look like metres from somebody's own zero; empty where they do not."""
+    """Advice where all places look like metres from a zero of somebody's own; empty where they do not."""
     places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
     if crs == LOCAL or takes_degrees(crs) or not places:
         return ""

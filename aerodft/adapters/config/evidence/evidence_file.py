@@ -186,7 +186,7 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
 
 
 def _plane_note(file: _File, frame: LocalFrame) -> Iterator[str]:
-    """What elevation heights count from, where the file does not say it."""
+    """Sentence on the zero of elevations, where the file does not state it."""
     is_middle = frame.crs != LOCAL or frame.origin != (0.0, 0.0, 0.0)
     key = "`plane_elevation_m`" if file.is_list else "elevation_m in the file"
     if file.table.elevation_m is not None:

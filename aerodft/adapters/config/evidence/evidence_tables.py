@@ -153,7 +153,7 @@ class LandmarkTable(ObservationTable, InDegrees):
 
     @property
     def place(self) -> Place:
-        """Its place in the file's coordinates; None in it for an unknown component."""
+        """Place of the landmark in the file's coordinates; None in it for an unknown component."""
         return self.position_m if self.position_m is not None else (self.lat_deg, self.lon_deg, self.alt_m)
 
     @model_validator(mode="after")
@@ -297,7 +297,7 @@ def _check_stds(key: str, std: tuple[float, ...] | None, size: int) -> None:
 
 
 class CameraPriorTable(InDegrees):
-    """What is known of the camera beforehand, all optional; numbers, or ``{value, std}``."""
+    """Priors of the camera, all optional; numbers, or ``{value, std}``."""
 
     INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
 
@@ -402,7 +402,7 @@ class EvidenceTable(Table):
 
 
 def camera_priors(camera: CameraPriorTable, frame: LocalFrame) -> dict[str, tuple[float, float | None]]:
-    """What a table says of a camera, by the unknowns' names: values and stds (metres, radians); None for no std."""
+    """Priors of a table by the unknowns' names: values and stds (metres, radians); None for no std."""
     stated: dict[str, tuple[float, float | None]] = {}
     if camera.height_agl_m is not None:
         stated["height"] = (camera.height_agl_m.value, camera.height_agl_m.std)
@@ -420,7 +420,7 @@ def camera_priors(camera: CameraPriorTable, frame: LocalFrame) -> dict[str, tupl
 
 
 def priors_from(table: EvidenceTable, frame: LocalFrame) -> tuple[dict[str, Prior], frozenset[str]]:
-    """What is known beforehand by the unknowns' names, and which of it is exact (and has a std of 0)."""
+    """Priors by the unknowns' names, and which of them are exact (and have a std of 0)."""
     stated = camera_priors(table.camera, frame)
     if table.elevation_m is not None:
         stated["elevation"] = (0.0, table.elevation_m.std)

@@ -49,7 +49,7 @@ class LandmarkTable(Table):
 
 
 class LiveCalibrationTable(Table):
-    """How biases are estimated from landmarks."""
+    """Settings of the live estimation of biases from landmarks."""
 
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
     noise: StdTable = StdTable()
@@ -177,7 +177,7 @@ def _from_origin_m(file: "MarkersFile", points_m: FloatArray, origin: GeoOrigin)
 
 
 def marker_landmarks(settings: MarkerSettings | None) -> tuple[SurveyedLandmark, ...]:
-    """What the markers are to a live calibration: a landmark for each surveyed point."""
+    """Landmarks of a live calibration: one for each surveyed point of the markers."""
     if settings is None:
         return ()
     return tuple(

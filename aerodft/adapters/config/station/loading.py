@@ -125,7 +125,7 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
 
 
 def _pose_and_biases(table: ConfigTable) -> tuple[FixedPose | None, Calibration | None]:
-    """What the file itself says of the camera's pose, or of the telemetry's biases; nothing beside a calibration."""
+    """Camera pose, or biases of the telemetry, that the file itself states; nothing beside a calibration."""
     bias = None if table.telemetry is None else table.telemetry.bias
     if bias is None:
         return None if table.pose is None or table.pose.calibration else fixed_pose_from(table.pose), None
@@ -153,7 +153,7 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
 def _calibrated(
     path: Path, camera: Camera, model: ProjectionModel, *, is_fixed: bool
 ) -> tuple[Camera, FixedPose | None, Calibration | None]:
-    """What a station takes of a calibration file: a fixed camera the pose, a moving one the biases.
+    """Settings by a calibration file: a fixed camera takes its pose, a moving one its biases.
 
     The camera comes with them where its lens was found too; biases alone hold in both projection models.
     """

@@ -80,7 +80,7 @@ ImageInput: TypeAlias = VideoFile | Stills | Stream | Device | Rate
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageSettings:
-    """Where images come from.
+    """Source of images.
 
     Attributes:
         source: None where the configuration names none (the command line may, else stamps at a rate).
@@ -99,7 +99,7 @@ class ImageSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservationSettings:
-    """Where observed pixels come from, and what is added to their stamps."""
+    """Source of observed pixels, and the offset of their stamps."""
 
     files: tuple[Path, ...] = ()
     topic: bool = True
@@ -108,7 +108,7 @@ class ObservationSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
-    """What the topics of another tool's recording are; empty where they tell it themselves.
+    """Roles of the topics in another tool's recording; empty where the topics themselves tell.
 
     Attributes:
         mavlink: Of the telemetry.
@@ -208,12 +208,12 @@ class StationConfig:
 
     @property
     def image_offset_s(self) -> float:
-        """What is added to the stamps of the image source: as configured, and as the calibration found it."""
+        """Offset of the image source's stamps: the configured one and that of the calibration."""
         return self.images.time_offset_s + (0.0 if self.calibration is None else self.calibration.bias.time_s)
 
     @property
     def image_clock(self) -> ImageClock:
-        """How stamps of the image source become UTC."""
+        """Clock that maps stamps of the image source to UTC."""
         return ImageClock(
             offset_ns=round(self.image_offset_s * SECOND_NS),
             drift=self.images.time_drift,

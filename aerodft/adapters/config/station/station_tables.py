@@ -39,7 +39,7 @@ Polygon = Annotated[tuple[keys.Pixel, ...], Field(strict=False, min_length=3)]
 
 
 class CameraMotionTable(Table):
-    """How a fixed camera is watched for bumps: what it is held against, and what counts as moved."""
+    """Settings of the watch over a fixed camera: the reference, and the rotation that counts as moved."""
 
     limit_deg: Annotated[float, Field(ge=0.01, le=45)] = 0.2
     every_s: Annotated[float, Field(ge=0, le=3600), NOT_IN_CONFIG_ID] = 1.0
@@ -50,7 +50,7 @@ class CameraMotionTable(Table):
 
 
 class ObjectsTable(Table):
-    """How moving objects are looked for and followed over the ground; the defaults are those of ``ObjectSettings``."""
+    """Settings of detecting and following moving objects; the defaults are those of ``ObjectSettings``."""
 
     detect: bool = True
     every_s: Annotated[keys.Duration, NOT_IN_CONFIG_ID] = 0.0
@@ -73,7 +73,7 @@ class HintsTable(Table):
 
 
 class RiverTable(Table):
-    """How banks are looked for, for probes of kind ``river``; the defaults are those of ``RiverSettings``."""
+    """Settings of finding banks for probes of kind ``river``; the defaults are those of ``RiverSettings``."""
 
     every_s: keys.Duration = 1.0
     spacing_m: keys.Positive = 1.0
@@ -139,7 +139,7 @@ class OriginTable(Table):
 
 
 class StationTable(Table):
-    """Who measures."""
+    """Name of the station."""
 
     name: Annotated[keys.Slug, SiAttribute("station"), NOT_IN_CONFIG_ID]
     origin: OriginTable | None = None
@@ -157,7 +157,7 @@ _INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
 
 
 class ImagesTable(Table):
-    """Where images come from; at most one of the five inputs."""
+    """Source of images; at most one of the five inputs."""
 
     video: Annotated[keys.Text | None, NOT_IN_CONFIG_ID] = None
     start: Annotated[Instant | None, SiAttribute("start_ns"), NOT_IN_CONFIG_ID] = None
@@ -189,7 +189,7 @@ class ImagesTable(Table):
 
 
 class ObservationsTable(Table):
-    """Where observed pixels come from."""
+    """Source of observed pixels."""
 
     files: Annotated[keys.Many[keys.Text], NOT_IN_CONFIG_ID] = ()
     topic: Annotated[bool, NOT_IN_CONFIG_ID] = True
@@ -391,7 +391,7 @@ def _check_object(name: str, tables: tuple[ProbeTable, ...], key: str) -> None:
 
 
 def images_from(table: ImagesTable, folder: Path) -> ImageSettings:
-    """Where images come from; relative paths start from ``folder``."""
+    """Image settings of the tables; relative paths start from ``folder``."""
     offset_s = table.time_offset_s
     source: ImageInput | None = None
     key = next((key for key in _INPUTS if getattr(table, key) is not None), None)

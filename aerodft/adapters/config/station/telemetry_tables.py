@@ -72,7 +72,7 @@ class FixedMountTable(Table):
 
 
 class CameraOnGimbalTable(FixedMountTable):
-    """How the camera sits on its gimbal: yaw, pitch (negative: it looks lower than the gimbal says), roll."""
+    """Mount of the camera on its gimbal: yaw, pitch (negative: it looks lower than the gimbal says), roll."""
 
     pitch_deg: PitchDeg = 0.0
 
@@ -112,7 +112,7 @@ class AttitudeTable(Table):
 
 
 class HealthTable(Table):
-    """What a vehicle may say of itself before its telemetry is not believed."""
+    """Limits of the vehicle's health beyond which its telemetry is not believed."""
 
     heartbeat_s: keys.Gap = 5.0
     max_test_ratio: Annotated[keys.Positive, SiAttribute("max_ratio")] = 1.0
@@ -131,7 +131,7 @@ def _curve_points(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, 
 
 
 class ZoomTable(Table):
-    """How reports of the camera's view are read; the camera file is the reference."""
+    """Settings for reports of the camera's view; the camera file is the reference."""
 
     order: keys.Many[ZoomName] = ("CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION")
     at_percent: Annotated[Percent, SiAttribute("level", *AS_SHARE)] = 0.0
@@ -196,7 +196,7 @@ class TelemetryTable(Table):
 
 
 def telemetry_from(table: TelemetryTable) -> TelemetrySettings:
-    """How telemetry becomes a pose."""
+    """Telemetry settings of the tables."""
     order, height = HeightSettings().order, si_value(HeightSettings, table.height)
     if table.height.order is None:
         by_default = order if table.height.manual_m is None else (*order, HeightSource.MANUAL)

@@ -237,7 +237,7 @@ def salvaged_length(read: Callable[[int, int], bytes], start: int, end: int) -> 
 
 
 def next_chunk(read: Callable[[int, int], bytes], start: int, end: int) -> int | None:
-    """Where the next chunk's record begins that makes sense, as far as its sizes tell; None where there is none.
+    """Offset of the next chunk record whose sizes are plausible; None where there is none.
 
     Args:
         read: Reads so many bytes from an offset of the file.

@@ -148,7 +148,7 @@ class ChunkReader:
                 self._leave_out(place, error)
 
     def _tables(self, place: ChunkLocation, wanted: ChannelFilter | None) -> Iterator[ChunkTable]:
-        """Those of one chunk; its content goes with the generator, before the next chunk is unpacked."""
+        """Tables of one chunk; its content goes with the generator, before the next chunk is unpacked."""
         content = _content(place)
         for records in record_tables(content):
             for row in np.flatnonzero(np.isin(records.opcode, DEFINITIONS)).tolist():
@@ -285,7 +285,7 @@ def is_one_of(channel: IntArray, ids: Iterable[int]) -> BoolArray:
 
 @njit
 def _walk(content: ImageArray, table: IntArray, first: int) -> tuple[int, int]:
-    """How many records there are, ``n`` at most, and where others begin; in ``table (n, 3)`` opcodes and places."""
+    """Number of records, ``n`` at most, and offset of the rest; ``table (n, 3)`` gets opcodes and places."""
     position, count, end = np.int64(first), 0, len(content)
     while position + _HEAD <= end and count < len(table):
         opcode, length = np.int64(content[position]), np.uint64(0)

@@ -291,7 +291,7 @@ class _Scan:
         )
 
     def _skip(self, position: int) -> tuple[int, bool]:
-        """Where to go on behind bytes that make no sense, and whether the file is torn there."""
+        """Offset to go on at behind implausible bytes, and whether the file is torn there."""
         length = salvaged_length(self._read, position, self._size)
         if length is not None:
             self._add_chunk(position + HEAD.size, length)
@@ -490,7 +490,7 @@ def _count(metadata: Metadata) -> tuple[int, int]:
 
 
 def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | None:
-    """What the file's index says; None where it has none, or one that is damaged or does not cover all messages.
+    """Scan by the file's index; None where it has none, or one that is damaged or incomplete.
 
     Args:
         path: The file's name.
@@ -546,12 +546,12 @@ def _has_room_for_counts_only(summary: FileSummary) -> bool:
 
 
 def _end(chunk: ChunkIndex) -> int:
-    """Where a chunk and its message indexes end."""
+    """Offset behind a chunk and its message indexes."""
     return chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
 
 
 def _count_before(offset: int, read: Callable[[int, int], bytes]) -> tuple[int, int] | None:
-    """What the count says that stands before a chunk; None where there is none."""
+    """Counts stated before a chunk; None where there are none."""
     data = read(max(offset - COUNT_BYTES, 0), COUNT_BYTES)
     try:
         if HEAD.unpack_from(data) != (Opcode.METADATA, COUNT_BYTES - HEAD.size):

@@ -315,7 +315,7 @@ class ChunkScanner:
         return DamagedBytes(offset=start, length=at - start, why=why)
 
     def _summary_start(self) -> int | None:
-        """Where the summary begins, its definitions read; None where the file has no sound one at its end."""
+        """Offset of the summary, its definitions read; None where the file has no sound one at its end."""
         summary = read_summary(self._read, self._size)
         if summary is None or not summary.is_checked or summary.start < len(MAGIC) + _DATA_END_BYTES:
             return None

@@ -185,7 +185,7 @@ def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
 
 
 def _scanned(path: Path) -> SegmentScan | None:
-    """What a segment holds as readers see it; None where they cannot read it."""
+    """Scan of a segment as readers see it; None where they cannot read it."""
     try:
         return scan_segment(path)
     except InputError:

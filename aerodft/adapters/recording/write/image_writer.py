@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecorderSettings:
-    """How a recording is made.
+    """Settings of a recording.
 
     Attributes:
         station: Name in topics.
@@ -106,7 +106,7 @@ class ImageWriter:
 
     @property
     def _own_lost(self) -> int:
-        """What segments begin with and is lost too: of a folder that was deleted nothing is left."""
+        """Lost messages that segments begin with: of a folder that was deleted nothing is left."""
         return max(self._writer.own - self._writer.stored, 0)
 
     def image(self, image: Image) -> None:

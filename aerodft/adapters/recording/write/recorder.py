@@ -34,7 +34,7 @@ from aerodft.version import SOFTWARE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingTotals:
-    """What became of all that was offered to a recorder: ``offered = stored + shed + lost``, of both kinds.
+    """Totals of all that was offered to a recorder: ``offered = stored + shed + lost``, of both kinds.
 
     Attributes:
         folder: Where the recording is.
@@ -260,7 +260,7 @@ class McapRecorder:
 
 
 def _metadata(settings: RecorderSettings, texts: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """What every segment says of itself: its recording's id, who made it, with which configuration and camera."""
+    """Metadata of every segment: the recording's id, software, configuration and camera."""
     camera = settings.camera
     recording = secrets.token_hex(_ID_BYTES)
     return {

@@ -183,7 +183,7 @@ class RecordEncoder:
         return ChannelMessage(value.stamp_ns, self._status, encode_status(value))
 
     def _add_inputs(self, rows: "_TickRows", batches: Batches) -> None:
-        """What arrived at the very same time comes in this order: frames, the stamps of images, observations."""
+        """Add inputs; equal arrivals are ordered: frames, stamps of images, observations."""
         for block in sorted(batches.raw, key=lambda block: (block.protocol, block.sender)):
             sender = (block.protocol, block.sender)
             channel = self._senders.setdefault(sender, raw_channel(*sender))
@@ -329,7 +329,7 @@ def camera_calibration(camera: Camera, stamp_ns: int) -> bytes:
 
 
 def location_fix(sample: PoseSample, frame: str) -> bytes | None:
-    """Where the camera is as ``foxglove.LocationFix``, altitude above mean sea level; None without a position."""
+    """Place of the camera as ``foxglove.LocationFix``, altitude above mean sea level; None without a position."""
     lat_rad, lon_rad, alt_msl_m = sample.lat_lon_alt
     if lat_rad is None or lon_rad is None:
         return None

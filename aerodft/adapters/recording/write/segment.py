@@ -201,7 +201,7 @@ MOST_INDEX_BYTES: Final = 8 << 20
 
 
 class Summary:
-    """What stands at the end of a file: where its chunks are, and how much is in them.
+    """Summary section of a file: places of its chunks, and counts of their messages.
 
     Args:
         profile: Of the header.
@@ -239,7 +239,7 @@ class Summary:
         return self._bytes > MOST_INDEX_BYTES
 
     def most_bytes(self, definitions: int) -> int:
-        """What ``footer`` is long at most, with that many bytes of definitions."""
+        """Upper bound of ``footer``'s length, with that many bytes of definitions."""
         return self._bytes + definitions + _CHANNEL_SUMMARY_BYTES * len(self._channels)
 
     def add(self, offset: int, chunk: EncodedChunk) -> None:
@@ -353,7 +353,7 @@ _log = logging.getLogger(__name__)
 
 
 def count_record(chunks: int, messages: int) -> bytes:
-    """What stands before a chunk, always of one length: how many chunks and messages came before it."""
+    """Record before a chunk, always of one length, with the numbers of chunks and messages before it."""
     return encoded(Metadata(name=COUNT_NAME, metadata={"chunks": f"{chunks:012d}", "messages": f"{messages:015d}"}))
 
 
@@ -424,17 +424,17 @@ class Segment:
 
     @property
     def unsynced_bytes(self) -> int:
-        """How much that is."""
+        """Size of the unsynced chunks."""
         return self._whole - self._synced
 
     @property
     def room_bytes(self) -> int:
-        """By how much the file should grow, its end included; less than nothing where it is too large."""
+        """Bytes by which the file should grow, its end included; negative where it is too large."""
         return 0 if self._summary.is_full else min(self._segment_bytes - self._needed(0), self.most_room_bytes)
 
     @property
     def most_room_bytes(self) -> int:
-        """By how much it may grow at the very most."""
+        """Bytes by which the file may grow at the very most."""
         return min(2 * self._segment_bytes, self._file.most_bytes) - self._needed(0)
 
     @property
@@ -465,7 +465,7 @@ class Segment:
 
     @property
     def place(self) -> tuple[int, int]:
-        """What a sync that begins now will have synced, as ``synced`` takes it."""
+        """Place up to which a sync that begins now will have synced, as ``synced`` takes it."""
         return len(self._unsynced), self._whole
 
     def end(self, *, goes_on: bool) -> None:

@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SegmentedWriterSettings:
-    """How a series is written.
+    """Settings of a series of segments.
 
     Attributes:
         folder: Where.
@@ -117,7 +117,7 @@ class SegmentedWriter:
 
     @property
     def own(self) -> int:
-        """How many of them segments begin with."""
+        """Number of messages that segments begin with."""
         return self._own
 
     @property
@@ -277,7 +277,7 @@ class SegmentedWriter:
                 self._failures = 0
 
     def _measure_room(self) -> None:
-        """How much may go into the chunk in progress."""
+        """Update the size that the chunk in progress may have."""
         room_bytes = _CHUNK_BYTES if self._segment is None else min(_CHUNK_BYTES, self._segment.room_bytes)
         self._room_bytes = room_bytes - self._buffer.content_bytes
 
@@ -404,7 +404,7 @@ class _Syncing:
             self._running = (self._thread.submit(segment.sync), *segment.place)
 
     def ended(self, *, wait: bool) -> tuple[int, int] | None:
-        """What a sync that has ended since the last call has synced, as ``Segment.place`` said it; else None.
+        """Place that a sync which has ended since the last call reached, as ``Segment.place``; else None.
 
         Args:
             wait: Whether to wait for one that goes on.

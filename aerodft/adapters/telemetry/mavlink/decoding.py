@@ -132,7 +132,7 @@ SLOTS: Final = _slots()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowedIds:
-    """Who is listened to; None for whoever is heard first.
+    """Ids of the vehicle to follow; None for the first that is heard.
 
     Attributes:
         system: MAVLink system id of the vehicle.
@@ -375,7 +375,7 @@ class OtherSenders:
                 yield OtherSenderTrack(arrival_ns=block.arrival_ns[rows], boot_ns=none, what=what)
 
     def _sentence(self, message_id: int, system: int, component: int, state: IntArray) -> str | None:
-        """Who sent a message that was left out; None where it is nobody who could have been meant."""
+        """Sentence on the sender of a message left out; None where it could not have been meant."""
         own_system, own_component = int(state[State.SYSTEM]), int(state[State.COMPONENT])
         if system != own_system:
             is_rival = self._followed.system is None and not self._is_of_gimbal(message_id, component)
@@ -419,7 +419,7 @@ class SequenceWatch:
         self._came = np.ones(_WINDOW, dtype=np.bool_)  # which of the highest numbers came, by their remainders
 
     def track(self, block: RawBlock, data: Bytes, heads: IntArray, state: IntArray) -> LinkTrack | None:
-        """What was found to be lost at each of the autopilot's frames in a block.
+        """Losses found at each of the autopilot's frames in a block.
 
         Args:
             block: The frames.
@@ -442,7 +442,7 @@ class SequenceWatch:
         return LinkTrack(arrival_ns=arrival_ns, boot_ns=boot_ns, lost=self.lost(data[at]))
 
     def lost(self, sequence: Bytes) -> IntArray:
-        """How many frames are known to be lost at each of the next ones, by their numbers ``(n,)``."""
+        """Numbers ``(n,)`` of frames known to be lost at each of the next ones, by their sequence numbers."""
         if self._numbers is None:
             self._numbers = np.full(2, int(sequence[0]) - 1, dtype=np.int64)
         lost = np.zeros(len(sequence), dtype=np.int64)

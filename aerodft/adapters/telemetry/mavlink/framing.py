@@ -97,7 +97,7 @@ class StreamFramer:
         return self.spans(data).each()
 
     def spans(self, data: bytes) -> "FrameSpans":
-        """Where the frames are that are complete with these bytes."""
+        """Places of the frames that are complete with these bytes."""
         return self._scan(self._rest + data, known=len(self._rest))
 
     def flush(self) -> list[bytes]:

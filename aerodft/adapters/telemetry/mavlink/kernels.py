@@ -146,7 +146,7 @@ def note_damage(state: IntArray, at: int, verdict: int, size: int) -> None:
 
 @njit
 def shared_tail(data: Bytes, at: int, end: int) -> int:
-    """How many bytes at the end of the frame ``data[at:end]`` may be the next one's: its last byte, or its signature.
+    """Bytes at the end of the frame ``data[at:end]`` that may be the next one's: its last, or its signature.
 
     The checksum covers neither: where the frame was cut there, what it lacks is taken from the next one's start.
     """
@@ -204,7 +204,7 @@ def scan_stream(
 
 @njit
 def overlapping(data: Bytes, end: int, table: Table) -> int:
-    """Where the record starts whose frame begins shortly before or after ``end``, at most a stamp later; else -1.
+    """Start of the record whose frame begins shortly before or after ``end``, at most a stamp later; else -1.
 
     A cut frame may be made whole by the first bytes of the next record, which are then short of their stamp, and where
     a signature was cut of their first bytes.

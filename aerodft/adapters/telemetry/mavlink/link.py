@@ -50,7 +50,7 @@ class Senders:
 
     @property
     def counts(self) -> FrameCounts:
-        """What all of them have sent so far, those that have gone included."""
+        """Counts of all senders so far, those that have gone included."""
         return sum((framer.counts for framer in tuple(self._framers.values())), self._gone)
 
     def push(self, sender: str, data: bytes) -> list[bytes]:
@@ -67,7 +67,7 @@ class Senders:
         return framer.push(data)
 
     def overdue(self) -> list[tuple[str, list[bytes]]]:
-        """By sender, frames that wait behind one which never became whole; to be asked for every half second or so."""
+        """Frames, by sender, that wait behind an incomplete one; to be asked for every half second or so."""
         return [(sender, frames) for sender, framer in self._framers.items() if (frames := framer.overdue())]
 
     def _admit(self, sender: str) -> StreamFramer:
@@ -117,7 +117,7 @@ class MavlinkLink:
 
     @property
     def place(self) -> str:
-        """Where the link really is: own host and port of a listening one, else the peer's."""
+        """Actual address of the link: own host and port of a listening one, else the peer's."""
         if self.address.kind in {LinkKind.UDP_IN, LinkKind.TCP_IN}:
             return f"{self.address.host}:{self.local_port}"
         return f"{self.address.host}:{self.address.port}"

@@ -55,7 +55,7 @@ _Read = Callable[[], Reads]
 
 
 class LinkKind(StrEnum):
-    """How a link is opened."""
+    """Kinds of links."""
 
     UDP_IN = "udpin"
     UDP_OUT = "udpout"
@@ -201,7 +201,7 @@ class BatchReader:
         self._is_crowded = False
 
     def read(self) -> Reads:
-        """What has arrived, at most ``BATCH`` datagrams; those of one sender together, in their order.
+        """Datagrams that have arrived, at most ``BATCH``; those of one sender together, in their order.
 
         Where they come thick and fast it gathers them for 4 ms first: that takes a quarter of the time.
 
@@ -431,7 +431,7 @@ class TcpClient(_TcpPeers):
         self._complained = False
 
     def read(self, timeout_s: float) -> Reads:
-        """What the peer has sent; tries to connect where nobody is connected."""
+        """Bytes that the peer has sent; tries to connect where nobody is connected."""
         if not self._names and not self._connect():
             self._selector.select(timeout_s)
             return []
@@ -474,7 +474,7 @@ class SerialTransport:
         return serial.Serial(self._device, self._baud, timeout=0, write_timeout=0, exclusive=True)
 
     def read(self, timeout_s: float) -> Reads:
-        """What has arrived; tries to open the device again where it was lost."""
+        """Bytes that have arrived; tries to open the device again where it was lost."""
         if self._port is None:
             with contextlib.suppress(OSError):
                 self._port = self._open()

@@ -126,7 +126,7 @@ class PageOptions:
         ),
     ] = None
 
-    def page_of(self, view: "View", std_px: float | None = None) -> AbstractContextManager[str]:
+    def page_of(self, view: "View") -> AbstractContextManager[str]:
         """The page of a view while the ``with`` block lasts; gives its address.
 
         Raises:
@@ -138,7 +138,7 @@ class PageOptions:
         except ImportError as error:
             raise InputError("the page needs Tornado", got=error, hint="install aerodft[web]") from error
         access = Access.at(self.host, self.port, is_read_only=self.read_only, tiles=self.tiles)
-        return page_beside(view, access, 1.0 if std_px is None else std_px)
+        return page_beside(view, access)
 
 
 def as_typed(sentence: str) -> str:

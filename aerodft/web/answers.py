@@ -20,13 +20,12 @@ class Answers:
 
     Args:
         view: What the page shows.
-        std_px: Of each pixel coordinate that people click.
         is_read_only: Whether nothing may be changed.
     """
 
-    def __init__(self, view: View, std_px: float, *, is_read_only: bool) -> None:
+    def __init__(self, view: View, *, is_read_only: bool) -> None:
         self._view = view
-        self._std_px = std_px
+        self._std_px = 1.0 if view.std_px is None else view.std_px
         self._is_read_only = is_read_only
         self._works = {
             "river": self._river,
@@ -52,8 +51,8 @@ class Answers:
         return asked
 
     def is_quick(self, asked: Document) -> bool:
-        """Whether it takes milliseconds, and not a look at an image's pixels."""
-        return "river" not in asked
+        """Whether it always takes milliseconds: neither a look at an image's pixels nor a search for a pose."""
+        return not {"river", "evidence"} & asked.keys()
 
     def answer(self, asked: Document) -> Document:
         """The answer to a question.
@@ -90,7 +89,8 @@ class Answers:
             self._refuse_read_only("to use a calibration")
         if not isinstance(unknowns, list) or not all(isinstance(each, str) for each in unknowns):
             raise UsageError("the unknowns", got=repr(unknowns)[:80], expected="a list of their names")
-        return {"calibration": self._view.calibrate(evidence_of(asked["evidence"]), unknowns, use=use)}
+        evidence, accept = evidence_of(asked["evidence"]), bool(asked.get("accept"))
+        return {"calibration": self._view.calibrate(evidence, unknowns, accept=accept, use=use)}
 
     def _imported(self, asked: Document) -> Document:
         return landmarks_in(asked["import"])

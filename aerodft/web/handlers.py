@@ -32,13 +32,12 @@ class Page:
     Args:
         view: What is shown.
         access: Who may see it.
-        std_px: Of each pixel coordinate that people click.
     """
 
-    def __init__(self, view: View, access: Access, std_px: float) -> None:
+    def __init__(self, view: View, access: Access) -> None:
         self.view = view
         self.access = access
-        self._answers = Answers(view, std_px, is_read_only=access.is_read_only)
+        self._answers = Answers(view, is_read_only=access.is_read_only)
         self._quick = ThreadPoolExecutor(1, "page-measures")
         self._slow = ThreadPoolExecutor(1, "page-pictures")
         self._long = ThreadPoolExecutor(1, "page-reads")
@@ -151,7 +150,8 @@ class _Description(_Json):
                 "title": view.title,
                 "is_live": isinstance(view, LiveView),
                 "is_recording": isinstance(view, RecordingView),
-                "can_calibrate": view.can_calibrate,
+                "can_calibrate": view.finder is not None,
+                "is_read_only": access.is_read_only,
                 "can_save": view.station_file is not None and not access.is_read_only,
                 "tiles": access.tiles,
                 "width_px": view.camera.width_px,

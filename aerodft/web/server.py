@@ -21,19 +21,18 @@ _MOST_REQUEST_BYTES: Final = 65_536
 _PATIENCE_S: Final = 2.0
 
 
-async def serve_view(view: View, access: Access, std_px: float, opened: Callable[[str], None]) -> None:
+async def serve_view(view: View, access: Access, opened: Callable[[str], None]) -> None:
     """Serve the page until it is cancelled.
 
     Args:
         view: What it shows.
         access: Where, and who may open it.
-        std_px: Of each pixel coordinate that people click.
         opened: Called with the address when it can be opened.
 
     Raises:
         LinkError: The port cannot be opened.
     """
-    page = Page(view, access, std_px)
+    page = Page(view, access)
     application = Application(
         [(path, handler, {"page": page}) for path, handler in ROUTES],
         websocket_max_message_size=_MOST_REQUEST_BYTES,
@@ -60,14 +59,14 @@ async def serve_view(view: View, access: Access, std_px: float, opened: Callable
 
 
 @contextmanager
-def page_beside(view: View, access: Access, std_px: float) -> Iterator[str]:
+def page_beside(view: View, access: Access) -> Iterator[str]:
     """Serve the page in a thread of its own while the ``with`` block lasts; gives the address.
 
     Raises:
         LinkError: The port cannot be opened.
     """
     opened, loop = Future[str](), asyncio.new_event_loop()
-    serving = loop.create_task(serve_view(view, access, std_px, opened.set_result))
+    serving = loop.create_task(serve_view(view, access, opened.set_result))
 
     def run() -> None:
         try:

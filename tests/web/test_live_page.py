@@ -1,5 +1,6 @@
 """The page of a station that measures: a real stream and telemetry in, images and numbers in a browser out."""
 
+import re
 import shlex
 import subprocess
 import sys
@@ -7,6 +8,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import tomli_w
 from playwright.sync_api import expect
@@ -67,9 +70,7 @@ def test_a_station_is_measured_in_while_it_measures(browser, field):
             page.wait_for_timeout(7000)
             page.click("#play")
             stopped = page.inner_text("#when")
-            box = page.locator("#image").bounding_box()
-            for share in (0.4, 0.6):
-                page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
+            click_twice(page)
             value = value_of(page)
             page.wait_for_timeout(1000)
             assert "stopped at image" in page.inner_text("#when") != stopped  # the station goes on
@@ -89,8 +90,11 @@ def test_a_station_is_measured_in_while_it_measures(browser, field):
     assert [each["name"] for each in saved] == ["across", "width-1"]
 
 
-def test_a_station_that_ends_is_lost_and_found_again(browser, field):
+def test_a_fixed_camera_is_lost_and_found_again_and_calibrated_in_its_live_image(browser, field):
     station = field.folder / "station.toml"
+    tables = tomllib.loads(station.read_text())
+    del tables["telemetry"]
+    station.write_text(tomli_w.dumps(tables | {"pose": {"height_agl_m": 9.0, "tilt_deg": 60.0}}))
     with opened_service(station, "-o", field.folder / "first") as address:
         port = address.rstrip("/").rpartition(":")[2]
         page = browser.new_context().new_page()
@@ -100,6 +104,39 @@ def test_a_station_that_ends_is_lost_and_found_again(browser, field):
     with opened_service(station, "-o", field.folder / "second", "--port", port):
         expect(page.locator("#link")).to_have_text("connected", timeout=PATIENCE_MS)
         flight = field.fly(5)
-        expect(page.locator("#pose")).to_contain_text("Height", timeout=PATIENCE_MS)
+        expect(page.locator("#pose")).to_contain_text("Height 9.0", timeout=PATIENCE_MS)
         flight.wait(60)
+        page.click("[data-kind=landmark]")
+        expect(page.locator("#when")).to_contain_text("stopped at image", timeout=PATIENCE_MS)
+        page.click("#landmarks summary")
+        page.fill("#list", "\n".join(["EPSG:32633", *control_points(default_camera(*SIZE))]))
+        page.click("#take")
+        page.click("#use", timeout=PATIENCE_MS)
+        expect(page.locator("#solved")).to_contain_text("Saved as", timeout=PATIENCE_MS)
+        expect(page.locator("#pose")).to_contain_text(re.compile(r"Height 1(1\.9|2\.0)"), timeout=PATIENCE_MS)
+        page.click("[data-kind=width]")
+        click_twice(page)
+        value, words = value_of(page), shlex.split(copied(page, "command"))[1:]
     page.context.close()
+    assert value == shown_measurement(run_aerodft(*words, "--json").json[0])
+
+
+def control_points(camera):
+    """Lines of OpenDroneMap's list: points of level ground by a pinhole 12 m above it, tilted by 50 degrees."""
+    tilt = np.radians(50.0)
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, -np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), -np.cos(tilt)]])
+    places = np.array([(x, y, 0.0) for x in (-5.0, 0.0, 5.0) for y in (9.0, 14.0, 22.0)])
+    rays = (places - [0.0, 0.0, 12.0]) @ axes.T
+    pixels, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera_matrix(camera), np.array(camera.distortion))
+    for row, ((x, y, _), (u, v)) in enumerate(zip(places, pixels[:, 0], strict=True)):
+        yield f"{500_000 + x} {5_200_000 + y} 0 {u:.2f} {v:.2f} live.png gcp-{row}"
+
+
+def camera_matrix(camera):
+    return np.array([[camera.fx_px, 0.0, camera.cx_px], [0.0, camera.fy_px, camera.cy_px], [0.0, 0.0, 1.0]])
+
+
+def click_twice(page):
+    box = page.locator("#image").bounding_box()
+    for share in (0.4, 0.6):
+        page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])

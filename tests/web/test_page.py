@@ -1,7 +1,9 @@
 """The page in a real browser: what people click is what ``aerodft measure`` says, to the last digit shown."""
 
 import csv
+import json
 import math
+import re
 import shlex
 
 import cv2
@@ -94,12 +96,21 @@ def test_two_banks_are_as_far_apart_as_they_are(page):
     assert "%" in page.locator("#advice").inner_text()
 
 
-def test_the_numbers_are_those_of_the_command_line(page):
+def test_the_numbers_are_those_of_the_command_line_wherever_it_runs(page, tmp_path, monkeypatch):
     for x_m in (-6.0, 6.0):
         click(page, seen(x_m, 30.0))
-    shown_text, command = value_of(page), copied(page, "command")
+    shown_text, command, document = value_of(page), copied(page, "command"), json.loads(copied(page, "json"))
+    shares = [int(each) for each in re.findall(r"(\d+) %", page.inner_text("#shares"))]
+    assert 98 <= sum(shares) <= 101
+    assert page.inner_text("#advice").startswith(f"{max(shares)} % from")
+    monkeypatch.chdir(tmp_path)
     _, *words = shlex.split(command)
-    assert shown_text == shown_measurement(run_aerodft(*words, "--json").json[0])
+    (found,) = run_aerodft(*words, "--json").json
+    assert shown_text == shown_measurement(found)
+    assert document == found
+    reasons = page.locator("#reasons li").all_inner_texts()
+    assert reasons == found["reasons"]
+    assert "std of pixels assumed: 1 px" in reasons
 
 
 def test_a_dragged_point_and_what_was_taken_back(page):
@@ -230,13 +241,16 @@ def test_a_camera_is_calibrated_from_heights_lengths_and_a_vertical(browser, wit
     known += [("length", 12, [(x, y, 0.0) for x in (-6.0, 6.0)]) for y in (14.0, 40.0)]
     known += [("vertical", None, [(-8.0, 22.0, z) for z in (0.0, 5.0)])]
     for page in shown(browser, without_pose):
-        page.click("[data-kind=landmark]")
+        expect(page.locator("[data-kind=width]")).to_be_disabled()  # there is nothing to measure with yet
         for kind, metres, points in known:
             page.select_option("#evidence", kind)
             for point in points:
                 click(page, seen(*point))
             if metres:
-                page.locator("#places li").last.locator("input").nth(1).fill(str(metres))
+                page.keyboard.type(str(metres))
+                assert page.inner_text("#solved").startswith("Enter or Tab")
+                page.keyboard.press("Tab")
+                assert "metres of" in page.evaluate("document.activeElement.ariaLabel")
         expect(page.locator("#parameters")).to_contain_text("tilt", timeout=PATIENCE_MS)
         page.click("#use", timeout=PATIENCE_MS)
         expect(page.locator("#solved")).to_contain_text("Saved as", timeout=PATIENCE_MS)
@@ -258,13 +272,18 @@ def test_landmarks_are_read_from_a_list_of_ground_control_points(browser, withou
         page.click("#landmarks summary")
         page.fill("#list", "\n".join(["EPSG:32633", *lines]))
         page.click("#take")
-        expect(page.locator("#places li")).to_have_count(4, timeout=PATIENCE_MS)
+        expect(page.locator("#places tr[data-item]")).to_have_count(4, timeout=PATIENCE_MS)
         expect(page.locator("#parameters")).to_contain_text("tilt50.0", timeout=PATIENCE_MS)
         page.click("[aria-label='Delete gcp-1']")
-        expect(page.locator("#places li")).to_have_count(3)
+        expect(page.locator("#places tr[data-item]")).to_have_count(3)
         page.click("#undo")  # takes the deletion back, and nothing else
         expect(page.locator("[aria-label^='Delete gcp-']")).to_have_count(4)
         expect(page.locator("#parameters")).to_contain_text("tilt50.0", timeout=PATIENCE_MS)
+        page.fill("[aria-label='Standard deviation in metres of gcp-0']", "0.5")
+        page.fill("[aria-label='east of gcp-2']", "500400")
+        page.keyboard.press("Enter")
+        expect(page.locator("#solved")).to_contain_text("Not found yet", timeout=PATIENCE_MS)
+        assert not re.search(r"[`_\[]|/tmp", page.inner_text("#solved"))  # in the page's words
 
 
 def test_it_is_reached_by_keys_alone(page):

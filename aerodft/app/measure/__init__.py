@@ -24,4 +24,5 @@ from aerodft.app.measure.scene import (
     PoseStd,
     Slope,
     image_setup,
+    with_pixels_noted,
 )

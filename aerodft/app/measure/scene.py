@@ -259,6 +259,11 @@ class ElevationModel:
     path: str | Path
 
 
+def with_pixels_noted(sample: PoseSample, std_px: float | None) -> PoseSample:
+    """A pose whose measurements say that the std of their pixels is assumed, where ``std_px`` is None."""
+    return replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px")) if std_px is None else sample
+
+
 GroundTerms: TypeAlias = Slope | ElevationModel | Ground | None
 """What the ground is like; None for level ground at the height's datum."""
 

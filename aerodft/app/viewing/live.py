@@ -7,11 +7,13 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import orjson
 
+from aerodft.adapters.config.station import StationConfig, with_calibration
 from aerodft.adapters.images import decode_jpeg, encode_jpeg
 from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.adapters.wire.status import StationStatus, encode_status
@@ -19,12 +21,13 @@ from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.app.diagnose import diagnose_heard
 from aerodft.app.station import Station
 from aerodft.app.viewing.alerts import Alerts
+from aerodft.app.viewing.pose_finder import PoseFinder, Scene
 from aerodft.app.viewing.view import Document, View, ViewedImage, doctor_document
 from aerodft.conventions import SECOND_NS
-from aerodft.dft import Setup, zoomed
+from aerodft.dft import zoomed
 from aerodft.errors import AerodftError, NoAnswerError
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseSample, RawBlock
-from aerodft.service import Batches, PipelineSettings, StepOutputs
+from aerodft.service import Batches, StepOutputs
 
 _MOST_HZ: Final = 15.0
 _IDLE_S: Final = 5.0
@@ -60,17 +63,22 @@ class LiveView(View):
     most and only while somebody asks; those that come while two wait are left out.
 
     Args:
-        settings: The station's.
+        config: The station's.
         recording: Where it records.
+        file: The station's configuration file; None where it has none.
 
     Attributes:
         newest: Number of the newest image that can be shown; -1 before the first.
     """
 
-    def __init__(self, settings: PipelineSettings, recording: Path) -> None:
-        self._settings = settings
-        self._setup = settings.setup
-        self._recording = recording
+    def __init__(self, config: StationConfig, recording: Path, file: Path | None) -> None:
+        self._settings = config.pipeline
+        self._setup = config.pipeline.setup
+        self._recording = recording.absolute()
+        self.station_file = file
+        if file is not None and config.fixed_pose is not None:
+            calibration = file.with_name(f"{file.stem}-calibration.toml")
+            self.finder = PoseFinder(self.camera, calibration, partial(_fixed_scene, config))
         self._lock = threading.Lock()
         self._images: OrderedDict[int, _LiveImage] = OrderedDict()
         self._measured: dict[str, Measurement] = {}
@@ -86,8 +94,7 @@ class LiveView(View):
     @classmethod
     def of(cls, station: Station) -> "LiveView":
         """The view of a station that is not entered yet."""
-        view = cls(station.config.pipeline, station.recording)
-        view.station_file = station.file
+        view = cls(station.config, station.recording, station.file)
         station.add_output(view)
         return view
 
@@ -159,17 +166,22 @@ class LiveView(View):
         """See ``View``; as they were encoded."""
         return decode_jpeg(self.jpeg(number), f"image {number}", None)
 
-    def scene(self, number: int) -> tuple[Setup, PoseSample]:
+    def scene(self, number: int) -> Scene:
         """See ``View``."""
         sample = self._image(number).sample
         if sample is None:
             raise self._gone(number)
+        if self.finder is not None and self.finder.scene is not None:
+            setup, fixed = self.finder.scene
+            return setup, replace(fixed, stamp_ns=sample.stamp_ns)
         setup, sample = zoomed(self._setup, sample)
         return setup, replace(sample, zoom=None)
 
     def options(self, number: int) -> dict[str, str]:
         """See ``View``: of the recording that is being made."""
-        return {"recording": str(self._recording), "at": str(self.scene(number)[1].stamp_ns)}
+        used = None if self.finder is None else self.finder.used_file
+        named = {} if used is None else {"calibration": str(used)}
+        return {"recording": str(self._recording), "at": str(self.scene(number)[1].stamp_ns), **named}
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:
         """See ``Sink``."""
@@ -206,7 +218,7 @@ class LiveView(View):
         self._queue.close()
 
     def _free_bytes(self) -> int:
-        folder = self._recording.absolute()
+        folder = self._recording
         return shutil.disk_usage(next(each for each in (folder, *folder.parents) if each.exists())).free
 
     def _is_due(self, image: Image) -> bool:
@@ -254,6 +266,14 @@ class LiveView(View):
     def _gone(self, number: int) -> NoAnswerError:
         hint = f"`aerodft view {self._recording}` shows it once the station has ended"
         return NoAnswerError("the image is no longer kept", where=self.title, got=f"image {number}", hint=hint)
+
+
+def _fixed_scene(config: StationConfig, file: Path) -> Scene:
+    """Camera, ground and pose of a fixed camera with a calibration file."""
+    pipeline = with_calibration(config, file).pipeline
+    if pipeline.fixed_pose is None:
+        raise NoAnswerError("no fixed camera", where=file)
+    return pipeline.setup, pipeline.fixed_pose
 
 
 def _nothing() -> None:

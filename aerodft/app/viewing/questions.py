@@ -65,13 +65,13 @@ def evidence_of(document: object) -> dict[str, Any]:
 
     Args:
         document: As a TOML file of evidence has it: tables of ``landmark``, ``length``, ``height``, ``vertical`` and
-            ``horizon``, and perhaps the ``crs`` of the landmarks. What is in a table is checked as that of a file.
+            ``horizon``, perhaps ``crs`` and ``elevation_m``. What is in a table is checked as that of a file.
 
     Raises:
         UsageError: It is something else.
     """
-    if not isinstance(document, Mapping) or not set(document) <= {*EVIDENCE_KINDS, "crs"}:
-        expected = f"tables of {', '.join(EVIDENCE_KINDS)}, and perhaps crs"
+    if not isinstance(document, Mapping) or not set(document) <= {*EVIDENCE_KINDS, "crs", "elevation_m"}:
+        expected = f"tables of {', '.join(EVIDENCE_KINDS)}, and perhaps crs and elevation_m"
         raise UsageError("what is known of the view", got=repr(document)[:80], expected=expected)
     tables = {kind: document[kind] for kind in EVIDENCE_KINDS if document.get(kind)}
     for kind, rows in tables.items():
@@ -84,7 +84,10 @@ def evidence_of(document: object) -> dict[str, Any]:
     crs = document.get("crs", LOCAL)
     if not isinstance(crs, str) or len(crs) > _MOST_NAME:
         raise UsageError("the crs", got=repr(crs)[:80], expected="local, geo or an EPSG code")
-    return {"crs": crs, **tables}
+    plane_m = document.get("elevation_m")
+    if plane_m is not None and not _are_numbers([plane_m], 1):
+        raise UsageError("the elevation_m", got=repr(plane_m)[:80], expected="a number of metres")
+    return {"crs": crs, **({} if plane_m is None else {"elevation_m": plane_m}), **tables}
 
 
 def landmarks_in(text: object) -> dict[str, Any]:

@@ -131,7 +131,7 @@ class RecordingView(View):
 
     def options(self, number: int) -> dict[str, str]:
         """See ``View``."""
-        return {"recording": str(self._recording.path), "at": str(self.scene(number)[1].stamp_ns)}
+        return {"recording": str(self._recording.path.absolute()), "at": str(self.scene(number)[1].stamp_ns)}
 
     def _image(self, number: int) -> Image:
         if not 0 <= number < len(self._images):

@@ -14,14 +14,15 @@ from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire.measurement import encode_measurement, measurement_payload
 from aerodft.adapters.wire.pose import summary_payload
 from aerodft.app.diagnose import Diagnosis
-from aerodft.app.measure import Distance, ImageProbe, requests_of
+from aerodft.app.measure import Distance, ImageProbe, requests_of, with_pixels_noted
 from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.overlay import scene_overlay
+from aerodft.app.viewing.pose_finder import PoseFinder, Scene
 from aerodft.app.viewing.station_file import add_probe
-from aerodft.dft import Request, Setup, Share, advice, explain, measure
+from aerodft.dft import Request, Share, advice, explain, measure
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
-from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
+from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch
 from aerodft.vision.river import River, RiverHints, RiverView
 from replay.export import MapCrs, geojson_text, map_features
 
@@ -69,9 +70,13 @@ class View(ABC):
 
     Attributes:
         station_file: The station's configuration, which probes are saved into; None where there is none.
+        std_px: Of each pixel coordinate that people click; None for the assumed 1 px, which measurements say.
+        finder: Finds the pose from what is known of the view; None where the camera moves.
     """
 
     station_file: Path | None = None
+    std_px: float | None = None
+    finder: PoseFinder | None = None
 
     @property
     @abstractmethod
@@ -92,7 +97,7 @@ class View(ABC):
         """
 
     @abstractmethod
-    def scene(self, number: int) -> tuple[Setup, PoseSample]:
+    def scene(self, number: int) -> Scene:
         """Camera, ground and pose of an image."""
 
     @property
@@ -134,17 +139,13 @@ class View(ABC):
             "banks_enu_m": [bank[np.isfinite(bank).all(axis=1)].tolist() for bank in banks],
         }
 
-    @property
-    def can_calibrate(self) -> bool:
-        """Whether the pose can be found from what is known of the view."""
-        return False
-
-    def calibrate(self, evidence: Document, unknowns: Sequence[str], *, use: bool) -> Document:
+    def calibrate(self, evidence: Document, unknowns: Sequence[str], *, accept: bool, use: bool) -> Document:
         """Find the camera's pose from what is known of the view of a fixed camera.
 
         Args:
             evidence: Landmarks, lengths, heights, verticals and the horizon, see ``evidence_of``.
             unknowns: What to find, by the names of ``calibrate``.
+            accept: Whether observations may contradict each other, which makes the stds larger.
             use: Whether images are measured with it from now on, and it is written to a file (``file``).
 
         Returns:
@@ -152,10 +153,11 @@ class View(ABC):
             marked (``seen_px``, ``expected_px``), its ``overlay`` is that of ``overlay``.
 
         Raises:
-            AerodftError: It is not determined, or this is no image of a fixed camera.
+            AerodftError: It makes no sense, or this is no fixed camera.
         """
-        del evidence, unknowns, use
-        raise UsageError("there is nothing to calibrate", expected="an image or a video of a fixed camera")
+        if self.finder is None:
+            raise UsageError("there is nothing to calibrate", expected="images of a fixed camera")
+        return self.finder.calibrate(evidence, unknowns, accept=accept, use=use)
 
     def doctor(self) -> Document | None:
         """What is wrong with the telemetry, in sentences, as ``aerodft doctor`` says it; None where there is none.
@@ -254,7 +256,7 @@ class View(ABC):
             AerodftError: There is no such image, or a probe makes no sense.
         """
         setup, sample = self.scene(number)
-        requests = requests_of(probes)
+        sample, requests = with_pixels_noted(sample, self.std_px), requests_of(probes)
         documents = []
         for found, request in zip(measure(setup, PoseBatch.from_samples([sample]), requests)[0], requests, strict=True):
             budget = explain(setup, sample, request) if with_budget else None

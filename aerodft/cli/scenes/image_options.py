@@ -209,10 +209,6 @@ class Stds:
         if any(self.pose.values()):
             raise UsageError(f"--std of the pose beside {beside}", expected=expected)
 
-    def noted(self, sample: PoseSample) -> PoseSample:
-        """A pose whose measurements say that the pixels' std is assumed, where it is."""
-        return replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px")) if self.px is None else sample
-
     def on_camera(self, camera: Camera) -> Camera:
         """The camera, with the focal length's std where one was given.
 

@@ -144,6 +144,8 @@ def measure_image(
     )
     if recorded.recording is not None:
         refuse_beside(scene.stated_pose() | stated(ground), "--recording")
+    from aerodft.app.measure import with_pixels_noted
+
     found = recorded.scene(scene)
     if found is not None:
         setup, sample = found
@@ -152,7 +154,7 @@ def measure_image(
             say(_pose_sentence(sample))
     else:
         setup, sample = scene.scene(ground, model)
-    sample = scene.stds.noted(sample)
+    sample = with_pixels_noted(sample, scene.stds.px)
     _check_model(setup, sample, model, scene.roll, compare=compare)
     if mapped.depth_map is not None:
         _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)

@@ -37,8 +37,8 @@ def view(
     is_recording = source.is_dir() or (source.exists() and is_mcap(source))
     shown = _recording(source, scene) if is_recording else _fixed(source, scene)
 
-    shown.station_file = station
-    with suppress(KeyboardInterrupt), page.page_of(shown, scene.stds.px) as address:
+    shown.station_file, shown.std_px = station, scene.stds.px
+    with suppress(KeyboardInterrupt), page.page_of(shown) as address:
         say(f"{shown.title}: open {address} in a browser; stop with Ctrl-C")
         if browser:
             import webbrowser
@@ -59,13 +59,13 @@ def _fixed(source: Path, scene: PoseOptions) -> "View":
     from aerodft.adapters.config.camera import load_camera
     from aerodft.app.viewing import FixedCameraView
 
-    options = {name: str(value) for name, value in stated(scene).items()}
+    named = stated(scene).items()  # files by paths that hold anywhere, for command lines that people copy
+    options = {name: str(value.absolute() if isinstance(value, Path) else value) for name, value in named}
     if scene.camera is not None and not {"height", "tilt", "calibration"} & options.keys():
         refuse_beside(scene.stated_pose(), "a pose that is still to be found")
         shown = FixedCameraView(source, load_camera(scene.camera), None, options, scene.surface)
     else:
-        setup, sample = scene.scene()
-        found = setup, scene.stds.noted(sample)
-        shown = FixedCameraView(source, setup.camera, found, options, scene.surface)
+        found = scene.scene()
+        shown = FixedCameraView(source, found[0].camera, found, options, scene.surface)
     shown.pixels(0)  # a video that cannot be decoded is refused before a page opens
     return shown

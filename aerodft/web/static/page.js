@@ -4,7 +4,7 @@ import { Link } from "./link.js";
 import { History } from "./measuring/history.js";
 import { KINDS, Marks } from "./measuring/marks.js";
 import { Panel, fillList } from "./measuring/panel.js";
-import { poseText } from "./measuring/words.js";
+import { handText, plain, poseText } from "./measuring/words.js";
 import { OverlayLayer } from "./stage/overlay.js";
 import { Picture } from "./stage/picture.js";
 import { Pointer } from "./stage/pointer.js";
@@ -32,7 +32,7 @@ const overlay = new OverlayLayer(link, draw);
 const marks = new Marks(link, draw);
 const river = new RiverLayer(slowLink, draw);
 const history = new History(draw);
-const landmarks = new Landmarks(link, history, draw, () => {
+const landmarks = new Landmarks(view, slowLink, history, draw, () => {
   for (const mark of marks.items) mark.before = mark.found;
   show(image, { hasPicture: false });
 });
@@ -54,13 +54,15 @@ const OTHER_TOOLS = {
 let kind = "width";
 
 function choose(wanted) {
+  if (document.querySelector(`button[data-kind=${wanted}]`).disabled) return;
   kind = wanted;
   const { tool = marks, help } = KINDS[kind] || OTHER_TOOLS[kind];
   pointer.tool = tool;
   if (tool === marks) marks.choose(kind);
   if (tool === river) river.side = kind;
+  if (tool === landmarks) timeline.pause(); // what is marked is of one image
   for (const button of document.querySelectorAll("button[data-kind]")) button.setAttribute("aria-pressed", String(button.dataset.kind === kind));
-  find("help").textContent = help;
+  find("help").textContent = handText(help);
   draw();
 }
 
@@ -95,7 +97,7 @@ function draw() {
 }
 
 function drawNow() {
-  const isCalibrating = pointer.tool === landmarks, ink = getComputedStyle(document.body).color;
+  const isCalibrating = pointer.tool === landmarks, hasPose = !view.can_calibrate || overlay.seen?.pose, ink = getComputedStyle(document.body).color;
   picture.shapes = [
     ...overlay.shapes(units()), ...river.shapes(), ...(isCalibrating ? landmarks.shapes(units()) : []), ...marks.shapes(pointer.at, units()),
   ];
@@ -103,10 +105,12 @@ function drawNow() {
   panel.draw(units(), overlay.probes);
   find("undo").disabled = !history.past.length;
   find("end").hidden = !marks.canEnd;
+  for (const each of Object.keys(KINDS)) document.querySelector(`[data-kind=${each}]`).disabled = !hasPose;
+  find("river").disabled = find("grid").disabled = !hasPose;
   find("landmarks").hidden = !isCalibrating;
   find("reach").hidden = !river.isShown;
   find("reach-width").textContent = river.text(units());
-  fillList(find("reach-reasons"), river.reasons);
+  fillList(find("reach-reasons"), river.reasons.map(plain));
   find("pose").textContent = overlay.seen ? poseText(overlay.seen.pose, units()) : "";
   if (river.isShown) river.drawProfile(find("profile"), ink, units());
   if (!find("above").open) return;
@@ -121,17 +125,19 @@ let loading = 0;
 async function show(wanted, { hasPicture, seen }) { // an image with what is known of it, unless another was wanted meanwhile
   loading += 1;
   const turn = loading, isNew = wanted !== image || !picture.bitmap;
+  find("loading").textContent = "Loading the image …";
   const [answer, known] = await Promise.all([
     hasPicture ? fetch(`images/${wanted}.jpg`) : null,
     seen || fetch(`images/${wanted}.json`).then((found) => (found.ok ? found.json() : null)),
   ]);
   const bitmap = answer?.ok ? await createImageBitmap(await answer.blob()) : null;
   if (turn !== loading) return;
-  if (answer && !answer.ok) find("link").textContent = await answer.text();
+  if (answer && !answer.ok) find("link").textContent = plain(await answer.text());
   image = wanted;
   overlay.seen = known;
   if (bitmap) picture.show(bitmap);
   else if (isNew) picture.blank(view.width_px, view.height_px);
+  find("loading").hidden = true;
   marks.measure(image);
   lookAround();
   river.look(image);
@@ -215,11 +221,12 @@ find("undo").onclick = undo;
 find("end").onclick = end;
 find("whole").onclick = () => picture.fit();
 find("above").ontoggle = lookAround;
-find("units").onchange = follow;
+find("units").onchange = () => { plots.draw(units()); follow(); };
 find("forget").onclick = () => { history.keep(); river.forget(); river.look(); draw(); };
 
 // ---- the beginning
 
+for (const each of document.querySelectorAll("[data-hand]")) each.textContent = handText(each.textContent);
 document.title = `${view.title} - aerodft`;
 find("title").textContent = view.title;
 find("saving").hidden = !view.can_save;
@@ -229,7 +236,7 @@ map.template = view.tiles;
 choose("width");
 if (view.is_live) timeline.follow();
 else await timeline.seek(view.is_recording ? Math.floor(view.images.length / 2) : 0); // a flight is in the air by then
-if (view.can_calibrate && !overlay.seen?.pose) choose("landmark");
+if (view.can_calibrate && !view.is_live && !overlay.seen?.pose) choose("landmark");
 if (view.is_recording) {
   fetch("series.json").then(async (answer) => {
     if (!answer.ok) return;

@@ -132,4 +132,4 @@ export class Marks {
 
 export const probeOf = (mark) => ({ kind: mark.kind, pixels: mark.points, name: mark.name });
 
-const refusal = (text) => ({ status: "refused", reasons: [text], value: null, pixels: [] });
+const refusal = (text) => ({ status: "", reasons: [text], value: null, pixels: [] });

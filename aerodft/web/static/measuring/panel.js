@@ -1,7 +1,7 @@
 // The list of what is measured, and of the selected one where its uncertainty comes from, and how it is taken along.
 
 import { COLOURS, probeOf } from "./marks.js";
-import { copyText, quality, stdText, valueText } from "./words.js";
+import { copyText, plain, quality, stdText, valueText } from "./words.js";
 
 const LEAST_SHARE = 0.01;
 const find = (id) => document.getElementById(id);
@@ -75,7 +75,7 @@ export class Panel {
       return line;
     }));
     find("advice").textContent = found.advice || "";
-    fillList(find("reasons"), found.reasons);
+    fillList(find("reasons"), found.reasons.map(plain));
   }
 
   async copy(form) {
@@ -91,7 +91,7 @@ export class Panel {
     const mark = this.marks.current;
     if (!how || !mark) return;
     this.link.ask("save", { image: this.marks.image, save: probeOf(mark), tracked: how === "tracked" }, (answer) => {
-      find("saved").textContent = answer.error || `In ${answer.file}: measured from the station's next start on.`;
+      find("saved").textContent = answer.error ? plain(answer.error) : `In ${answer.file}: measured from the station's next start on.`;
     });
   }
 }

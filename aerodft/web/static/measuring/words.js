@@ -4,7 +4,7 @@ const FOOT_M = 0.3048, SIGNS = { m2: "m²", deg: "°" };
 
 // ---- numbers with their unit
 
-function converted(value, unit, units) { // value and sign of the unit that people chose
+export function converted(value, unit, units) { // value and sign of the unit that people chose
   if (units === "ft" && unit === "m") return [value / FOOT_M, "ft"];
   if (units === "ft" && unit === "m2") return [value / FOOT_M ** 2, "ft²"];
   return [value, SIGNS[unit] || unit];
@@ -43,7 +43,9 @@ function placeText({ ground_m: [[x, y]], ellipse95: ellipse }, units) {
   return `${side}, ahead ${text(y)}${spread ? ` ± ${text(spread)} (95 %)` : ""}`;
 }
 
-export const refusalText = (measurement) => `${measurement.status.toUpperCase()}: ${measurement.reasons.join("; ")}`;
+export function refusalText({ status, reasons }) {
+  return [status.toUpperCase(), reasons.map(plain).join("; ")].filter(Boolean).join(": ");
+}
 
 export function labelText(measurement, units) { // short enough to stand in the image
   if (measurement.status !== "ok") return `${measurement.name} ${measurement.status.toUpperCase()}`;
@@ -91,11 +93,31 @@ export const clock = (stampNs) => `${new Date(Number(BigInt(stampNs) / 1000000n)
 
 export const day = (stampNs) => new Date(Number(BigInt(stampNs) / 1000000n)).toISOString().replace("T", " ").replace("Z", " UTC");
 
+// ---- the program's sentences in the page's words: they name parameters and keys that nobody sees here
+
+const PAGE_WORDS = [
+  [/what you know of the camera under \[camera\]/g, "a height, a length, a vertical or the horizon"],
+  [/take it with stds scaled up by `accept_misfit`/g, "take it with wider intervals, below"],
+  [/elevation_m in the file states another/g, "what is typed below states another"],
+  [/add focal to `unknowns`/g, "find the focal length too, below"],
+  [/`calibrate_lens`/g, "aerodft calibrate-lens"],
+  [/`request_messages`/g, "aerodft doctor --request-messages"],
+  [/`([a-z_]+)`/g, (_, name) => name.replace(/_(m|px|deg|s|ns|hz)$/, "").replaceAll("_", " ")],
+];
+
+export const plain = (sentence) => PAGE_WORDS.reduce((text, [from, to]) => text.replace(from, to), sentence);
+
+export const handText = (text) => (matchMedia("(pointer: coarse)").matches // fingers tap
+  ? text.replaceAll("click", "tap").replaceAll("Click", "Tap") : text);
+
 // ---- what is taken along
 
 export function copyText(form, mark, units) {
   const { name, kind, found, points } = mark;
-  if (form === "json") return JSON.stringify(found, null, 2);
+  if (form === "json") {
+    const { budget, advice, command, geojson, ...measurement } = found;
+    return JSON.stringify(measurement, null, 2);
+  }
   if (form === "command") return found.command;
   if (form === "geojson") return found.geojson || "Nobody knows where on the map this is: the pose has no place.";
   if (form === "text") return `${name}: ${valueText(found, units)}`;

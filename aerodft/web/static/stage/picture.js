@@ -98,7 +98,7 @@ export class Picture {
     const drawn = this.shapes.map((shape) => ({ ...shape, at: onScreen(shape.points || []), rings: (shape.rings || []).map(onScreen) }))
       .filter(({ at, rings }) => at.length || rings.length);
     for (const shape of drawn) this.drawShape(shape);
-    const taken = []; // no text stands on another
+    const taken = drawn.filter(({ style = "mark" }) => style === "mark").flatMap(({ at }) => at.map(pointBox)); // no text stands on a point, or another
     for (const { at, label, colour } of [...drawn].reverse()) if (label) this.drawLabel(at, label, colour, taken);
     for (const { at, tag, colour } of drawn) if (tag) this.drawTag(at[0], tag, colour, taken);
   }
@@ -207,6 +207,8 @@ export function trace(pen, at, closed) {
   for (const [x, y] of at) pen.lineTo(x, y);
   if (closed) pen.closePath();
 }
+
+const pointBox = ([x, y]) => ({ left: x - POINT_PX - 2, top: y - POINT_PX - 2, width: 2 * POINT_PX + 4, height: 2 * POINT_PX + 4 });
 
 const hides = (box, others) => others.some((each) => box.left < each.left + each.width && each.left < box.left + box.width
   && box.top < each.top + each.height && each.top < box.top + box.height);

@@ -1,6 +1,8 @@
 // Values over time, each with its 95 % band; a click or a drag shows the image of that time.
 
-const ROW_PX = 84, MOST_LEFT_PX = 170, RIGHT_PX = 12, FOOT_PX = 22, MOST_LIVE = 3000, MOST_DRAWN = 4000;
+import { converted } from "../measuring/words.js";
+
+const ROW_PX = 84, MOST_LEFT_PX = 190, RIGHT_PX = 12, HEAD_PX = 38, FOOT_PX = 22, TICK_PX = 90, MOST_LIVE = 3000, MOST_DRAWN = 4000;
 const BAND = "#56b4e966", BAD = "#d55e00", EVENT = "#cc79a7", OTHER_SOURCES = ["#e69f00", "#009e73", "#cc79a7", "#d55e00"];
 const KNOWN = [ // of the pose: name, unit, and its keys in the series of a recording and in what is seen live
   ["height", "m", "height_m", "height_std_m", (pose) => [pose.height_agl_m, pose.std.height_agl_m]],
@@ -14,6 +16,7 @@ export class Plots {
     this.canvas = canvas;
     this.onTime = () => {};
     this.isShown = false;
+    this.units = "m";
     this.now = 0;
     this.rows = []; // { name, unit, seconds, value, low, high, status, source }
     this.events = [];
@@ -77,9 +80,10 @@ export class Plots {
 
   // ---- drawing
 
-  draw() {
+  draw(units = this.units) {
+    this.units = units;
     if (!this.isShown) return;
-    const { canvas } = this, ratio = devicePixelRatio || 1, height = this.rows.length * ROW_PX + FOOT_PX, [first, last] = this.span;
+    const { canvas } = this, ratio = devicePixelRatio || 1, height = HEAD_PX + this.rows.length * ROW_PX + FOOT_PX, [first, last] = this.span;
     canvas.style.height = `${height}px`;
     canvas.width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     canvas.height = Math.round(height * ratio);
@@ -90,27 +94,51 @@ export class Plots {
     this.x = (seconds) => left + ((seconds - first) / (last - first)) * width;
     pen.scale(ratio, ratio);
     pen.font = "13px system-ui, sans-serif";
-    this.rows.forEach((row, number) => this.drawRow(row, number * ROW_PX));
-    pen.fillStyle = EVENT;
-    for (const event of this.events) pen.fillRect(this.x(event.seconds) - 1, 0, 2, height - FOOT_PX);
+    this.drawTime(first, last, width, height - FOOT_PX - HEAD_PX);
+    this.rows.forEach((row, number) => this.drawRow(row, HEAD_PX + number * ROW_PX));
+    this.drawEvents(height - FOOT_PX);
     pen.fillStyle = this.ink;
-    pen.fillRect(this.x(this.now) - 0.75, 0, 1.5, height - FOOT_PX);
-    this.drawFoot(height - 6, first, last);
+    pen.fillRect(this.x(this.now) - 0.75, HEAD_PX, 1.5, height - FOOT_PX - HEAD_PX);
+    const near = this.events.find((each) => Math.abs(each.seconds - this.now) < (last - first) / 60);
+    pen.fillText(near ? `${near.kind}: ${near.text}` : "95 % bands; orange marks below a line: no answer", 6, height - 6, canvas.clientWidth - 12);
   }
 
-  drawFoot(y, first, last) {
-    const { pen } = this, end = `${last.toFixed(1)} s`;
-    const near = this.events.find((each) => Math.abs(each.seconds - this.now) < (last - first) / 60);
-    const text = near ? `${near.kind}: ${near.text}` : "95 % bands; orange below: no answer; purple: events";
-    pen.fillText(`${first.toFixed(1)} s`, this.left, y);
-    pen.fillText(end, this.x(last) - pen.measureText(end).width, y);
-    pen.fillText(text, this.left + 60, y, this.x(last) - this.left - 130);
+  drawTime(first, last, width, tall) { // seconds, or minutes and seconds, above thin lines
+    const { pen } = this, least = ((last - first) * TICK_PX) / width, step = least > 20 ? 60 * niceStep(least / 60) : niceStep(least), digits = decimals(step);
+    const text = (seconds) => (last < 120 ? `${seconds.toFixed(digits)} s` : `${Math.floor(seconds / 60)}:${String(Math.round(seconds % 60)).padStart(2, "0")}`);
+    for (let at = Math.ceil(first / step) * step; at <= last; at += step) {
+      this.rule(this.x(at), 18, 1, tall + HEAD_PX - 18);
+      const label = text(at), wide = pen.measureText(label).width;
+      pen.fillText(label, Math.min(this.x(at) - wide / 2, this.canvas.clientWidth - wide), 13);
+    }
+  }
+
+  drawEvents(bottom) { // each with its kind, where there is room
+    const { pen } = this;
+    let free = 0;
+    for (const { seconds, kind } of this.events) {
+      const x = this.x(seconds), wide = pen.measureText(kind).width, left = Math.min(x + 3, this.canvas.clientWidth - wide);
+      pen.fillStyle = EVENT;
+      pen.fillRect(x - 1, 18, 2, bottom - 18);
+      if (left < free) continue;
+      pen.fillStyle = this.ink;
+      pen.fillText(kind, left, 31);
+      free = left + wide + 6;
+    }
+  }
+
+  rule(left, top, width, height) { // a thin line
+    this.pen.globalAlpha = 0.15;
+    this.pen.fillStyle = this.ink;
+    this.pen.fillRect(left, top, width, height);
+    this.pen.globalAlpha = 1;
   }
 
   drawRow(row, top) {
-    const { pen, x } = this, bottom = top + ROW_PX - 10, room = ROW_PX - 22, [low, high] = range(row);
+    const { pen, x } = this, [factor, unit] = converted(1, row.unit, this.units), bottom = top + ROW_PX - 10, room = ROW_PX - 22, [low, high] = range(row);
     const y = (value) => bottom - Math.min(Math.max((value - low) / (high - low || 1), -0.05), 1.05) * room;
-    this.drawTitle(row, top, low, high);
+    this.drawAxis((value) => y(value / factor), factor * low, factor * high);
+    this.drawTitle(row, top, factor, unit, factor * (high - low));
     for (const part of parts(row)) {
       pen.fillStyle = BAND;
       pen.beginPath();
@@ -128,19 +156,28 @@ export class Plots {
     row.status.forEach((status, at) => { if (status !== "ok") pen.fillRect(x(row.seconds[at]) - 1, bottom + 3, 2, 4); });
   }
 
-  drawTitle({ name, unit, seconds, value, status, source }, top, low, high) {
-    const { pen } = this, digits = Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(high - low || 1))));
-    const at = lastBefore(seconds, this.now), isNear = at >= 0 && this.now - seconds[at] < 2, room = this.left - 12;
+  drawAxis(y, low, high) { // two to four values, each with its line
+    if (!(high > low)) return;
+    const { pen, left } = this, step = niceStep((high - low) / 3);
+    for (let at = Math.ceil(low / step) * step; at <= high; at += step) {
+      this.rule(left, y(at), this.canvas.clientWidth - left - RIGHT_PX, 1);
+      const label = at.toFixed(decimals(step));
+      pen.fillText(label, left - 5 - pen.measureText(label).width, y(at) + 4);
+    }
+  }
+
+  drawTitle({ name, seconds, value, status, source }, top, factor, unit, extent) {
+    const { pen } = this, digits = Math.max(0, Math.min(5, 2 - Math.floor(Math.log10(extent || 1))));
+    const at = lastBefore(seconds, this.now), isNear = at >= 0 && this.now - seconds[at] < 2, room = this.left - 60;
     pen.fillStyle = this.ink;
-    pen.fillText(name, 6, top + 18, room);
-    if (Number.isFinite(low)) pen.fillText(`${low.toFixed(digits)} … ${high.toFixed(digits)} ${unit}`, 6, top + 36, room);
-    if (isNear) pen.fillText(value[at] === null ? status[at].toUpperCase() : `now ${value[at].toFixed(digits + 1)} ${unit}`, 6, top + 54, room);
+    pen.fillText(`${name}, ${unit}`, 6, top + 22, room);
+    if (isNear) pen.fillText(value[at] === null ? status[at].toUpperCase() : `now ${(factor * value[at]).toFixed(digits)}`, 6, top + 42, room);
     let left = 6;
     for (const each of new Set(source || [])) {
       pen.fillStyle = this.colourOf({ source }, each);
-      pen.fillRect(left, top + 63, 9, 9);
+      pen.fillRect(left, top + 53, 9, 9);
       pen.fillStyle = this.ink;
-      pen.fillText(each, left + 12, top + 72);
+      pen.fillText(each, left + 12, top + 62);
       left += pen.measureText(each).width + 20;
     }
   }
@@ -167,6 +204,13 @@ function parts({ seconds, value, source }) { // rows to be joined: a gap in the 
   }
   return found;
 }
+
+export function niceStep(least) { // 1, 2 or 5 times a power of ten
+  const power = 10 ** Math.floor(Math.log10(least));
+  return power * [1, 2, 5, 10].find((each) => each * power >= least);
+}
+
+const decimals = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 
 function lastBefore(seconds, now) {
   let low = 0, high = seconds.length;

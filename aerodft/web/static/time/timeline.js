@@ -60,6 +60,10 @@ export class Timeline {
     this.playing = this.playing ? null : this.view.is_live || setTimeout(() => this.advance(), 0);
   }
 
+  pause() {
+    if (this.playing) this.play();
+  }
+
   async advance() { // to the next image, and then to the one that is due
     const { images } = this.view, began = performance.now(), from = this.target;
     if (from + 1 >= images.length && !find("loop").checked) return this.play();
@@ -84,7 +88,7 @@ export class Timeline {
   async take(news) {
     this.onNews(news);
     const { image } = news;
-    if (!image) { find("when").textContent = "no image yet"; return; }
+    if (!image) { find("when").textContent = find("loading").textContent = "Waiting for the station's first image …"; return; }
     const seconds = Number(BigInt(image.stamp_ns) / 1000000n) / 1000;
     this.startSeconds ??= seconds;
     this.plots.add(seconds - this.startSeconds, image);

@@ -1,6 +1,6 @@
 // Whether the station is well: alerts that stay until somebody has seen them, what it says of itself, and what doctor says.
 
-import { clock } from "../measuring/words.js";
+import { clock, plain } from "../measuring/words.js";
 
 const DOCTOR_AGAIN_MS = 10_000;
 
@@ -32,7 +32,7 @@ export class Health {
     this.box.hidden = !this.alerts.size;
     this.box.replaceChildren(...[...this.alerts].map(([id, { text, since, lasts }]) => {
       const when = since === "0" ? "" : ` (since ${clock(since)}${lasts ? "" : ", over now"})`;
-      const row = element("p", `${text}${when} `), seen = element("button", "Seen");
+      const row = element("p", `${plain(text)}${when} `), seen = element("button", "Seen");
       seen.onclick = () => { this.dismissed.add(id); this.alerts.delete(id); this.drawAlerts(); };
       row.append(seen);
       return row;
@@ -42,10 +42,11 @@ export class Health {
   // ---- doctor
 
   async ask() { // while somebody looks
-    if (!this.doctor.children.length) this.doctor.replaceChildren(element("li", "Reading the telemetry …"));
+    if (!this.doctor.children.length) this.doctor.replaceChildren(element("p", "Reading the telemetry …"));
     const answer = await fetch("doctor.json").catch(() => null), found = answer?.ok ? await answer.json() : null;
-    const lines = found ? [...clockLines(found.clock), ...found.problems, ...found.notes] : [];
-    this.doctor.replaceChildren(...(lines.length ? lines : ["No telemetry, nothing to say."]).map((line) => element("li", line)));
+    const said = JSON.stringify(found);
+    if (said !== this.said) this.doctor.replaceChildren(...(found ? diagnosis(found) : [element("p", "No telemetry, nothing to say.")]));
+    this.said = said;
     clearTimeout(this.again);
     if (this.details.open && this.isLive) this.again = setTimeout(() => this.ask(), DOCTOR_AGAIN_MS);
   }
@@ -66,6 +67,24 @@ function rowsOf(status, pose, disk) {
   return rows;
 }
 
-const clockLines = (seconds) => (seconds === null ? [] : [`Clock: telemetry arrives ${seconds.toFixed(3)} s after its UTC`]);
+function diagnosis({ clock: seconds, problems, notes }) { // what is wrong first, the rest for whoever asks
+  const remarks = [...(seconds === null ? [] : [`Telemetry arrives ${seconds.toFixed(3)} s after its UTC.`]), ...notes];
+  const more = folded(`${remarks.length} remarks`, remarks.map((each) => element("p", plain(each))));
+  more.className = "remarks";
+  return [
+    element("h3", problems.length ? `${problems.length} to mend` : "Nothing to mend"),
+    ...problems.map((each) => {
+      const [what, ...how] = plain(each).split(": ");
+      return folded(what, how.length ? [element("p", how.join(": "))] : []);
+    }),
+    ...(remarks.length ? [more] : []),
+  ];
+}
 
-const element = (name, text) => Object.assign(document.createElement(name), { textContent: text });
+function folded(title, content) {
+  const made = element("details");
+  made.append(element("summary", title), ...content);
+  return made;
+}
+
+const element = (name, text = "") => Object.assign(document.createElement(name), { textContent: text });

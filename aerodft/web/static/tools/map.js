@@ -3,6 +3,7 @@
 
 import { gridText } from "../measuring/words.js";
 import { trace } from "../stage/picture.js";
+import { niceStep } from "../time/plots.js";
 
 const FOOTPRINT = "#56b4e944", TRACK = "#999999", CAMERA = "#d55e00", BANKS = "#f0e442", PROBE = "#cc79a7";
 const EDGE_PX = 24, TILE_PX = 256, MOST_TILES = 64, DEEPEST = 19, EQUATOR_M = 40075016.68557849;
@@ -34,6 +35,7 @@ export class GroundMap {
     for (const { enu_m: points, kind } of seen) this.line(points.map(at), { stroke: PROBE, closed: kind === "area", width: 3, dots: true });
     for (const { found, colour, kind } of measured) this.line(found.enu_m.map(at), { stroke: colour, closed: kind === "area", width: 3, dots: true });
     this.drawCamera(at(scene.camera_enu_m), scene.heading_deg);
+    this.drawNames([...seen.map(({ name, enu_m: [point] }) => [name, at(point)]), ...measured.map(({ name, found }) => [name, at(found.enu_m[0])])]);
     pen.fillStyle = ink;
     pen.fillText("N ↑", side - 34, 18);
   }
@@ -44,8 +46,23 @@ export class GroundMap {
     this.line(arrow, { fill: CAMERA, stroke: "#fff", width: 1, closed: true });
   }
 
+  drawNames(names) { // beside their first points, none on another
+    const { pen } = this, taken = [], side = this.canvas.clientWidth;
+    pen.strokeStyle = "#000";
+    pen.lineWidth = 3;
+    for (const [name, [x, y]] of names) {
+      const width = pen.measureText(name).width, left = Math.min(x + 8, side - width - 2);
+      const base = [-6, 16, -22, 32].map((dy) => y + dy).find((each) => !taken.some(([l, w, b]) => left < l + w && l < left + width && Math.abs(each - b) < 15));
+      if (base === undefined) continue;
+      taken.push([left, width, base]);
+      pen.strokeText(name, left, base);
+      pen.fillStyle = "#fff";
+      pen.fillText(name, left, base);
+    }
+  }
+
   drawGrid({ x, y, west, east, south, north, side }, ink, units) {
-    const { pen } = this, step = spacing(east - west);
+    const { pen } = this, step = niceStep((east - west) / 7);
     pen.strokeStyle = ink;
     pen.globalAlpha = 0.25;
     pen.lineWidth = 1;
@@ -112,11 +129,6 @@ function viewOf(points, side) { // a square that holds all points, with how metr
     side, scale, west: middleEast - half, east: middleEast + half, south: middleNorth - half, north: middleNorth + half,
     x: (metres) => side / 2 + (metres - middleEast) * scale, y: (metres) => side / 2 - (metres - middleNorth) * scale,
   };
-}
-
-function spacing(wide) {
-  const power = 10 ** Math.floor(Math.log10(wide / 4));
-  return [1, 2, 5, 10].map((each) => each * power).find((each) => each >= wide / 7);
 }
 
 const column = (lonDeg, zoom) => ((lonDeg + 180) / 360) * 2 ** zoom;

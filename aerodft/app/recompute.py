@@ -311,7 +311,7 @@ def recompute_rows(
     job: Job, *, dataset: Dataset, config: Path | None = None, calibration: Path | None = None, overwrite: bool = False
 ) -> Outcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
-    from replay.export import ParquetRows  # noqa: PLC0415 - slow to load, and one recording has no table
+    from replay.export import ParquetRows  # slow to load, and one recording has no table
 
     try:
         opened = open_recomputation(job.folder, config, calibration)

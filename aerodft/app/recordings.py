@@ -180,7 +180,7 @@ class StationRecording:
             InputError: The recording is damaged, or the file exists or cannot be written.
             NoAnswerError: The recording holds neither measurements nor poses.
         """
-        from aerodft.reports import recording_plot, recording_series, style  # noqa: PLC0415 - figures load slowly
+        from aerodft.reports import recording_plot, recording_series, style  # figures load slowly
 
         path, wanted = Path(path), tuple(probes)
         form = style.figure_format(path.suffix)
@@ -315,7 +315,7 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
         >>> "width-a" in page.read_text()
         True
     """
-    from aerodft.reports import page, recording_plot, recording_series  # noqa: PLC0415 - figures load slowly
+    from aerodft.reports import page, recording_plot, recording_series  # figures load slowly
 
     path = Path(path)
     if isinstance(what, str | Path) and is_river_folder(Path(what)):

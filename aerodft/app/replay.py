@@ -142,7 +142,7 @@ class _ReplayedQueries:
             raise NoAnswerError("another tool's recording has no station to ask", where=recording.name, hint=hint)
         found = self._runs.get(id(recording))
         if found is None:
-            from aerodft.app.assembly import RecordedRun  # noqa: PLC0415 - a replay that nobody asks needs no pipeline
+            from aerodft.app.assembly import RecordedRun  # a replay that nobody asks needs no pipeline
 
             found = self._runs[id(recording)] = RecordedRun(recording)
         return found

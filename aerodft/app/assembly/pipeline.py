@@ -93,7 +93,7 @@ def build_observers(
     if station.camera_motion is not None:
         schedules["watch"] = _camera_motion_schedule(station.camera_motion, camera)
     if (markers := station.markers) is not None:
-        from calibration.markers import MarkerObserver  # noqa: PLC0415 - as each observer here: slow to load, and rare
+        from calibration.markers import MarkerObserver  # slow to load and rare, as each observer here
 
         observer = MarkerObserver(markers.survey, camera, markers.ignore, partial(_place_near, pipeline))
         schedules["markers"] = ObserverSchedule(observer, markers.every_s)
@@ -102,7 +102,7 @@ def build_observers(
             "wrong_size": _by_text(observer.false),
         }
     if (objects := station.objects) is not None and objects.detect:
-        from aerodft.vision.objects import MovingObjects, MovingOverGround  # noqa: PLC0415
+        from aerodft.vision.objects import MovingObjects, MovingOverGround
 
         is_fixed = station.pipeline.fixed_pose is not None
         # Before a fixed camera what changes moves; before one that flies, what changes on the held ground.
@@ -110,13 +110,13 @@ def build_observers(
         schedules["objects"] = ObserverSchedule(moving, objects.every_s)
         notes["objects"] = lambda: {"restless": moving.flickering}
     if station.river is not None:
-        from aerodft.vision.river import RiverObserver  # noqa: PLC0415
+        from aerodft.vision.river import RiverObserver
 
         river = RiverObserver(camera, station.river, river_probes(probes), pose_of)
         schedules["river"] = ObserverSchedule(river, station.river.every_s)
         notes["river"] = lambda: {"without_river": dict(river.misses)}
     if tracked := tuple(probe for probe in probes if probe.source is PixelSource.TRACKED):
-        from aerodft.vision.plane_lock import TrackedProbes  # noqa: PLC0415
+        from aerodft.vision.plane_lock import TrackedProbes
 
         schedules["tracked"] = ObserverSchedule(TrackedProbes(camera, tracked, pose_of, ground))
     source = station.images.source
@@ -133,7 +133,7 @@ def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> O
     Raises:
         InputError: The reference image cannot be read, is of another size, or shows too little.
     """
-    from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints  # noqa: PLC0415
+    from aerodft.vision.camera_motion import LEAST_CORNERS, SteadyPoints
 
     pixels = None
     if settings.reference is not None:
@@ -182,7 +182,7 @@ def _pose_now(pipeline: Pipeline, image: Image) -> PoseSample | None:
 
 def _place_near(pipeline: Pipeline, image: Image) -> "CameraPlace | None":
     """Camera's place by the newest pose; None where that is too old, or has no place on the map."""
-    from calibration.markers import CameraPlace  # noqa: PLC0415
+    from calibration.markers import CameraPlace
 
     sample = _pose_near(pipeline, image)
     if sample is None or sample.pose is None or sample.origin is None:
@@ -204,21 +204,21 @@ def build_pipeline(station: StationConfig) -> Pipeline:
     decoder = decoder_of(station.pipeline.telemetry)
     tracker = None
     if station.objects is not None:
-        from aerodft.vision.objects import ObjectTracks  # noqa: PLC0415 - slow to load, as each calibrator is
+        from aerodft.vision.objects import ObjectTracks  # slow to load, as each calibrator is
 
         tracker = ObjectTracks(station.objects)
     if station.live is not None:
-        from calibration.live import LiveCalibrator  # noqa: PLC0415
+        from calibration.live import LiveCalibrator
 
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
         return Pipeline(station.pipeline, decoder, live, live, tracker)
     if station.camera_motion is not None:
-        from calibration.camera_motion import CameraMotionCalibrator  # noqa: PLC0415
+        from calibration.camera_motion import CameraMotionCalibrator
 
         steady = CameraMotionCalibrator(station.camera_motion, station.pipeline)
         return Pipeline(station.pipeline, decoder, steady, steady, tracker)
     if station.calibration is not None:
-        from calibration.flight import BiasCalibrator  # noqa: PLC0415
+        from calibration.flight import BiasCalibrator
 
         return Pipeline(station.pipeline, decoder, BiasCalibrator(station.calibration), tracker=tracker)
     return Pipeline(station.pipeline, decoder, tracker=tracker)

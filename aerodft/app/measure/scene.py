@@ -274,8 +274,8 @@ def _ground(terms: GroundTerms, origin: GeoOrigin | None) -> tuple[Ground | None
         return Plane.sloping(np.zeros(3), math.radians(terms.slope_deg), math.radians(terms.uphill_deg)), origin
     if not isinstance(terms, ElevationModel):
         return terms, origin
-    from aerodft.adapters.terrain import load_elevation  # noqa: PLC0415 - slow to load, and an extra
-    from aerodft.geometry import Terrain  # noqa: PLC0415
+    from aerodft.adapters.terrain import load_elevation  # slow to load, and an extra
+    from aerodft.geometry import Terrain
 
     if origin is None:
         raise UsageError("an elevation model without `lat_deg` and `lon_deg`", expected="where in it the camera is")
@@ -382,7 +382,7 @@ def _corrected(setup: Setup, sample: PoseSample, known: CalibrationFile) -> tupl
     """Camera and pose by telemetry, without what a calibration says that telemetry is off by."""
     if known.camera is not None and setup.model is not known.model:
         raise UsageError(f"{setup.model} beside a calibration", expected=f"{known.model}, which it was made with")
-    from calibration.flight import BiasCalibrator  # noqa: PLC0415 - loads scipy, for biases alone
+    from calibration.flight import BiasCalibrator  # loads scipy, for biases alone
 
     corrected = BiasCalibrator(known.biases).refine(PoseBatch.from_samples([sample]))[0]
     return replace(setup, camera=known.camera or setup.camera), corrected

@@ -78,7 +78,7 @@ class Transects:
             InputError: geopandas is not installed.
         """
         try:
-            from geopandas import GeoDataFrame  # noqa: PLC0415 - an extra
+            from geopandas import GeoDataFrame  # an extra
         except ImportError:
             hint = 'pip install "aerodft[geo]"; rows() and to_geojson() need nothing'
             raise InputError("geopandas is not installed", hint=hint) from None

@@ -96,7 +96,7 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     if path.is_file() and not overwrite:
         raise InputError("the file exists", where=path, hint="choose another name, or add `overwrite`")
     try:
-        with replaced(path, keep=not overwrite) as partial:
+        with atomic_file(path, keep=not overwrite) as partial:
             yield partial
     except FileExistsError:
         raise InputError(
@@ -107,7 +107,7 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
 
 
 @contextmanager
-def replaced(path: Path, *, keep: bool = False) -> Iterator[Path]:
+def atomic_file(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """A file that takes its name when the block is through, and leaves nothing behind when it raises.
 
     A link stays one; what is no file (a pipe, a device) is written to as it is.
@@ -140,8 +140,8 @@ def replaced(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write all of a file or none of it, as ``replaced``."""
-    with replaced(path) as partial:
+    """Write all of a file or none of it, as ``atomic_file``."""
+    with atomic_file(path) as partial:
         partial.write_bytes(data)
 
 

@@ -17,9 +17,9 @@ from aerodft.adapters.config.station import (
     Topics,
     VideoFile,
     load_station,
-    refreshed,
     stated_start_ns,
     with_calibration,
+    with_derived_settings,
 )
 from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFileSource, video_info
 from aerodft.adapters.outputs import open_outputs
@@ -114,13 +114,15 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     station = station if isinstance(station, StationConfig) else load_station(Path(station))
     source = _image_input(station.images.source, video, video_start_ns, images, rate_hz)
     station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
-    station = refreshed(station) if calibration is None else with_calibration(station, Path(calibration))
+    station = with_derived_settings(station) if calibration is None else with_calibration(station, Path(calibration))
     log = _checked_log(station, log, where)
     with named_in(Path(where)):
         if sync or (sync is None and station.images.is_auto):
-            station = refreshed(aligned_station(station, log, where, progress))
+            station = with_derived_settings(aligned_station(station, log, where, progress))
         else:
-            station = refreshed(_with_start_std(replace(station, images=replace(station.images, is_auto=False))))
+            station = with_derived_settings(
+                _with_start_std(replace(station, images=replace(station.images, is_auto=False)))
+            )
     files = (*station.observations.files, *map(Path, observations))
     return _recorded(station, log, files, Path(output), where, progress)
 

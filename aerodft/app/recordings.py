@@ -38,7 +38,7 @@ from replay.export import (
     geojson_text,
     map_features,
     merge_segments,
-    parsed,
+    parse_measurement,
     row_of,
     write_geopackage,
     write_kml,
@@ -76,7 +76,7 @@ class Measurements:
     def __iter__(self) -> Iterator[dict[str, object]]:
         with located(self._recording.folder):
             for payload in self._recording.measurements():
-                yield row_of(parsed(payload))
+                yield row_of(parse_measurement(payload))
 
     def to_arrow(self) -> "pa.Table":
         """The rows as a ``pyarrow.Table``, typed as in a Parquet file.
@@ -419,7 +419,7 @@ def _recorded_crs(recording: Recording, form: ExportFormat, crs: str | None) -> 
     """
     if form not in MAP_FORMATS:
         return None
-    is_local = _is_local(map(parsed, recording.measurements()))
+    is_local = _is_local(map(parse_measurement, recording.measurements()))
     system = _map_crs(crs, form, recording.folder, is_local=is_local)
     if is_local and form is ExportFormat.GEOJSON:
         _log.warning("%s: no place is known, and GeoJSON has no metres: write .gpkg for a map", recording.folder)

@@ -31,7 +31,7 @@ from replay.player import (
     TimelineMessage,
     check_mavlink,
     is_published,
-    shifted,
+    shift_stamps,
     timeline,
 )
 from replay.recordings import LeftOut, Recording
@@ -128,7 +128,7 @@ class _ReplayedQueries:
             request = replace(request, stamp_ns=request.stamp_ns - shift_ns)
         with self._lock:
             measurements = self._run_of(recording).at(log_ns).measure(request)
-        return shifted(encode_measurements(measurements), shift_ns)
+        return shift_stamps(encode_measurements(measurements), shift_ns)
 
     def _run_of(self, recording: AnyRecording) -> "RecordedRun":
         """The run of a recording's station.

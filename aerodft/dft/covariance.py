@@ -228,7 +228,7 @@ def variance_budgets(
     cov[:, :6, :6] = pose_cov = poses.pose.cov  # without the motion
     attitude, is_stated = _stated_attitude(jac_shared[:, ROTATION], cov[:, ROTATION], poses)
     cov[:, ROTATION, ROTATION] *= ~is_stated[:, None, None]
-    parts = _decorrelated(jac_shared, cov)
+    parts = _variance_parts(jac_shared, cov)
     variances_by_source = {
         **{name: np.sum(parts[:, columns], axis=-1) for name, columns in _SLICES.items()},
         **attitude,
@@ -263,7 +263,7 @@ def advice(budget: tuple[Share, ...]) -> str:
     return f"{100 * first.share:.0f} % from {first.source}: {first.remedy}"
 
 
-def _decorrelated(jac_shared: FloatArray, cov: FloatArray) -> FloatArray:
+def _variance_parts(jac_shared: FloatArray, cov: FloatArray) -> FloatArray:
     """Parts ``(r, s)`` of the variances ``g C g`` of scalars with gradients ``g``, which add up to them."""
     stds = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
     scale = np.where(stds > 0.0, stds, 1.0)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked
+from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked_sentence
 from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, is_link, is_peripheral, message_name
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.log_diagnosis import USED, ClockSummary, DiagnosisReport, SourceSummary, StreamGap
@@ -428,7 +428,7 @@ def problems(report: DiagnosisReport) -> list[str]:
     if report.first_ns is None:
         return ["nothing was received: is the sender on, and does it send to this address?"]
     if is_link(report.target) and report.signed_frames and report.signing is None:
-        signing = [unchecked(report.signed_frames, report.counts.frames)]
+        signing = [unchecked_sentence(report.signed_frames, report.counts.frames)]
     if not report.is_heard:
         return [_not_heard(report), *signing, *_damage(report), *report.warnings]
     silent = "the vehicle is silent since it was asked: what follows is of the time before"

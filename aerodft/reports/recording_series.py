@@ -14,7 +14,7 @@ from aerodft.adapters.wire.status import CAMERA_MOTION_SCHEMA, STATUS_SCHEMA
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located, printable
 from aerodft.model import FloatArray, IntArray, ProbeKind, Status
-from replay.export import Item, parsed, row_of
+from replay.export import Item, parse_measurement, row_of
 from replay.recordings import Recording
 
 _MEASURED: Final = frozenset({MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA})
@@ -128,12 +128,12 @@ def read_series(recording: Recording) -> RecordingSeries:
         for message in recording.messages(wanted=is_wanted):
             try:
                 if message.channel.schema == MEASUREMENT_SCHEMA:
-                    _add_measurement(found, parsed(message.data))
+                    _add_measurement(found, parse_measurement(message.data))
                 elif message.channel.schema == MEASUREMENTS_SCHEMA:
                     for _, payload in split_measurements(message.data):
-                        _add_measurement(found, parsed(payload))
+                        _add_measurement(found, parse_measurement(payload))
                 else:
-                    reader.add(found, message.channel.schema, parsed(message.data))
+                    reader.add(found, message.channel.schema, parse_measurement(message.data))
             except (KeyError, TypeError, ValueError, IndexError) as error:
                 got = f"{message.channel.topic}: {type(error).__name__} {error}"
                 raise InputError("a recorded message is damaged", got=got) from error

@@ -22,7 +22,7 @@ from aerodft.model import (
     Probe,
     Status,
 )
-from aerodft.service.outline_requests import can_answer, request_of, unseen
+from aerodft.service.outline_requests import can_answer, request_of, unseen_batch
 from aerodft.service.pending import Task, WorkList
 from aerodft.service.ports import (
     Calibrator,
@@ -308,7 +308,7 @@ class Answering:
     def _observation_outputs(self, name: str, part: _WorkPart) -> ObservationOutputs:
         probe, observations = self._observed[name], _observations(part.work, 0, len(part.work))
         if observations[0].is_empty:
-            measured = unseen(self._setup, part.poses, probe, observations, part.work.image)
+            measured = unseen_batch(self._setup, part.poses, probe, observations, part.work.image)
         else:
             request = request_of(probe, observations, self._setup, part.poses)
             measured = measure(self._setup, part.poses, link_requests([request], part.fixed), part.work.image)

@@ -54,7 +54,7 @@ def can_answer(probe: Probe, observation: Observation) -> bool:
     return kind in _OUTLINE_KINDS or (kind == ProbeKind.AREA and bool(observation.contour))
 
 
-def unseen(
+def unseen_batch(
     setup: Setup, poses: PoseBatch, probe: Probe, observations: Sequence[Observation], images: IntArray
 ) -> MeasurementBatch:
     """Measurements of a probe not found in images ``(n,)``: a status with reasons, and no value."""

@@ -184,7 +184,7 @@ def _refine_group(seen: MatchedPoints, start: FloatArray, rows: IntArray) -> Pla
     for _ in range(_ROUNDS):
         at = apply_homography(homography, then)
         off = now - at
-        std_px = max(robust_std(off) * math.sqrt(_corrected(len(then))), _LEAST_STD_PX)
+        std_px = max(robust_std(off) * math.sqrt(_variance_factor(len(then))), _LEAST_STD_PX)
         weight = (_STUDENT + 2) / (_STUDENT + np.sum(off**2, axis=-1) / std_px**2) / (_OVERLAPPING * std_px**2)
         jac = by_elements(unit, at).reshape(-1, FREE)
         weighted = (jac * np.repeat(weight, 2)[:, None]).T
@@ -197,7 +197,7 @@ def _refine_group(seen: MatchedPoints, start: FloatArray, rows: IntArray) -> Pla
     return PlaneGroup(homography, np.asarray(cov), np.asarray(members))
 
 
-def _corrected(points: int) -> float:
+def _variance_factor(points: int) -> float:
     """Over what a variance of residuals is too small, because a homography has been fitted to them."""
     return 2 * points / max(2 * points - FREE, 1)
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.evidence import EvidenceFile, Stated
+from aerodft.adapters.config.evidence import EvidenceFile, StatedObservation
 from aerodft.errors import InputError
 from aerodft.geometry import rays_from_pixels, reproject
 from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, SlantRange
@@ -25,7 +25,7 @@ class _Stray:
     """A landmark that disagrees, known in all three dimensions."""
 
     landmark: Landmark
-    stated: Stated
+    stated: StatedObservation
     near_px: float
 
     @property
@@ -185,7 +185,7 @@ def _names(strays: Sequence[_Stray]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _shown(stated: Stated) -> str:
+def _shown(stated: StatedObservation) -> str:
     pixel = f"pixel [{', '.join(f'{value:.10g}' for value in stated.pixels[0])}]"
     if stated.place is None:
         return pixel

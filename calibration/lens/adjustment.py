@@ -217,14 +217,14 @@ def first_guesses(corners: Corners, lens: LensModel, size_px: tuple[int, int], c
     """
     found = []
     for share in _FOCALS:
-        guess = resected(camera_guess(lens, size_px, share * max(size_px), coefficients), corners)
+        guess = resect_boards(camera_guess(lens, size_px, share * max(size_px), coefficients), corners)
         if guess is not None:
             found.append((float(np.sum(residuals_px(guess, corners) ** 2)), guess))
     found.sort(key=lambda each: each[0])
     return [guess for squares, guess in found if np.isfinite(squares)]
 
 
-def resected(camera: Camera, corners: Corners) -> Bundle | None:
+def resect_boards(camera: Camera, corners: Corners) -> Bundle | None:
     """Boards' poses in a camera; None where it cannot see one of them."""
     rays = rays_from_pixels(camera, corners.pixels_px)
     rotations, translations = [], []
@@ -253,9 +253,9 @@ def _pose(rays: FloatArray, points_m: FloatArray) -> tuple[FloatArray, FloatArra
     return rotation, np.asarray(move[:, 0] - rotation @ middle, dtype=np.float64)
 
 
-def reseated(bundle: Bundle, corners: Corners) -> Bundle:
+def resolve_mirrored_boards(bundle: Bundle, corners: Corners) -> Bundle:
     """The bundle with better poses where a board was taken for its mirror image in depth, as small ones are."""
-    other = resected(bundle.camera, corners)
+    other = resect_boards(bundle.camera, corners)
     if other is None:
         return bundle
     squares = [corners.per_view(np.sum(residuals_px(each, corners) ** 2, axis=-1)) for each in (bundle, other)]

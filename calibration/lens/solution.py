@@ -32,9 +32,9 @@ from calibration.lens.adjustment import (
     covariance,
     first_guesses,
     intrinsics_of,
-    reseated,
-    resected,
+    resect_boards,
     residuals_px,
+    resolve_mirrored_boards,
     with_coefficients,
 )
 from calibration.lens.board import Board
@@ -109,7 +109,7 @@ def _too_similar(got: str) -> NoAnswerError:
 
 def normals(views: Sequence[View], size_px: tuple[int, int]) -> FloatArray:
     """``(v, 3)`` normals of the boards in camera axes, roughly: for a lens of about 55 degrees."""
-    guess = resected(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.from_views(views))
+    guess = resect_boards(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.from_views(views))
     return np.tile([0.0, 0.0, 1.0], (len(views), 1)) if guess is None else guess.rotations[:, :, 2]
 
 
@@ -188,7 +188,7 @@ def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View
 
 def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:
     corners = Corners.from_views(views)
-    return adjust(reseated(adjust(bundle, corners), corners), corners)
+    return adjust(resolve_mirrored_boards(adjust(bundle, corners), corners), corners)
 
 
 class LensChoice(StrEnum):
@@ -281,7 +281,7 @@ def _begin(corners: Corners, lens: LensChoice, size_px: tuple[int, int]) -> Bund
     """The best of the first guesses, followed to their ends with four coefficients."""
     model = LensModel.FISHEYE if lens is LensChoice.FISHEYE else LensModel.BROWN
     ends = [
-        adjust(reseated(adjust(guess, corners), corners), corners)
+        adjust(resolve_mirrored_boards(adjust(guess, corners), corners), corners)
         for guess in first_guesses(corners, model, size_px, _MIN_COEFFICIENTS)[:_STARTS]
     ]
     if not ends:

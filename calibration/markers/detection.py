@@ -97,7 +97,7 @@ class Squares:
         return Squares(*(np.concatenate([getattr(self, each.name), getattr(more, each.name)]) for each in fields(self)))
 
 
-def refined(grey: ImageArray, rough_px: FloatArray, modules: int, camera: Camera | None = None) -> Squares:
+def refine_edges(grey: ImageArray, rough_px: FloatArray, modules: int, camera: Camera | None = None) -> Squares:
     """Find the edges of markers anew, next to where a detector saw them.
 
     Where edges are not clear, the detector's corners stay, with a std of one pixel.
@@ -314,7 +314,7 @@ def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tup
     ids, rough_px = _detected(grey, name, index)
     if not len(ids):
         return ids, Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
-    squares = refined(grey, rough_px, modules(name), camera)
+    squares = refine_edges(grey, rough_px, modules(name), camera)
     is_marker = likeness(grey, squares.corners_px, ids, name) > _MIN_CORRELATION
     return ids[is_marker], squares.where(is_marker)
 

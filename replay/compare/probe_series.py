@@ -19,7 +19,7 @@ from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located, os_errors_as
 from aerodft.model import CODE_OF, FloatArray, IntArray, ProbeKind, Status
-from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parsed, row_of
+from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parse_measurement, row_of
 from replay.recordings import Recording
 
 NO_IMAGE: Final = -1
@@ -122,7 +122,7 @@ class _Row(NamedTuple):
 
 
 def _row_of_payload(payload: bytes, where: Path) -> _Row:
-    item = parsed(payload)
+    item = parse_measurement(payload)
     return _row(row_of(item) if item.get("kind") == ProbeKind.POSITION else item, where)
 
 

@@ -15,7 +15,7 @@ import orjson
 from aerodft.adapters.files import csv_cell
 from aerodft.errors import InputError
 from replay.export.maps import MapCrs, geojson_text, map_features
-from replay.export.table import COLUMNS, LISTS, Kind, parsed, row_of
+from replay.export.table import COLUMNS, LISTS, Kind, parse_measurement, row_of
 
 _ROWS_AT_ONCE: Final = 16_384
 
@@ -61,7 +61,7 @@ def export_text(payloads: Iterable[bytes], form: ExportFormat, crs: MapCrs | Non
 
 def _lines(payloads: Iterable[bytes]) -> Iterator[str]:
     for payload in payloads:
-        item = parsed(payload)
+        item = parse_measurement(payload)
         row_of(item)  # what is no measurement is refused in every format
         yield f"{orjson.dumps(item).decode()}\n"
 
@@ -77,7 +77,7 @@ def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
     writer = csv.writer(_Echo(), lineterminator="\n")
     yield writer.writerow(COLUMNS)
     for payload in payloads:
-        row = row_of(parsed(payload))
+        row = row_of(parse_measurement(payload))
         for name in LISTS:
             value = row[name]
             row[name] = None if value is None else orjson.dumps(value).decode()
@@ -119,7 +119,7 @@ class ParquetRows:
             OSError: The file cannot be written.
         """
         for payload in payloads:
-            self._rows.append(row_of(parsed(payload)) | self._constants)
+            self._rows.append(row_of(parse_measurement(payload)) | self._constants)
             self.count += 1
             if len(self._rows) >= _ROWS_AT_ONCE:
                 self._write()

@@ -24,7 +24,7 @@ from pyproj.exceptions import CRSError, ProjError
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, UsageError
 from aerodft.model import ProbeKind, Status
-from replay.export.table import COLUMNS, LISTS, Kind, geometry_of, parsed, row_of
+from replay.export.table import COLUMNS, LISTS, Kind, geometry_of, parse_measurement, row_of
 from replay.export.video import COLOURS
 
 _WGS84_ID: Final = 4326
@@ -148,7 +148,7 @@ def map_features(payloads: Iterable[bytes], *, is_local: bool = False) -> Iterat
         InputError: A payload is no measurement.
     """
     for payload in payloads:
-        item = parsed(payload)
+        item = parse_measurement(payload)
         properties = _properties(row_of(item))
         kind = properties["kind"]
         is_known = kind in PROBE_KINDS or kind == ProbeKind.TRACK

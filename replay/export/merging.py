@@ -27,7 +27,7 @@ from aerodft.adapters.recording import (
     ChannelMessage,
     ChunkBuffer,
     Registry,
-    encoded,
+    encode_records,
 )
 from aerodft.adapters.recording.read import (
     ATTACHMENT_HEAD_BYTES,
@@ -242,7 +242,7 @@ class MergedRecordingWriter:
             InputError: It cannot be read.
         """
         offset, about = self._file.tell(), found.about
-        empty = encoded(about)[RECORD_HEAD.size :]
+        empty = encode_records(about)[RECORD_HEAD.size :]
         head = empty[: -_DATA_SIZE.size - _CRC.size] + _DATA_SIZE.pack(found.data_bytes)
         length, crc = len(head) + found.data_bytes + _CRC.size, zlib.crc32(head)
         self._file.write(RECORD_HEAD.pack(Opcode.ATTACHMENT, length) + head)

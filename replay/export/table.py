@@ -140,7 +140,7 @@ _NO_POINT: Final[Item] = {"lat_deg": None, "lon_deg": None, "alt_msl_m": None}
 _NO_ELLIPSE: Final[Item] = {"semi_major_m": None, "semi_minor_m": None, "azimuth_deg": None}
 
 
-def parsed(payload: bytes) -> Item:
+def parse_measurement(payload: bytes) -> Item:
     """A measurement's payload as an object.
 
     Raises:

@@ -19,7 +19,7 @@ from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import FloatArray, Image, ImageArray, ProbeKind, Status
-from replay.export.table import Item, parsed, row_of, time_utc
+from replay.export.table import Item, parse_measurement, row_of, time_utc
 from replay.recordings import PixelStore, Recording
 
 LEAST_HEIGHT_PX: Final = 480
@@ -334,7 +334,7 @@ class _MeasurementsByImage:
     def of(self, image: Image) -> list[Item]:
         """Measurements of an image; to be asked for in order of arrival."""
         for payload in self._payloads:
-            item = parsed(payload)
+            item = parse_measurement(payload)
             row_of(item)  # what is no measurement is refused, as in every other format
             index, stamp_ns = item["image"], int(item["stamp_ns"])
             by_key, key = (self._by_stamp, stamp_ns) if index is None else (self._by_image, index)

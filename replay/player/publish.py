@@ -59,7 +59,7 @@ _TIMES: Final = (b"time", b"builtin_interfaces/Time", b"builtin_interfaces/msg/T
 _STAMP_BYTES: Final = 8
 
 
-def shifted(payload: bytes, shift_ns: int) -> bytes:
+def shift_stamps(payload: bytes, shift_ns: int) -> bytes:
     """One of aerodft's own JSON payloads, with every stamp, also those in sentences, ``shift_ns`` later."""
     if not shift_ns:
         return payload
@@ -121,7 +121,7 @@ def _shift_message(message: Message, shift_ns: int) -> None:
 
 def _shift_json(data: bytes, shift_ns: int) -> bytes:
     try:
-        return shifted(orjson.dumps(_shifted_json(load_bounded_json(data), shift_ns)), shift_ns)
+        return shift_stamps(orjson.dumps(_shifted_json(load_bounded_json(data), shift_ns)), shift_ns)
     except (ValueError, TypeError, RecursionError):  # no JSON, or values beyond what it can hold once they are moved
         return data
 
@@ -266,7 +266,7 @@ class Republisher:
         if schema in _STAMPED:
             load_payload(message.data, schema, lambda payload: int(payload["stamp_ns"]))  # refuses what is none
         if schema == IMAGE_SCHEMA:
-            self._image_stamps[id(item.recording)] = (message.sequence, shifted(message.data, shift_ns))
+            self._image_stamps[id(item.recording)] = (message.sequence, shift_stamps(message.data, shift_ns))
         elif schema == JPEG_SCHEMA:
             sequence, stamps = self._image_stamps.get(id(item.recording), (None, None))
             self._put_jpeg(keys.image, jpeg_of(message.data), stamps if sequence == message.sequence else None)
@@ -277,12 +277,12 @@ class Republisher:
                 self._put_jpeg(keys.image, still, stamps)
         elif schema == MEASUREMENTS_SCHEMA:
             for name, payload in split_measurements(message.data):
-                self._put_measurement(item.recording, name, keys.measurement(name), shifted(payload, shift_ns))
+                self._put_measurement(item.recording, name, keys.measurement(name), shift_stamps(payload, shift_ns))
         elif schema == MEASUREMENT_SCHEMA:
             name = load_payload(message.data, schema, lambda payload: str(payload["name"]))
-            self._put_measurement(item.recording, name, message.channel.topic, shifted(message.data, shift_ns))
+            self._put_measurement(item.recording, name, message.channel.topic, shift_stamps(message.data, shift_ns))
         elif schema in _PUBLISHED:
-            self._put_json(message.channel.topic, shifted(message.data, shift_ns))
+            self._put_json(message.channel.topic, shift_stamps(message.data, shift_ns))
             self.published.others += 1
 
     def _put_measurement(self, recording: AnyRecording, name: str, key: str, payload: bytes) -> None:

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
-from aerodft.adapters.recording import MAGIC, RECORD_HEAD, encoded
+from aerodft.adapters.recording import MAGIC, RECORD_HEAD, encode_records
 from tests.peak import CAN_MEASURE, Taken, taken_by
 from tests.replay.foreign_files import frames_of, jpegs, write_foreign
 
@@ -227,7 +227,7 @@ def test_as_many_channels_as_a_file_may_claim(tmp_path: Path) -> None:
 
 def small(record: Callable[[int], Channel | Schema]) -> bytes:
     """As many small definitions as there are numbers for them."""
-    return encoded(*map(record, range(1000, 1 << 16)))
+    return encode_records(*map(record, range(1000, 1 << 16)))
 
 
 def message(channel: int, data: bytes) -> bytes:

@@ -10,7 +10,7 @@ from aerodft.adapters.wire.events import OBSERVATION_SCHEMA
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA
 from aerodft.errors import InputError
 from replay.compare.probe_series import _row_of_payload
-from replay.export import parsed, row_of
+from replay.export import parse_measurement, row_of
 from replay.recordings import Recording
 from tests.payloads import decode_observation
 
@@ -35,7 +35,7 @@ def changed(payload: bytes, way: str, value: object) -> bytes:
 
 def test_all_that_was_recorded_is_taken() -> None:
     for payload in Recording(FROZEN).measurements():
-        row_of(parsed(payload))
+        row_of(parse_measurement(payload))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_all_that_was_recorded_is_taken() -> None:
 def test_no_measurement(way: str, value: object) -> None:
     payload = changed(one(MEASUREMENT_SCHEMA), way, value)
     with pytest.raises(InputError, match="a recorded measurement is none"):
-        row_of(parsed(payload))
+        row_of(parse_measurement(payload))
 
 
 @pytest.mark.parametrize(("way", "value"), [("name", 7), ("name", None), ("value", 1e308), ("unit", {})])

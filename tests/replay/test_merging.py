@@ -9,7 +9,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Attachment
 from mcap.writer import Writer
 
-from aerodft.adapters.recording import encoded
+from aerodft.adapters.recording import encode_records
 from aerodft.adapters.recording.recover import recover_folder
 from aerodft.errors import InputError
 from replay.export import merge_segments
@@ -65,7 +65,7 @@ def test_an_attachment_is_the_record_that_the_stock_library_writes(tmp_path: Pat
         whole.attach(FileAttachment(about, tmp_path / "a.bin", 6, len(data)))
         with pytest.raises(InputError, match="became shorter"):
             list(FileAttachment(about, tmp_path / "a.bin", 6, len(data) + 7).pieces())
-    assert encoded(replace(about, data=data)) in path.read_bytes()
+    assert encode_records(replace(about, data=data)) in path.read_bytes()
     with path.open("rb") as file:
         (found,) = make_reader(file, validate_crcs=True).iter_attachments()
     assert found == replace(about, data=data)

@@ -10,7 +10,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from aerodft.adapters.recording import Channel
 from aerodft.adapters.wire.schemas import schema_text
-from replay.player.publish import shift_of, shifted
+from replay.player.publish import shift_of, shift_stamps
 
 STAMP_NS, HOUR_NS = 1_795_221_278_868_833_001, 3_600_000_000_000
 
@@ -20,14 +20,14 @@ def test_every_stamp_of_ours_is_moved_and_all_else_is_the_same_to_the_byte() -> 
         b'{"schema":"aerodft.camera_motion/1","stamp_ns":"%d","since_ns":"%d","moved_ns":null,"wait_ns":"5","n":1.50,'
         b'"reasons":["turned by 0.31 deg since 2026-11-21T00:34:38Z, at 2026-11-21T23:34:38.250Z"]}'
     ) % (STAMP_NS, STAMP_NS - 7)
-    assert shifted(payload, HOUR_NS) == (
+    assert shift_stamps(payload, HOUR_NS) == (
         b'{"schema":"aerodft.camera_motion/1","stamp_ns":"%d","since_ns":"%d","moved_ns":null,"wait_ns":"5","n":1.50,'
         b'"reasons":["turned by 0.31 deg since 2026-11-21T01:34:38Z, at 2026-11-22T00:34:38.250Z"]}'
     ) % (STAMP_NS + HOUR_NS, STAMP_NS - 7 + HOUR_NS)
-    assert shifted(shifted(payload, HOUR_NS), -HOUR_NS) == payload
-    assert shifted(payload, 0) is payload
+    assert shift_stamps(shift_stamps(payload, HOUR_NS), -HOUR_NS) == payload
+    assert shift_stamps(payload, 0) is payload
     endless = b'{"stamp_ns":"%s"}' % (b"9" * 5000)
-    assert shifted(endless, HOUR_NS) == endless
+    assert shift_stamps(endless, HOUR_NS) == endless
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_no_schema_has_a_stamp_that_would_stay(schema: str) -> None:
 
     walk(orjson.loads(schema_text(f"aerodft.{schema}")))
     for name in names:
-        assert shifted(b'{"%s":"5"}' % name.encode(), 1) == b'{"%s":"6"}' % name.encode()
+        assert shift_stamps(b'{"%s":"5"}' % name.encode(), 1) == b'{"%s":"6"}' % name.encode()
 
 
 def channel(encoding: str, schema: str = "", data: bytes = b"") -> Channel:

@@ -15,9 +15,9 @@ from aerodft.adapters.config.station import (
     VideoFile,
     load_station,
     parse_station,
-    refreshed,
     resolved_toml,
     with_calibration,
+    with_derived_settings,
 )
 from aerodft.adapters.config.station.station_config import ObservationSettings
 from aerodft.adapters.config.tables import to_deg, to_ns, to_s
@@ -85,7 +85,7 @@ def test_what_the_command_line_replaces_is_in_the_text_too() -> None:
         tick_ns=20_000_000,
     )
     video = VideoFile(path=Path("/data/a.mp4"), start_ns=1795221278868833123)
-    station = refreshed(
+    station = with_derived_settings(
         replace(
             station,
             pipeline=pipeline,
@@ -110,7 +110,7 @@ def test_a_fixed_pose_survives_to_the_last_bit(
         std=PoseStd(height_agl_m=std, tilt_rad=math.radians(std), heading_rad=math.radians(std)),
         calibration="sha256:00",
     )
-    station = refreshed(replace(load_station(CONFIGS / "services" / "fixed-camera.toml"), fixed_pose=pose))
+    station = with_derived_settings(replace(load_station(CONFIGS / "services" / "fixed-camera.toml"), fixed_pose=pose))
     assert_same(reread(station), station)
 
 
@@ -126,11 +126,13 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
         calibration=load_calibration(CONFIGS / "sites" / "river-calibration.toml").biases,
         pipeline=replace(station.pipeline, station="other"),
     )
-    assert refreshed(elsewhere).pipeline.config_id == own
+    assert with_derived_settings(elsewhere).pipeline.config_id == own
     whole = replace(station.pipeline, max_range_m=500)  # an int where a float is meant
-    assert refreshed(replace(station, pipeline=whole)).pipeline.config_id == own
+    assert with_derived_settings(replace(station, pipeline=whole)).pipeline.config_id == own
     stills = Stills(folder=Path("/x"), pattern="{unix_s}")
-    assert refreshed(replace(station, images=replace(station.images, source=stills))).pipeline.config_id == own
+    assert (
+        with_derived_settings(replace(station, images=replace(station.images, source=stills))).pipeline.config_id == own
+    )
     changed = [
         replace(station, images=replace(station.images, time_offset_s=0.1)),
         replace(station, observations=replace(station.observations, time_offset_s=0.1)),
@@ -138,7 +140,7 @@ def test_the_id_follows_what_numbers_depend_on_and_nothing_else() -> None:
         replace(station, pipeline=replace(station.pipeline, probes=station.pipeline.probes[:1])),
         replace(station, pipeline=replace(station.pipeline, time_std_s=0.5)),
     ]
-    ids = {refreshed(each).pipeline.config_id for each in changed}
+    ids = {with_derived_settings(each).pipeline.config_id for each in changed}
     assert len(ids | {own}) == len(changed) + 1
 
 

@@ -69,7 +69,7 @@ def matching(pattern: str, expected: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def repeated(count: int) -> BeforeValidator:
+def broadcast_to(count: int) -> BeforeValidator:
     """A validator that takes one number for all of so many."""
 
     def repeat(value: object) -> object:

@@ -129,17 +129,17 @@ def validated(model: type[TableT], document: object, prefix: str = "") -> TableT
     if problem["type"] == "extra_forbidden":
         raise _unknown_key(model, loc, prefix)
     context: dict[str, Any] = problem.get("ctx", {})
-    key = prefix + dotted((*loc, *([context["key"]] if context.get("key") else [])))
+    key = prefix + dotted_key((*loc, *([context["key"]] if context.get("key") else [])))
     if problem["type"] == "impossible":
         raise ConfigError(
             key.rstrip(".") or "its keys", got=context["got"], expected=context["expected"], hint=context["hint"]
         )
     expected = _EXPECTED[problem["type"]].format(**context) if problem["type"] in _EXPECTED else problem["msg"]
-    got = "nothing" if problem["type"] == "missing" else shown(problem["input"])
+    got = "nothing" if problem["type"] == "missing" else toml_excerpt(problem["input"])
     raise ConfigError(key, got=got, expected=expected)
 
 
-def dotted(loc: tuple[int | str, ...]) -> str:
+def dotted_key(loc: tuple[int | str, ...]) -> str:
     """A key path as people write it: ``probe[0].pixels[1]``."""
     text = ""
     for part in loc:
@@ -147,7 +147,7 @@ def dotted(loc: tuple[int | str, ...]) -> str:
     return text
 
 
-def shown(value: object) -> str:
+def toml_excerpt(value: object) -> str:
     """A value as TOML shows it, shortened."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -160,7 +160,7 @@ def shown(value: object) -> str:
 def _unknown_key(model: type[BaseModel], loc: tuple[int | str, ...], prefix: str) -> ConfigError:
     names = _names_at(model, loc[:-1])
     key = str(loc[-1])
-    what = f"{prefix}{dotted(loc)}: unknown key"
+    what = f"{prefix}{dotted_key(loc)}: unknown key"
     meant = _same_quantity(key, names)
     if meant and _split_unit(key)[1]:
         unit = _UNITS[_split_unit(meant)[1]]

@@ -114,16 +114,16 @@ class FromFile(Table):
         return self
 
 
-class Lifted(Table):
+class ValueOrTable(Table):
     """A table with the key ``value``, which may stand in its place."""
 
     @model_validator(mode="before")
     @classmethod
     def _lift(cls, document: object) -> object:
-        return document if isinstance(document, dict | Lifted) else {"value": document}
+        return document if isinstance(document, dict | ValueOrTable) else {"value": document}
 
 
-class Uncertain(Lifted, Generic[Quantity]):
+class Uncertain(ValueOrTable, Generic[Quantity]):
     """A quantity with its standard deviation in the same unit; a bare number is one without."""
 
     value: Quantity

@@ -8,4 +8,4 @@ from aerodft.adapters.recording.channels import (
     is_raw,
     protobuf_channel,
 )
-from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD, ChunkBuffer, Registry, encoded
+from aerodft.adapters.recording.layout import MAGIC, RECORD_HEAD, ChunkBuffer, Registry, encode_records

@@ -183,7 +183,7 @@ def index_entry(log_ns: int, offset: int) -> bytes:
     return _ENTRY.pack(log_ns, offset)
 
 
-def encoded(*records: McapRecord) -> bytes:
+def encode_records(*records: McapRecord) -> bytes:
     """Records as bytes."""
     builder = RecordBuilder()
     for record in records:
@@ -222,7 +222,7 @@ class Registry:
                     id=schema_id, name=channel.schema, encoding=channel.schema_encoding, data=channel.schema_data
                 )
                 self.schemas[schema_id] = schema
-                definition = encoded(schema)
+                definition = encode_records(schema)
         record = ChannelRecord(
             id=len(self.channels) + 1,
             topic=channel.topic,
@@ -232,6 +232,6 @@ class Registry:
         )
         self.channels[record.id] = record
         self._ids[channel] = record.id
-        definition += encoded(record)
+        definition += encode_records(record)
         self._definitions += definition
         return definition

@@ -11,7 +11,7 @@ from aerodft.adapters.telemetry.signing import (
     opened_signing,
     signing_document,
     signing_sentences,
-    unchecked,
+    unchecked_sentence,
 )
 from aerodft.adapters.telemetry.tlog import TlogSource
 from aerodft.adapters.telemetry.tracks import MOST_ATTACHED

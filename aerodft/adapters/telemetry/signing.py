@@ -414,7 +414,7 @@ def signing_sentences(counts: SigningCounts) -> list[str]:
     return sentences
 
 
-def unchecked(signed: int, frames: int) -> str:
+def unchecked_sentence(signed: int, frames: int) -> str:
     """Sentence that a link without a key is signed, with the number of such frames."""
     return (
         f"this link is signed ({signed} of {frames} frames): without `signing_key`, or telemetry.signing of a"

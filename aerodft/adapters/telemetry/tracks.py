@@ -115,19 +115,19 @@ class Rows:
         return {"arrival_ns": self.arrival_ns, "boot_ns": self.boot_ns}
 
 
-def beyond(values: FloatArray, limit: float) -> BoolArray:
+def is_beyond(values: FloatArray, limit: float) -> BoolArray:
     """Mask of values that are NaN, or larger in size than a limit."""
     return ~(np.abs(values) <= limit)
 
 
 def no_height(rows: Rows, *fields: str, unit_m: float = 1.0) -> dict[str, BoolArray]:
     """A fault for each field: not finite, or higher than anything flies."""
-    return {f"{field} is no height": beyond(rows.column(field) * unit_m, MAX_HEIGHT_M) for field in fields}
+    return {f"{field} is no height": is_beyond(rows.column(field) * unit_m, MAX_HEIGHT_M) for field in fields}
 
 
 def no_angle(rows: Rows, *fields: str, unit_rad: float = 1.0) -> dict[str, BoolArray]:
     """A fault for each field: not finite, or more than a full turn."""
-    return {f"{field} is no angle": beyond(rows.column(field) * unit_rad, MAX_ANGLE_RAD) for field in fields}
+    return {f"{field} is no angle": is_beyond(rows.column(field) * unit_rad, MAX_ANGLE_RAD) for field in fields}
 
 
 def clock_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -171,8 +171,8 @@ def position_track(
     unit_rad = math.radians(1 / per_deg)
     faults = {
         "no position yet": (rows.payload[lat] == 0) & (rows.payload[lon] == 0),
-        f"{lat} is no latitude": beyond(rows.column(lat), _MAX_LAT_DEG * per_deg),
-        f"{lon} is no longitude": beyond(rows.column(lon), _MAX_LON_DEG * per_deg),
+        f"{lat} is no latitude": is_beyond(rows.column(lat), _MAX_LAT_DEG * per_deg),
+        f"{lon} is no longitude": is_beyond(rows.column(lon), _MAX_LON_DEG * per_deg),
         **no_height(rows, alt, height, unit_m=1 / per_m),
     }
     good = rows.accepted(rejected, faults)
@@ -427,7 +427,7 @@ def _estimator_track(
     rows: Rows, rejected: Counter[str], fields: tuple[str, ...], faults: dict[str, BoolArray]
 ) -> Track:
     values = {field: rows.column(field) for field in fields}
-    impossible = {f"{field} is no ratio": beyond(each, _MOST_RATIO) | (each < 0) for field, each in values.items()}
+    impossible = {f"{field} is no ratio": is_beyond(each, _MOST_RATIO) | (each < 0) for field, each in values.items()}
     good = rows.accepted(rejected, {**faults, **impossible})
     flags = good.payload["flags"].astype(np.int64)
     return EstimatorTrack(

@@ -78,7 +78,7 @@ def _suggestion(wrong: str, possible: tuple[str, ...]) -> str:
     return f"did you mean {meant}?" if meant else ""
 
 
-def unstated(result: Result, evidence: EvidenceFile, *, is_saved: bool) -> NotDetermined | None:
+def unstated_value(result: Result, evidence: EvidenceFile, *, is_saved: bool) -> NotDetermined | None:
     """A height or tilt that nobody stated or asked for; None where nothing needs it.
 
     A roll, a heading or a place may be taken as 0, but nobody hangs at no height and looks in no direction.

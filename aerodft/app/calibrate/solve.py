@@ -13,7 +13,7 @@ import numpy as np
 from aerodft.adapters.config.camera import FixedPose, load_camera, write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile, Flight, check_against, load_evidence
 from aerodft.adapters.images import check_mode
-from aerodft.app.calibrate.checks import check_unique, check_unknowns, not_determined, unstated, wrong_unknowns
+from aerodft.app.calibrate.checks import check_unique, check_unknowns, not_determined, unstated_value, wrong_unknowns
 from aerodft.app.calibrate.image_poses import views_of
 from aerodft.app.calibrate.markers import detected_evidence
 from aerodft.app.progress import Progress, no_progress
@@ -86,7 +86,7 @@ class CalibrationResult:
         """
         if isinstance(self.fit, ImagesResult):
             return not_determined(self.fit, self.evidence, accept_misfit=self.accept_misfit)
-        missing = self.mistake or unstated(self.fit, self.evidence, is_saved=is_saved)
+        missing = self.mistake or unstated_value(self.fit, self.evidence, is_saved=is_saved)
         return missing or not_determined(self.fit, self.evidence, accept_misfit=self.accept_misfit)
 
     def document(self, *, is_saved: bool = False) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.station import StationConfig, Topics, load_station, refreshed, with_calibration
+from aerodft.adapters.config.station import StationConfig, Topics, load_station, with_calibration, with_derived_settings
 from aerodft.app.assembly import build_pipeline, recorded_station
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
@@ -149,7 +149,7 @@ def _station_of(recording: Recording | ForeignRecording, overrides: Overrides) -
         station = _station_without_config(recording, overrides)
     if overrides.camera is not None:
         camera = load_camera(overrides.camera)
-        station = refreshed(replace(station, pipeline=replace(station.pipeline, camera=camera)))
+        station = with_derived_settings(replace(station, pipeline=replace(station.pipeline, camera=camera)))
     return station if overrides.calibration is None else with_calibration(station, overrides.calibration)
 
 
@@ -160,7 +160,7 @@ def _station_without_config(recording: ForeignRecording, overrides: Overrides) -
         refusal = recording.refusal_without("camera")
         raise InputError(refusal.what, where=refusal.where, got=refusal.got, hint="name a `camera`, or a `config`")
     pipeline = PipelineSettings(station="recording", camera=camera, probes=(), telemetry=TelemetrySettings())
-    return refreshed(StationConfig(pipeline=pipeline))
+    return with_derived_settings(StationConfig(pipeline=pipeline))
 
 
 def _pose_at(source: Source, station: StationConfig, stamp_ns: int) -> PoseSample:

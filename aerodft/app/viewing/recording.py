@@ -16,7 +16,7 @@ from aerodft.dft import Setup
 from aerodft.errors import NoAnswerError, located
 from aerodft.model import Camera, Image, ImageArray, PoseSample
 from aerodft.reports.recording_series import Series, read_series
-from replay.export import parsed
+from replay.export import parse_measurement
 from replay.recordings import PixelStore, measurements_of
 
 _KEPT_SCENES: Final = 64
@@ -81,7 +81,9 @@ class RecordingView(View):
     def measured(self, number: int) -> list[Document]:
         """See ``View``."""
         with located(self._recording.path):
-            return [dict(parsed(each)) for each in measurements_of(self._recording.reader, self._image(number))]
+            return [
+                dict(parse_measurement(each)) for each in measurements_of(self._recording.reader, self._image(number))
+            ]
 
     def series(self) -> Document:
         """What was measured and known over time, for plots.

@@ -151,7 +151,7 @@ def _keys_to(controls: "Controls") -> AbstractContextManager[None]:
         controls.looping = not controls.looping
         say("looping" if controls.looping else "not looping")
 
-    return pressed(
+    return key_actions(
         {
             " ": controls.pause_or_go,
             "n": controls.step,
@@ -197,7 +197,7 @@ def has_keys() -> bool:
 
 
 @contextmanager
-def pressed(actions: Mapping[str, Callable[[], None]]) -> Iterator[None]:
+def key_actions(actions: Mapping[str, Callable[[], None]]) -> Iterator[None]:
     """Call an action for each of its keys, from a thread, until the end; the terminal is left as it was.
 
     Args:

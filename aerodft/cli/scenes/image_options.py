@@ -74,8 +74,8 @@ class PoseOptions:
         return MeasuredSurface(0.0, self.stds.elevation_m, None)
 
     def stated_pose(self) -> dict[str, Any]:
-        """Options of the pose that are given, see ``stated``."""
-        return stated(self, "camera", "calibration", "std", "elevation", "max_range")
+        """Options of the pose that are given, see ``given_options``."""
+        return given_options(self, "camera", "calibration", "std", "elevation", "max_range")
 
     def scene(
         self, ground: "GroundOptions | None" = None, model: ProjectionModel | None = None
@@ -171,7 +171,7 @@ class GroundOptions:
         return None if self.terrain is None else ElevationModel(self.terrain)
 
 
-def stated(options: PoseOptions | GroundOptions, *without: str) -> dict[str, Any]:
+def given_options(options: PoseOptions | GroundOptions, *without: str) -> dict[str, Any]:
     """The options of a group that say something, by their names; not those ``without``."""
     named = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in without}
     return {name: value for name, value in named.items() if value is not None and (value or name not in _LEVEL)}

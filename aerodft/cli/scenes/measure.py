@@ -15,10 +15,10 @@ from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
     GroundOptions,
     SurfaceOptions,
+    given_options,
     of_uncertainty,
     parse_probes,
     refuse_beside,
-    stated,
 )
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
@@ -143,7 +143,7 @@ def measure_image(
         {"--depth-map": mapped.depth_map, "--image": mapped.image, "--step": mapped.step},
     )
     if recorded.recording is not None:
-        refuse_beside(scene.stated_pose() | stated(ground), "--recording")
+        refuse_beside(scene.stated_pose() | given_options(ground), "--recording")
     from aerodft.app.measure import with_pixels_noted
 
     found = recorded.scene(scene)

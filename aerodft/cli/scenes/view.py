@@ -10,7 +10,7 @@ import typer
 from aerodft.cli.interrupts import wait_in_main_thread
 from aerodft.cli.options import PageOptions, grouped
 from aerodft.cli.output import say
-from aerodft.cli.scenes.image_options import PoseOptions, refuse_beside, stated
+from aerodft.cli.scenes.image_options import PoseOptions, given_options, refuse_beside
 
 if TYPE_CHECKING:
     from aerodft.app.viewing import View
@@ -51,7 +51,7 @@ def _recording(source: Path, scene: PoseOptions) -> "View":
     from aerodft.app.recordings import open_recording
     from aerodft.app.viewing import RecordingView
 
-    refuse_beside(stated(scene), "a recording")
+    refuse_beside(given_options(scene), "a recording")
     return RecordingView(open_recording(source))
 
 
@@ -59,7 +59,7 @@ def _fixed(source: Path, scene: PoseOptions) -> "View":
     from aerodft.adapters.config.camera import load_camera
     from aerodft.app.viewing import FixedCameraView
 
-    named = stated(scene).items()  # files by paths that hold anywhere, for command lines that people copy
+    named = given_options(scene).items()  # files by paths that hold anywhere, for command lines that people copy
     options = {name: str(value.absolute() if isinstance(value, Path) else value) for name, value in named}
     if scene.camera is not None and not {"height", "tilt", "calibration"} & options.keys():
         refuse_beside(scene.stated_pose(), "a pose that is still to be found")

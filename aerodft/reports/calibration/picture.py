@@ -40,7 +40,7 @@ _MAX_LETTERS = 48
 _Box = tuple[float, float, float, float]
 
 
-def shortened(text: str, most_letters: int) -> str:
+def shorten(text: str, most_letters: int) -> str:
     """One line with no more than so many letters."""
     line = "".join(each if each.isprintable() else " " for each in text)
     return line if len(line) <= most_letters else f"{line[: most_letters - 3]}..."
@@ -155,7 +155,7 @@ class Pen:
         self._axes.text(
             box[0],
             box[3],
-            shortened(text, _MAX_LETTERS),
+            shorten(text, _MAX_LETTERS),
             color=colour,
             fontsize=self.points(size),
             va="bottom",

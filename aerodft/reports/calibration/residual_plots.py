@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from aerodft.model import FloatArray
 from aerodft.reports.calibration.marks import Row
-from aerodft.reports.calibration.picture import shortened
+from aerodft.reports.calibration.picture import shorten
 from aerodft.reports.style import BLACK, BLUE, ORANGE, RED, styled
 from calibration.flight import ImagesResult
 from calibration.pose import Result, correlations
@@ -96,7 +96,7 @@ def _scatter(axes: Axes, rows: Sequence[Row], at: FloatArray, circles: Sequence[
             axes.plot(*edge, "x", color=_OUTLIER, markersize=7)
             side = "right" if edge[0] > 0 else "left"
             axes.annotate(
-                shortened(row.mark.name, _LETTERS),
+                shorten(row.mark.name, _LETTERS),
                 tuple(edge.tolist()),
                 color=_OUTLIER,
                 fontsize="small",
@@ -150,7 +150,7 @@ def _over_range(axes: Axes, rows: Sequence[Row], values: Sequence[float], label:
     for range_m, value, row in sorted(found, key=lambda each: -each[1])[:_NAMED]:
         is_right = axes.transLimits.transform(axes.transScale.transform((range_m, value)))[0] > _RIGHT
         axes.annotate(
-            shortened(row.mark.name, _LETTERS),
+            shorten(row.mark.name, _LETTERS),
             (range_m, value),
             (-5 if is_right else 5, 3),
             textcoords="offset points",

@@ -179,11 +179,11 @@ def without_shadows(
             part = rows, slice(max(left - _MARGIN_PX, 0), left + width + _MARGIN_PX)
             shade = shadows(pixels[part], background[part], labelled[part])
             mine = parts[part] == number
-            mask[part][mine & (shade | _scraps(mine & ~shade))] = 0
+            mask[part][mine & (shade | _small_parts(mine & ~shade))] = 0
     return np.asarray(mask > 0)
 
 
-def _scraps(mask: BoolArray) -> BoolArray:
+def _small_parts(mask: BoolArray) -> BoolArray:
     """Small parts of a mask ``(height, width)`` beside the largest: rests of a shadow."""
     _, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA]

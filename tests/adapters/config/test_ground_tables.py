@@ -11,7 +11,7 @@ import tomli_w
 from numpy.testing import assert_allclose, assert_array_equal
 from pyproj import Geod
 
-from aerodft.adapters.config.station import parse_station, refreshed, resolved_toml, with_calibration
+from aerodft.adapters.config.station import parse_station, resolved_toml, with_calibration, with_derived_settings
 from aerodft.adapters.config.station.loading import station_document
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import STANDARD_REFRACTION, Terrain
@@ -140,7 +140,7 @@ def test_the_id_follows_the_bytes_of_the_terrain_and_not_their_place(dem, tmp_pa
         file.write(b"\0")
     others = [
         parsed(PLACED + TERRAIN.replace("dem.tif", "moved.tif"), tmp_path),
-        refreshed(replace(station, ground=None)),
+        with_derived_settings(replace(station, ground=None)),
         parsed(PLACED + SLOPE),
         parsed(PLACED + SLOPE.replace("90", "91")),
     ]
@@ -171,7 +171,7 @@ def test_another_or_a_missing_file_is_refused(dem, tmp_path):
 def test_a_terrain_is_laid_out_once(dem, tmp_path):
     station = parsed(PLACED + TERRAIN, tmp_path)
     dem.unlink()
-    again = refreshed(replace(station, images=replace(station.images, time_offset_s=0.5)))
+    again = with_derived_settings(replace(station, images=replace(station.images, time_offset_s=0.5)))
     assert again.pipeline.ground is station.pipeline.ground
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from mcap.records import Channel, Schema
 
-from aerodft.adapters.recording import ChunkBuffer, encoded
+from aerodft.adapters.recording import ChunkBuffer, encode_records
 from aerodft.adapters.recording.channels import MOST_DEFINED_BYTES, Channels, TooMuchDefinedError
 from aerodft.adapters.recording.read import ChunkReader, scan_segment
 from aerodft.adapters.recording.recover import chunk_scanner, recover_folder
@@ -37,9 +37,9 @@ def unfinished(folder: Path, *chunks: tuple[bytes, int]) -> Path:
 
 @pytest.fixture
 def greedy(tmp_path: Path) -> Path:
-    too_much = encoded(*(schema(100 + k, BIG) for k in range(4)), channel(2))
-    ours = encoded(channel(1)), 1
-    return unfinished(tmp_path, ours, (too_much, 2), ours, (encoded(schema(5, 1000), channel(3, 5)), 3))
+    too_much = encode_records(*(schema(100 + k, BIG) for k in range(4)), channel(2))
+    ours = encode_records(channel(1)), 1
+    return unfinished(tmp_path, ours, (too_much, 2), ours, (encode_records(schema(5, 1000), channel(3, 5)), 3))
 
 
 @pytest.mark.parametrize("as_tables", [False, True])
@@ -71,7 +71,7 @@ def test_recovery_leaves_chunks_beyond_what_an_index_holds_beside_the_segment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(chunk_scanner, "MOST_INDEX_BYTES", 200)  # of which recovery takes half as much again
-    path = unfinished(tmp_path, *[(encoded(channel(1)), 1)] * 10)
+    path = unfinished(tmp_path, *[(encode_records(channel(1)), 1)] * 10)
     data = path.read_bytes()
     (segment,) = recover_folder(tmp_path).segments
     assert (segment.messages, segment.state) == (4, "completed")

@@ -1,6 +1,6 @@
 """Evidence files: landmarks, marks and lengths that people know of a scene, for a calibration."""
 
-from aerodft.adapters.config.evidence.cross_checks import Stated
+from aerodft.adapters.config.evidence.cross_checks import StatedObservation
 from aerodft.adapters.config.evidence.evidence_file import EvidenceFile, check_against, landmark_tables, load_evidence
 from aerodft.adapters.config.evidence.evidence_tables import GEO_KEYS
 from aerodft.adapters.config.evidence.images import Flight, ImageEvidence, StatedPose

@@ -38,7 +38,7 @@ _DEGREE_WIDE = 0.5  # by which a scene's latitudes and longitudes differ at most
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class StatedObservation:
     """An observation as its file has it.
 
     Attributes:
@@ -58,13 +58,15 @@ class Stated:
     image: str | None = None
 
     @staticmethod
-    def from_table(label: str, table: ObservationTable) -> "Stated":
+    def from_table(label: str, table: ObservationTable) -> "StatedObservation":
         """The observation of a table."""
         place, outside = table.place, table.may_be_outside
-        return Stated(label, table.all_pixels, place, is_geo=table.is_geo, may_be_outside=outside, image=table.image)
+        return StatedObservation(
+            label, table.all_pixels, place, is_geo=table.is_geo, may_be_outside=outside, image=table.image
+        )
 
 
-def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None) -> None:
+def check_pixels(stated: Sequence[StatedObservation], size_px: tuple[int, int] | None) -> None:
     """Refuse pixels that are outside of the image, or that no image has where its size is not known.
 
     Args:
@@ -101,7 +103,7 @@ def check_pixels(stated: Sequence[Stated], size_px: tuple[int, int] | None) -> N
     raise ConfigError(f"{first.label}: pixel", got=_list(pixel), expected=expected, hint=hint)
 
 
-def _are_places_wider(placed: Sequence[Stated]) -> bool:
+def _are_places_wider(placed: Sequence[StatedObservation]) -> bool:
     """Whether places are farther apart than pixels, as pixels are than metres."""
     if len(placed) == 1:
         return True
@@ -111,7 +113,7 @@ def _are_places_wider(placed: Sequence[Stated]) -> bool:
     return wide > float(np.max(np.ptp([each.pixels[0] for each in placed], axis=0)))
 
 
-def _larger_image(outside: Sequence[tuple[Stated, Px]], size_px: tuple[int, int]) -> str:
+def _larger_image(outside: Sequence[tuple[StatedObservation, Px]], size_px: tuple[int, int]) -> str:
     """A hint at the larger image that all these pixels may be of; empty where no usual size has them."""
     for share in _LARGER:
         width_px, height_px = (round(share * each) for each in size_px)
@@ -124,14 +126,14 @@ def _list(values: Sequence[float | None]) -> str:
     return f"[{', '.join('?' if value is None else f'{value:.10g}' for value in values)}]"
 
 
-def check_duplicates(stated: Sequence[Stated]) -> None:
+def check_duplicates(stated: Sequence[StatedObservation]) -> None:
     """Refuse one pixel at two places, one place at two pixels, and a landmark that is there twice, in one image.
 
     Raises:
         ConfigError: Which two.
     """
-    by_pixel: dict[tuple[str | None, tuple[Px, ...]], Stated] = {}
-    by_place: dict[tuple[str | None, Place], Stated] = {}
+    by_pixel: dict[tuple[str | None, tuple[Px, ...]], StatedObservation] = {}
+    by_place: dict[tuple[str | None, Place], StatedObservation] = {}
     for each in stated:
         if each.place is None:
             continue
@@ -148,7 +150,7 @@ def check_duplicates(stated: Sequence[Stated]) -> None:
             raise ConfigError(f"{each.label}: place", got=got, expected="a place of its own")
 
 
-def check_names(names: Sequence[str], stated: Sequence[Stated]) -> None:
+def check_names(names: Sequence[str], stated: Sequence[StatedObservation]) -> None:
     """Refuse a name that two observations have.
 
     Raises:
@@ -162,7 +164,7 @@ def check_names(names: Sequence[str], stated: Sequence[Stated]) -> None:
         seen[name] = each.label
 
 
-def check_together(stated: Sequence[Stated], frame: LocalFrame) -> None:
+def check_together(stated: Sequence[StatedObservation], frame: LocalFrame) -> None:
     """Refuse a landmark that is nowhere near the others.
 
     Raises:
@@ -187,7 +189,7 @@ def check_together(stated: Sequence[Stated], frame: LocalFrame) -> None:
     )
 
 
-def check_degrees(stated: Sequence[Stated]) -> None:
+def check_degrees(stated: Sequence[StatedObservation]) -> None:
     """Refuse latitudes and longitudes that are radians: read as degrees, all of them lie in the Gulf of Guinea.
 
     Raises:
@@ -250,7 +252,7 @@ def _seen_at(known: EvidenceSet) -> Iterator[tuple[Px, float]]:
                 continue
 
 
-def check_datums(stated: Sequence[Stated], camera: CameraPriorTable, crs: str) -> None:
+def check_datums(stated: Sequence[StatedObservation], camera: CameraPriorTable, crs: str) -> None:
     """Refuse a file in which some places are in degrees and others in metres, or all are not what ``crs`` says.
 
     Raises:
@@ -270,7 +272,7 @@ def check_datums(stated: Sequence[Stated], camera: CameraPriorTable, crs: str) -
         raise ConfigError(f"{label}: place", got=got, expected=expected, hint=hint)
 
 
-def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str) -> LocalFrame:
+def frame_around(stated: Sequence[StatedObservation], table: EvidenceTable, crs: str) -> LocalFrame:
     """The frame to compute in.
 
     Local coordinates stay as they are, unless they are beyond 100 km, which is somebody's projection. The zero of
@@ -305,7 +307,7 @@ def frame_around(stated: Sequence[Stated], table: EvidenceTable, crs: str) -> Lo
     return LocalFrame(crs, (x, y, _zero(places, camera) if zero_m is None else zero_m))
 
 
-def _own_metres(stated: Sequence[Stated], crs: str) -> str:
+def _own_metres(stated: Sequence[StatedObservation], crs: str) -> str:
     """Advice where all places look like metres from a zero of somebody's own; empty where they do not."""
     places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
     if crs == LOCAL or takes_degrees(crs) or not places:
@@ -317,7 +319,7 @@ def _own_metres(stated: Sequence[Stated], crs: str) -> str:
     return 'they look like metres from a zero of your own: write crs = "local"'
 
 
-def check_is_map(stated: Sequence[Stated], crs: str) -> Iterator[str]:
+def check_is_map(stated: Sequence[StatedObservation], crs: str) -> Iterator[str]:
     """A sentence where a projection's coordinates are so near its zero that they may be somebody's own metres."""
     places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
     if crs == LOCAL or takes_degrees(crs) or not places:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from aerodft.adapters.config.evidence.cross_checks import (
-    Stated,
+    StatedObservation,
     check_datums,
     check_degrees,
     check_duplicates,
@@ -66,7 +66,7 @@ class EvidenceFile:
     known: EvidenceSet
     frame: LocalFrame
     fixed: frozenset[str]
-    stated: tuple[Stated, ...]
+    stated: tuple[StatedObservation, ...]
     image: str | None
     image_size_px: tuple[int, int] | None
     sha256: str
@@ -155,7 +155,7 @@ def evidence_from(document: dict[str, Any], path: Path, sha256: str) -> Evidence
 def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
     table, rows = file.table, file.rows
     size_px = next((each.size_px for each in table.images if each.size_px), None)  # one camera's mode has one size
-    stated = tuple(Stated.from_table(row.label, row.table) for row in rows)
+    stated = tuple(StatedObservation.from_table(row.label, row.table) for row in rows)
     crs = checked_crs(table.crs)
     for camera in table.cameras:
         check_datums(stated, camera, crs)

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.keys import Quantity, impossible
-from aerodft.adapters.config.tables import LOCAL, Lifted, SiAttribute, Table, si_value
+from aerodft.adapters.config.tables import LOCAL, SiAttribute, Table, ValueOrTable, si_value
 from aerodft.model import (
     Evidence,
     GroundLines,
@@ -69,12 +69,12 @@ Std = Annotated[float, Field(ge=0, le=1e6)]
 StdPx = Annotated[float, Field(ge=1e-6, le=1e6)]
 Component = Annotated[keys.Real | None, BeforeValidator(_component)]
 Position = Annotated[tuple[Component, Component, Component], Field(strict=False)]
-StdM = Annotated[tuple[Std, Std, Std], Field(strict=False), keys.repeated(SPACE)]
+StdM = Annotated[tuple[Std, Std, Std], Field(strict=False), keys.broadcast_to(SPACE)]
 Line = Annotated[tuple[keys.Pixel, keys.Pixel], Field(strict=False), AfterValidator(_line)]
 
 
 PriorStd = Annotated[float, Field(gt=0, le=1e9)]
-PlaceStd = Annotated[tuple[PriorStd, ...], Field(strict=False), keys.repeated(1)]
+PlaceStd = Annotated[tuple[PriorStd, ...], Field(strict=False), keys.broadcast_to(1)]
 Rows = Annotated[tuple[Row, ...], Field(strict=False), BeforeValidator(_in_rows)]
 
 
@@ -272,14 +272,14 @@ class HorizonTable(ObservationTable):
     sea: Annotated[bool, SiAttribute("is_sea")] = False
 
 
-class Known(Lifted, Generic[Quantity]):
+class KnownValue(ValueOrTable, Generic[Quantity]):
     """A quantity and how well it is known; a bare one is taken as exact."""
 
     value: Quantity
     std: PriorStd | None = None
 
 
-class PlaceTable(Lifted):
+class PlaceTable(ValueOrTable):
     """East and north or easting and northing, and perhaps a height; one std for all, or one for each of them."""
 
     value: Annotated[tuple[keys.Real, ...], Field(strict=False, min_length=PLANE, max_length=SPACE)]
@@ -301,11 +301,11 @@ class CameraPriorTable(InDegrees):
 
     INSTEAD_OF: ClassVar = {"position_m": GEO_KEYS}
 
-    height_agl_m: Known[keys.Positive] | None = None
-    tilt_deg: Known[keys.TiltDeg] | None = None
-    roll_deg: Known[keys.RollDeg] | None = None
-    heading_deg: Known[keys.HeadingDeg] | None = None
-    focal_px: Known[keys.Focal] | None = None
+    height_agl_m: KnownValue[keys.Positive] | None = None
+    tilt_deg: KnownValue[keys.TiltDeg] | None = None
+    roll_deg: KnownValue[keys.RollDeg] | None = None
+    heading_deg: KnownValue[keys.HeadingDeg] | None = None
+    focal_px: KnownValue[keys.Focal] | None = None
     position_m: PlaceTable | None = None
     position_std_m: PlaceStd | None = None
 
@@ -372,7 +372,7 @@ class EvidenceTable(Table):
     """The file."""
 
     crs: keys.Text = LOCAL
-    elevation_m: Known[keys.Real] | None = None
+    elevation_m: KnownValue[keys.Real] | None = None
     image: ImageTable = ImageTable()
     camera: CameraPriorTable = CameraPriorTable()
     landmark: Rows[LandmarkTable] = ()
@@ -407,7 +407,7 @@ def camera_priors(camera: CameraPriorTable, frame: LocalFrame) -> dict[str, tupl
     if camera.height_agl_m is not None:
         stated["height"] = (camera.height_agl_m.value, camera.height_agl_m.std)
     for name in ("tilt", "roll", "heading"):
-        angle: Known[float] | None = getattr(camera, f"{name}_deg")
+        angle: KnownValue[float] | None = getattr(camera, f"{name}_deg")
         if angle is not None:
             stated[name] = (math.radians(angle.value), None if angle.std is None else math.radians(angle.std))
     if camera.focal_px is not None:

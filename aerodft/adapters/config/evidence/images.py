@@ -10,12 +10,12 @@ from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import StdTable, stds_from
-from aerodft.adapters.config.evidence.cross_checks import Stated
+from aerodft.adapters.config.evidence.cross_checks import StatedObservation
 from aerodft.adapters.config.evidence.evidence_tables import (
     CameraPriorTable,
     EvidenceTable,
     ImageTable,
-    Known,
+    KnownValue,
     camera_priors,
 )
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
@@ -81,7 +81,7 @@ class FlightTable(TelemetryTable):
 
     log: keys.Text | None = None
     origin: OriginTable | None = None
-    time_offset_s: Known[keys.TimeOffset] | None = None
+    time_offset_s: KnownValue[keys.TimeOffset] | None = None
     noise_share: Annotated[float, Field(ge=0, lt=1)] = 0.1
     noise: StdTable = StdTable()
 
@@ -210,7 +210,11 @@ def read_tables(document: dict[str, Any]) -> EvidenceTable:
 
 
 def flight_from(
-    tables: ImagesTable, stated: Sequence[Stated], evidence: Sequence[Evidence], frame: LocalFrame, path: Path
+    tables: ImagesTable,
+    stated: Sequence[StatedObservation],
+    evidence: Sequence[Evidence],
+    frame: LocalFrame,
+    path: Path,
 ) -> Flight:
     """The images with their evidence.
 

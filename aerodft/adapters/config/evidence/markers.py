@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.cross_checks import (
-    Stated,
+    StatedObservation,
     check_datums,
     check_degrees,
     check_together,
@@ -35,7 +35,7 @@ from aerodft.adapters.config.evidence.evidence_tables import (
 )
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.keys import impossible
-from aerodft.adapters.config.reading import parse_toml, read_bytes, shown, validated
+from aerodft.adapters.config.reading import parse_toml, read_bytes, toml_excerpt, validated
 from aerodft.errors import ConfigError, located
 from aerodft.model import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 
@@ -231,7 +231,7 @@ def _dictionary(text: str) -> tuple[str, int]:
     if wanted not in names:
         close = next(iter(difflib.get_close_matches(wanted, names, n=1, cutoff=0.6)), "")
         hint = f"did you mean {close}?" if close else ""
-        raise ConfigError("dictionary", got=shown(text), expected=f"one of {', '.join(names)}", hint=hint)
+        raise ConfigError("dictionary", got=toml_excerpt(text), expected=f"one of {', '.join(names)}", hint=hint)
     known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, names[wanted]))
     return names[wanted].removeprefix(_PREFIX), len(known.bytesList)
 
@@ -256,7 +256,7 @@ def _check_ids(table: MarkersTable, size: int) -> None:
 
 def _frame(table: MarkersTable, crs: str) -> LocalFrame:
     stated = [
-        Stated(f"marker[{index}]", (), place, is_geo=each.is_geo)
+        StatedObservation(f"marker[{index}]", (), place, is_geo=each.is_geo)
         for index, each in enumerate(table.marker)
         for place in each.places
     ]

@@ -4,9 +4,9 @@ from aerodft.adapters.config.station.ground import COPY_NAME, copy_terrain, trav
 from aerodft.adapters.config.station.loading import (
     load_station,
     parse_station,
-    refreshed,
     resolved_toml,
     with_calibration,
+    with_derived_settings,
 )
 from aerodft.adapters.config.station.station_config import (
     Device,

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 _FARTHEST_M = 1e5  # of a marker from the station's origin
 Place = Annotated[tuple[keys.Real, keys.Real, keys.Real], Field(strict=False)]
-PlaceStd = Annotated[tuple[keys.NonNegative, keys.NonNegative, keys.NonNegative], keys.repeated(3), Field(strict=False)]
+PlaceStd = Annotated[
+    tuple[keys.NonNegative, keys.NonNegative, keys.NonNegative], keys.broadcast_to(3), Field(strict=False)
+]
 
 
 class LandmarkTable(Table):

@@ -121,7 +121,7 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
         live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin),
         markers=markers,
     )
-    return refreshed(station)
+    return with_derived_settings(station)
 
 
 def _pose_and_biases(table: ConfigTable) -> tuple[FixedPose | None, Calibration | None]:
@@ -147,7 +147,7 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
     camera, pose, biases = _calibrated(path, pipeline.camera, pipeline.model, is_fixed=is_fixed)
     pipeline = replace(pipeline, camera=camera)
     with located(path):
-        return refreshed(replace(station, pipeline=pipeline, fixed_pose=pose, calibration=biases))
+        return with_derived_settings(replace(station, pipeline=pipeline, fixed_pose=pose, calibration=biases))
 
 
 def _calibrated(
@@ -170,7 +170,7 @@ def _calibrated(
     return found.camera or camera, found.pose, None if is_fixed else found.biases
 
 
-def refreshed(station: StationConfig) -> StationConfig:
+def with_derived_settings(station: StationConfig) -> StationConfig:
     """The station with ``pipeline.ground``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
 
     Args:

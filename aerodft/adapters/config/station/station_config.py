@@ -169,7 +169,7 @@ class StationConfig:
     """One station, from one file.
 
     ``pipeline.fixed_pose``, ``.ground`` and ``.config_id`` follow from the rest: after a ``dataclasses.replace`` that
-    touches what numbers depend on, pass the result through :func:`aerodft.adapters.config.station.loading.refreshed`.
+    touches what numbers depend on, pass the result through :func:`with_derived_settings`.
 
     Attributes:
         pipeline: What the numbers depend on.

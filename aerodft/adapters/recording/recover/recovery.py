@@ -25,7 +25,7 @@ from aerodft.adapters.recording.layout import (
     ChunkBuffer,
     EncodedChunk,
     compressor,
-    encoded,
+    encode_records,
 )
 from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, SegmentScan, recording_of, records_in, scan_segment
 from aerodft.adapters.recording.recover.chunk_scanner import ChunkScanner, DamagedBytes, WholeChunk
@@ -505,7 +505,7 @@ def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
     found.after = scanner.count if scanner.has_end else None
     found.is_sound &= rebuilt.indexes == scanner.indexes and scanner.stated_messages == found.messages
     if scanner.stated_messages is not None:
-        found.losses = _counted(found.losses, scanner.stated_messages - found.messages)
+        found.losses = _stated_losses(found.losses, scanner.stated_messages - found.messages)
     for channels in known:
         for identity in used.keys() & channels.records.keys() - found.channels.by_id.keys():
             record = channels.records[identity]
@@ -563,7 +563,7 @@ def _before(loss: Loss, start_ns: int) -> Loss:
     return loss if loss.to_ns is not None else replace(loss, to_ns=start_ns)
 
 
-def _counted(losses: list[Loss], missing: int) -> list[Loss]:
+def _stated_losses(losses: list[Loss], missing: int) -> list[Loss]:
     """The losses of a file that says how many messages it had."""
     if missing <= 0:  # what is damaged held none: indexes, or what the file says of itself
         return [replace(loss, messages=0) for loss in losses if loss.from_ns is None]
@@ -621,7 +621,9 @@ def _write(file: SegmentFile, descriptor: int, found: _SegmentReport) -> None:
     summary = Summary(PROFILE, found.library or SOFTWARE, metadata, found.channels.schemas, found.channels.records)
     file.write(summary.header)
     front = (
-        encoded(*found.channels.schemas.values(), *found.channels.records.values()) if found.lacks_definitions else b""
+        encode_records(*found.channels.schemas.values(), *found.channels.records.values())
+        if found.lacks_definitions
+        else b""
     )
     scanner = ChunkScanner(descriptor)
     for item in scanner.items():

@@ -41,7 +41,7 @@ from aerodft.adapters.recording.layout import (
     MAGIC,
     EncodedChunk,
     Registry,
-    encoded,
+    encode_records,
 )
 from aerodft.version import SOFTWARE
 
@@ -226,9 +226,9 @@ class Summary:
         self._metadata_indexes: list[MetadataIndex] = []
         self._attachment_indexes: list[AttachmentIndex] = []
         self.messages = 0
-        self.header = MAGIC + encoded(Header(profile=profile, library=library))
+        self.header = MAGIC + encode_records(Header(profile=profile, library=library))
         for name, values in metadata:
-            record = encoded(Metadata(name=name, metadata=values))
+            record = encode_records(Metadata(name=name, metadata=values))
             self._metadata_indexes.append(MetadataIndex(offset=len(self.header), length=len(record), name=name))
             self.header += record
         self._bytes = _FIXED_SUMMARY_BYTES + sum(40 + len(index.name) for index in self._metadata_indexes)
@@ -276,26 +276,26 @@ class Summary:
 
     def footer(self, position: int) -> bytes:
         """All that comes behind the last chunk, which ends at ``position``."""
-        data_end = encoded(DataEnd(data_section_crc=0))
+        data_end = encode_records(DataEnd(data_section_crc=0))
         start = position + len(data_end)
         groups: list[tuple[Opcode, bytes]] = [
-            (Opcode.SCHEMA, encoded(*self._schemas.values())),
-            (Opcode.CHANNEL, encoded(*self._channels.values())),
-            (Opcode.STATISTICS, encoded(self._statistics())),
-            (Opcode.CHUNK_INDEX, encoded(*self._indexes)),
-            (Opcode.ATTACHMENT_INDEX, encoded(*self._attachment_indexes)),
-            (Opcode.METADATA_INDEX, encoded(*self._metadata_indexes)),
+            (Opcode.SCHEMA, encode_records(*self._schemas.values())),
+            (Opcode.CHANNEL, encode_records(*self._channels.values())),
+            (Opcode.STATISTICS, encode_records(self._statistics())),
+            (Opcode.CHUNK_INDEX, encode_records(*self._indexes)),
+            (Opcode.ATTACHMENT_INDEX, encode_records(*self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, encode_records(*self._metadata_indexes)),
         ]
         content, offsets = b"", b""
         for opcode, group in groups:
             if group:
                 place = SummaryOffset(group_opcode=opcode, group_start=start + len(content), group_length=len(group))
-                offsets += encoded(place)
+                offsets += encode_records(place)
                 content += group
         footer = Footer(summary_start=start, summary_offset_start=start + len(content), summary_crc=0)
-        checked = content + offsets + encoded(footer)[:-_CRC_BYTES]
+        checked = content + offsets + encode_records(footer)[:-_CRC_BYTES]
         footer.summary_crc = zlib.crc32(checked)
-        return b"".join((data_end, content, offsets, encoded(footer), MAGIC))
+        return b"".join((data_end, content, offsets, encode_records(footer), MAGIC))
 
     def _statistics(self) -> Statistics:
         totals: Counter[int] = Counter()
@@ -354,7 +354,9 @@ _log = logging.getLogger(__name__)
 
 def count_record(chunks: int, messages: int) -> bytes:
     """Record before a chunk, always of one length, with the numbers of chunks and messages before it."""
-    return encoded(Metadata(name=COUNT_NAME, metadata={"chunks": f"{chunks:012d}", "messages": f"{messages:015d}"}))
+    return encode_records(
+        Metadata(name=COUNT_NAME, metadata={"chunks": f"{chunks:012d}", "messages": f"{messages:015d}"})
+    )
 
 
 COUNT_BYTES: Final = len(count_record(0, 0))

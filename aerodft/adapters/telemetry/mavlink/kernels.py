@@ -271,7 +271,7 @@ def plausible_stamps(stamps_us: IntArray, last_us: int) -> None:
 
 
 @njit
-def _jumped(stamp_us: int, following_us: int, state: IntArray) -> int:
+def _arrival_after_jump(stamp_us: int, following_us: int, state: IntArray) -> int:
     """The arrival of a record whose stamp does not go on from the last one."""
     if 0 <= stamp_us < state[LAST_US] - BACK_US:
         state[BACKWARDS] += 1
@@ -314,7 +314,7 @@ def scan_tlog(data: Bytes, start: int, limit: int, table: Table, rows: IntArray,
             end = at + STAMP_SIZE + size
             stamp = big_endian_stamp(data, at)
             if not 0 <= stamp - state[LAST_US] <= JUMP_US:  # what follows is seldom needed
-                stamp = _jumped(stamp, following_stamp(data, end), state)
+                stamp = _arrival_after_jump(stamp, following_stamp(data, end), state)
             state[LAST_US] = stamp
             rows[0, found], rows[1, found], rows[2, found] = at + STAMP_SIZE, size, state[LAST_US]
             found += 1

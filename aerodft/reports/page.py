@@ -60,7 +60,7 @@ td.n, th.n { text-align: right; white-space: nowrap } td.hash { font-family: mon
 @page { size: A4; margin: 15mm }
 @media print { body { margin: 0; max-width: none; font-size: 10pt } thead { display: table-header-group }
   h2 { break-after: avoid } figure, tr { break-inside: avoid } figure svg { max-height: 24cm }
-  figure img { max-height: 18cm; width: auto; margin: auto } }
+  figure img { max-height: 15.5cm; width: auto; margin: auto } }
 """
 _POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _COVERS: Final = (

@@ -54,13 +54,15 @@ def test_a_wrong_command_line_is_exit_2_without_a_traceback(aerodft, arguments):
     assert "Traceback" not in found.err
 
 
-def test_help_needs_no_library_that_does_the_work():
+def test_help_and_station_files_need_no_library_that_does_the_work():
     code = (
         "import sys; from aerodft.cli.main import COMMANDS, build_app; [build_app([name]) for name in COMMANDS];"
-        "print(sorted({'av', 'cv2', 'zenoh', 'mcap', 'matplotlib', 'numba', 'scipy'} & set(sys.modules)))"
+        "print(sorted({'av', 'cv2', 'zenoh', 'mcap', 'matplotlib', 'numba', 'scipy'} & set(sys.modules)));"
+        "import aerodft.adapters.config.station;"  # which every measurement reads
+        "print(sorted({'av', 'zenoh', 'mcap', 'matplotlib', 'foxglove'} & set(sys.modules)))"
     )
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert loaded.stdout == "[]\n"
+    assert loaded.stdout == "[]\n[]\n"
 
 
 def test_every_listed_command_exists():

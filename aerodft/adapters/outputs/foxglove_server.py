@@ -1,17 +1,15 @@
-"""``[foxglove]``: images with what is measured in them, numbers, poses and places in Foxglove's viewer, live."""
+"""The server of ``[foxglove]``: a live station's images, measurements, poses and places for Foxglove's viewer."""
 
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
-from pydantic import Field
 
-from aerodft.adapters.config import Table
 from aerodft.adapters.images import encode_jpeg, is_due
-from aerodft.adapters.outputs.output import Output, Run
+from aerodft.adapters.outputs.output import Run
 from aerodft.adapters.recording import Channel, ChannelMessage, is_raw, protobuf_channel
 from aerodft.adapters.recording.write import Annotator, RecordEncoder, camera_calibration, compressed_image
 from aerodft.adapters.wire.keys import Keys
@@ -30,24 +28,6 @@ _JPEG_QUALITY = 75
 
 _log = logging.getLogger(__name__)
 
-
-class FoxgloveTable(Table):
-    """A WebSocket server for Foxglove's viewer, on this machine only; there is none without this table."""
-
-    port: Annotated[int, Field(ge=1, le=65535)] = 8765
-    image_hz: Annotated[float, Field(ge=0)] = 5.0
-
-
-TABLE: Final = "foxglove"
-MODEL: Final = FoxgloveTable
-DEFAULT: Final = None
-
-
-def open_output(settings: FoxgloveTable, run: Run) -> Output | None:
-    """The server of a live run; None of any other."""
-    return FoxgloveServer(settings, run) if run.is_live else None
-
-
 _Work: TypeAlias = tuple[Batches, StepOutputs] | StationStatus
 
 
@@ -57,15 +37,16 @@ class FoxgloveServer:
     What a viewer, or this machine, is too slow for is dropped; measuring never waits.
 
     Args:
-        settings: Where.
         run: What is shown.
+        port: Where to listen, on loopback.
+        image_hz: JPEGs per second.
 
     Raises:
         InputError: The SDK is not installed.
         LinkError: The port is busy.
     """
 
-    def __init__(self, settings: FoxgloveTable, run: Run) -> None:
+    def __init__(self, run: Run, *, port: int, image_hz: float) -> None:
         try:
             import foxglove  # noqa: PLC0415 - an extra
         except ImportError as error:
@@ -75,14 +56,14 @@ class FoxgloveServer:
             self._server = foxglove.start_server(
                 name=run.station,
                 host=_HOST,
-                port=settings.port,
+                port=port,
                 context=self._context,
                 message_backlog_size=_BACKLOG,
             )
         except RuntimeError as error:
-            where, hint = f"{_HOST}:{settings.port}", "choose another foxglove.port in the configuration"
+            where, hint = f"{_HOST}:{port}", "choose another foxglove.port in the configuration"
             raise LinkError("the port is busy", where=where, got=error, expected="a free port", hint=hint) from error
-        self._camera, self._image_hz = run.camera, settings.image_hz
+        self._camera, self._image_hz = run.camera, image_hz
         self._last_image_ns: int | None = None
         self._dropped_ticks = 0
         self._channels: dict[str, foxglove.Channel] = {}
@@ -97,7 +78,7 @@ class FoxgloveServer:
         self._images: WorkerQueue[Image] = WorkerQueue(
             "foxglove-images", self._show_image, _nothing, capacity=_QUEUED_IMAGES
         )
-        _log.info("open ws://%s:%d in Foxglove", _HOST, settings.port)
+        _log.info("open ws://%s:%d in Foxglove", _HOST, port)
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:
         """Send what was read and made in some ticks, and of their images as many as the rate allows."""

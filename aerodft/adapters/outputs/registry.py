@@ -9,12 +9,12 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
 from aerodft.adapters.config import Table, validated
-from aerodft.adapters.outputs import foxglove_server, zenoh_bus
+from aerodft.adapters.outputs import foxglove, zenoh_bus
 from aerodft.adapters.outputs.output import Output, OutputKind, Run
 
 OUTPUTS: Final[list[OutputKind]] = [
     zenoh_bus,
-    foxglove_server,
+    foxglove,
 ]
 
 

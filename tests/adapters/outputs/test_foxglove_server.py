@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.outputs import Run
-from aerodft.adapters.outputs.foxglove_server import FoxgloveServer, FoxgloveTable, open_output
+from aerodft.adapters.outputs.foxglove import FoxgloveTable, open_output
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.errors import InputError
 from aerodft.model import Image
@@ -47,7 +47,7 @@ def show(server, index):
 def test_a_viewer_that_does_not_read_takes_nothing_from_others():
     port = free_tcp_port()
     with (
-        closing(FoxgloveServer(FoxgloveTable(port=port), a_run())) as server,
+        closing(open_output(FoxgloveTable(port=port), a_run())) as server,
         deaf_viewer(port),
         Viewer(port) as viewer,
     ):
@@ -62,7 +62,7 @@ def test_a_viewer_that_does_not_read_takes_nothing_from_others():
 
 
 def test_a_machine_that_is_too_slow_measures_on_and_says_what_was_not_shown(monkeypatch):
-    with closing(FoxgloveServer(FoxgloveTable(port=free_tcp_port()), a_run())) as server:
+    with closing(open_output(FoxgloveTable(port=free_tcp_port()), a_run())) as server:
         monkeypatch.setattr(server._queue, "put", lambda _: False)  # noqa: SLF001 - full
         show(server, 1)
         show(server, 2)

@@ -31,7 +31,11 @@ def free_port() -> int:
 
 @dataclass
 class Flight:
-    """A service, and the telemetry that is sent to it: every frame bears its number as its time since boot."""
+    """A service, and the telemetry that is sent to it: every frame bears its number as its time since boot.
+
+    A frame that a busy machine sends late says when it was due, in both of its times: where an autopilot's two times
+    differ by that, stamps go back.
+    """
 
     folder: Path
     tables: dict[str, object] = field(default_factory=dict)
@@ -102,7 +106,7 @@ class Flight:
 
     def _send(self, stop: threading.Event) -> None:
         mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-        begin_s = time.monotonic()
+        begin_s, begin_us = time.monotonic(), time.time_ns() // 1000
         with socket.socket(type=socket.SOCK_DGRAM) as out:
             out.connect(("127.0.0.1", self.port))
             number = 0
@@ -110,7 +114,7 @@ class Flight:
                 due = int((time.monotonic() - begin_s) * RATE_HZ)
                 for number in range(number, due):  # noqa: B020 - goes on where it was
                     try:
-                        out.send(message(number).pack(mav))
+                        out.send(message(number, begin_us).pack(mav))
                     except ConnectionRefusedError:  # nobody there any more
                         return
                     self.sent.append((number, time.time_ns()))
@@ -118,11 +122,11 @@ class Flight:
                 stop.wait(0.002)
 
 
-def message(number: int) -> dialect.MAVLink_message:
-    """One of what a pose needs; all of them say their number."""
+def message(number: int, begin_us: int) -> dialect.MAVLink_message:
+    """One of what a pose needs, of a vehicle that booted at this UTC; all of them say their number."""
     kind = number % 10
     if kind == 0:
-        return dialect.MAVLink_system_time_message(time.time_ns() // 1000, number * 5)
+        return dialect.MAVLink_system_time_message(begin_us + number * 5000, number * 5)
     if kind in {1, 6}:
         return dialect.MAVLink_global_position_int_message(
             number * 5, -353_600_000, 1_491_600_000, 640_000, 40_000, 0, 0, 0, 0

@@ -264,7 +264,7 @@ def test_chunks_of_kilobytes_that_unpack_to_megabytes(tmp_path: Path, name: str)
     }
     for command in commands if IS_FULL else QUICKLY[name]:
         codes = {0, 3, 5} if name == "lists" else {0, 5}  # its image is none
-        checked(taken_by(command, *commands[command], timeout_s=120), MOST_MB, codes, f"{command} {name}")
+        checked(taken_by(command, *commands[command], timeout_s=600), MOST_MB, codes, f"{command} {name}")
 
 
 def with_chunks(data: bytes, content: bytes) -> bytes:

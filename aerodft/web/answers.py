@@ -4,7 +4,7 @@ from typing import Any, Final, TypeAlias
 
 import orjson
 
-from aerodft.app.viewing import View, evidence_of, hints_of, landmarks_in, probe_of
+from aerodft.app.viewing import View, evidence_of, landmarks_in, probe_of
 from aerodft.errors import UsageError
 
 _MOST_PROBES: Final = 64
@@ -101,7 +101,7 @@ class Answers:
         hinted = told.get("image", asked["image"])
         if type(hinted) is not int:
             raise UsageError("the image of the strokes", got=repr(hinted)[:40], expected="its number")
-        return {"river": self._view.river(asked["image"], hints_of(told), hinted)}
+        return {"river": self._view.river(asked["image"], told, hinted)}
 
     def _refuse_read_only(self, what_for: str) -> None:
         if self._is_read_only:

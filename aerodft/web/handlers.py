@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -42,6 +43,8 @@ class Page:
         self._slow = ThreadPoolExecutor(1, "page-pictures")
         self._long = ThreadPoolExecutor(1, "page-reads")
         self._quick.submit(self._warm_up)
+        if view.finder is not None:
+            self._long.submit(import_module, "aerodft.app.calibrate")  # a second, while people look for landmarks
 
     async def found(self, work: Callable[[], T], *, is_long: bool = False) -> T:
         """The result of work on an image, or where it is long on a whole recording.

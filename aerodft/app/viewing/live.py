@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import orjson
 
@@ -19,7 +19,6 @@ from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.adapters.wire.status import StationStatus, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.app.diagnose import diagnose_heard
-from aerodft.app.station import Station
 from aerodft.app.viewing.alerts import Alerts
 from aerodft.app.viewing.pose_finder import PoseFinder, Scene
 from aerodft.app.viewing.view import Document, View, ViewedImage, doctor_document
@@ -28,6 +27,9 @@ from aerodft.dft import zoomed
 from aerodft.errors import AerodftError, NoAnswerError
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseSample, RawBlock
 from aerodft.service import Batches, StepOutputs
+
+if TYPE_CHECKING:
+    from aerodft.app.station import Station
 
 _MOST_HZ: Final = 15.0
 _IDLE_S: Final = 5.0
@@ -92,7 +94,7 @@ class LiveView(View):
         self.newest = -1
 
     @classmethod
-    def of(cls, station: Station) -> "LiveView":
+    def of(cls, station: "Station") -> "LiveView":
         """The view of a station that is not entered yet."""
         view = cls(station.config, station.recording, station.file)
         station.add_output(view)

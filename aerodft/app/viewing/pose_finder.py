@@ -3,17 +3,19 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import tomli_w
 
-from aerodft.app.calibrate import CalibrationResult, calibrate
 from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.dft import Setup
 from aerodft.errors import AerodftError
 from aerodft.model import Camera, PoseSample
-from aerodft.reports.calibration import Mark, rows_of
+
+if TYPE_CHECKING:
+    from aerodft.app.calibrate import CalibrationResult
+    from aerodft.reports.calibration import Mark
 
 Scene: TypeAlias = tuple[Setup, PoseSample]
 
@@ -45,6 +47,8 @@ class PoseFinder:
         self, evidence: dict[str, Any], unknowns: Sequence[str], *, accept: bool, use: bool
     ) -> dict[str, Any]:
         """Find the pose; arguments, result and errors as those of ``View.calibrate``."""
+        from aerodft.reports.calibration import rows_of  # slow to load, see ``_found``
+
         found = self._found(evidence, unknowns, accept=accept)
         document = found.document(is_saved=True)
         document["marks"] = [_mark_document(row.mark) for row in rows_of(found.fit)]
@@ -58,7 +62,9 @@ class PoseFinder:
                 document["overlay"] = scene_overlay(*self._scene_with(file))
         return document
 
-    def _found(self, evidence: dict[str, Any], unknowns: Sequence[str], *, accept: bool) -> CalibrationResult:
+    def _found(self, evidence: dict[str, Any], unknowns: Sequence[str], *, accept: bool) -> "CalibrationResult":
+        from aerodft.app.calibrate import calibrate  # slow to load, and most pages find no pose
+
         with TemporaryDirectory() as folder:
             file = Path(folder) / "evidence.toml"
             file.write_bytes(tomli_w.dumps(evidence).encode())
@@ -69,7 +75,7 @@ class PoseFinder:
                 raise type(error)(error.what, where="what was marked", got=got, expected=expected, hint=hint) from None
 
 
-def _mark_document(mark: Mark) -> dict[str, Any]:
+def _mark_document(mark: "Mark") -> dict[str, Any]:
     """An observation by its name, with its pixels and where the calibrated camera sees them, None where it does not."""
     pixels = {"seen_px": mark.seen_px, "expected_px": mark.expected_px}
     found = {key: [None if np.isnan(each).any() else each.tolist() for each in rows] for key, rows in pixels.items()}

@@ -1,4 +1,4 @@
-"""What a page asks for, as it comes over the wire: probes, strokes and evidence, checked before anything is done."""
+"""What a page asks for, as it comes over the wire: probes and evidence, checked before anything is done."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -7,11 +7,9 @@ from aerodft.adapters.config.evidence import GEO_KEYS, LOCAL, landmark_tables
 from aerodft.app.measure import PROBES, ImageProbe
 from aerodft.errors import UsageError, located
 from aerodft.model import ProbeKind
-from aerodft.vision.river import RiverHints
 
-_MOST_POINTS: Final = 256
+MOST_POINTS: Final = 256
 _MOST_NAME: Final = 64
-_MOST_STROKES: Final = 64
 _MOST_EVIDENCE: Final = 256
 EVIDENCE_KINDS: Final = ("landmark", "length", "height", "vertical", "horizon")
 """What a page can say of a view."""
@@ -32,32 +30,11 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
     kind, pixels, name = (document.get(key) for key in ("kind", "pixels", "name"))
     if not isinstance(kind, str) or kind not in PROBES:
         raise UsageError("a probe's kind", got=repr(kind)[:40], expected=f"one of {', '.join(PROBES)}")
-    if not isinstance(pixels, list) or len(pixels) > _MOST_POINTS or not all(map(_is_pixel, pixels)):
-        raise UsageError("a probe's pixels", got=repr(pixels)[:80], expected=f"up to {_MOST_POINTS} pairs of numbers")
+    if not isinstance(pixels, list) or len(pixels) > MOST_POINTS or not all(map(is_pixel, pixels)):
+        raise UsageError("a probe's pixels", got=repr(pixels)[:80], expected=f"up to {MOST_POINTS} pairs of numbers")
     if name is not None and not _is_name(name):
         raise UsageError("a probe's name", got=repr(name)[:80], expected=f"up to {_MOST_NAME} letters, no space")
     return PROBES[ProbeKind(kind)]([(u, v) for u, v in pixels], name=name, std_px=std_px)
-
-
-def hints_of(document: object) -> RiverHints:
-    """What a person says is water or land, as a page asks for it.
-
-    Args:
-        document: ``water`` and ``land``: lists of strokes, which are lists of ``[u, v]``.
-
-    Raises:
-        UsageError: It is something else.
-    """
-    strokes = [document.get(side) for side in ("water", "land")] if isinstance(document, Mapping) else []
-    if not strokes or not all(isinstance(each, list) and len(each) <= _MOST_STROKES for each in strokes):
-        raise UsageError(
-            "the hints", got=repr(document)[:80], expected=f"water and land, up to {_MOST_STROKES} strokes"
-        )
-    for stroke in (stroke for side in strokes for stroke in side or ()):
-        if not isinstance(stroke, list) or not 0 < len(stroke) <= _MOST_POINTS or not all(map(_is_pixel, stroke)):
-            raise UsageError("a stroke", got=repr(stroke)[:80], expected=f"1 to {_MOST_POINTS} pairs of numbers")
-    water, land = strokes
-    return RiverHints.of(water or [], land or [])
 
 
 def evidence_of(document: object) -> dict[str, Any]:
@@ -124,5 +101,6 @@ def _are_numbers(value: object, count: int) -> bool:
     return isinstance(value, list) and len(value) == count and all(type(each) in {int, float} for each in value)
 
 
-def _is_pixel(value: object) -> bool:
+def is_pixel(value: object) -> bool:
+    """Whether it is a list of two numbers."""
     return _are_numbers(value, 2)

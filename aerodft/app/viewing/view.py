@@ -4,7 +4,6 @@ import shlex
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -15,15 +14,13 @@ from aerodft.adapters.wire.measurement import encode_measurement, measurement_pa
 from aerodft.adapters.wire.pose import summary_payload
 from aerodft.app.diagnose import Diagnosis
 from aerodft.app.measure import Distance, ImageProbe, requests_of, with_pixels_noted
-from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.app.viewing.pose_finder import PoseFinder, Scene
 from aerodft.app.viewing.station_file import add_probe
 from aerodft.dft import Request, Share, advice, explain, measure
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.errors import UsageError
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch
-from aerodft.vision.river import River, RiverHints, RiverView
 from replay.export import MapCrs, geojson_text, map_features
 
 Document: TypeAlias = dict[str, Any]
@@ -114,30 +111,11 @@ class View(ABC):
         image = Image(stamp_ns=0, arrival_ns=0, index=number, pixels=lambda: self.pixels(number))
         return encode_jpeg(image, _JPEG_QUALITY)
 
-    def river(self, number: int, hints: RiverHints, hinted: int) -> Document:
-        """The river in an image, as ``aerodft river --json`` has it.
+    def river(self, number: int, strokes: Document, hinted: int) -> Document:
+        """The river in an image; arguments, result and errors as those of ``river_in``."""
+        from aerodft.app.viewing.river import river_in  # slow to load, and most pages look for no river
 
-        Args:
-            number: Of the image.
-            hints: What a person says is water or land.
-            hinted: Number of the image that the hints are of; they are carried on the water's plane.
-
-        Returns:
-            Banks, transects and width; where there is none its ``status`` says why. ``water``: outlines of what was
-            taken for water, in pixels. ``banks_enu_m``: the banks from above, lines of east and north.
-
-        Raises:
-            NoAnswerError: An image has no pose.
-        """
-        here, there = self._river_view(number), self._river_view(hinted)
-        told = hints if number == hinted else hints.carried(there.plane, here.plane)
-        survey = survey_image(here, river_question(told, _SPACING_M, None))
-        water = survey.found.outlines_px if isinstance(survey.found, River) else []
-        banks = [here.plane.places_en_m(np.array(line)) for line in survey.document["banks"].values() if line]
-        return survey.document | {
-            "water": [outline.round(1).tolist() for outline in water],
-            "banks_enu_m": [bank[np.isfinite(bank).all(axis=1)].tolist() for bank in banks],
-        }
+        return river_in(self, number, strokes, hinted)
 
     def calibrate(self, evidence: Document, unknowns: Sequence[str], *, accept: bool, use: bool) -> Document:
         """Find the camera's pose from what is known of the view of a fixed camera.
@@ -170,12 +148,6 @@ class View(ABC):
             AerodftError: A recording is damaged.
         """
         return None
-
-    def _river_view(self, number: int) -> RiverView:
-        setup, sample = self.scene(number)
-        if sample.pose is None:
-            raise NoAnswerError("the image has no pose", got="; ".join(sample.reasons))
-        return RiverView(number, setup, sample, partial(self.pixels, number))
 
     def measured(self, number: int) -> list[Document]:
         """What a station's probes measured in an image, as it published it; nothing in one that is of no station."""

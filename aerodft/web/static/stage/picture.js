@@ -3,7 +3,7 @@
 // A shape is { points: [[u, v]], colour, style, closed, label, tag }. Its style is "mark" (a line and its points, as people
 // click them), "line", "dashed", "thin" (a line of the grid, with its tag) or "fill" (of rings, what is within two is left out).
 
-const POINT_PX = 7, LOUPE_ZOOM = 8, LABEL_PX = 22, LABEL_TOPS = [-34, 12, -58, 36, -82, 60], EDGE_PX = 40;
+const POINT_PX = 7, LOUPE_ZOOM = 8, LABEL_PX = 22, LABEL_TOPS = [-34, 12, -58, 36, -82, 60], EDGE_PX = 40, NARROW_PX = 500;
 const HALO = "#000", CIRCLE = 2 * Math.PI;
 
 export class Picture {
@@ -98,8 +98,8 @@ export class Picture {
     const drawn = this.shapes.map((shape) => ({ ...shape, at: onScreen(shape.points || []), rings: (shape.rings || []).map(onScreen) }))
       .filter(({ at, rings }) => at.length || rings.length);
     for (const shape of drawn) this.drawShape(shape);
-    const taken = drawn.filter(({ style = "mark" }) => style === "mark").flatMap(({ at }) => at.map(pointBox)); // no text stands on a point, or another
-    for (const { at, label, colour } of [...drawn].reverse()) if (label) this.drawLabel(at, label, colour, taken);
+    const marked = drawn.filter(({ style = "mark" }) => style === "mark").flatMap(({ at }) => at.map(pointBox)), taken = [];
+    for (const { at, label, colour } of [...drawn].reverse()) if (label) this.drawLabel(at, label, colour, marked, taken);
     for (const { at, tag, colour } of drawn) if (tag) this.drawTag(at[0], tag, colour, taken);
   }
 
@@ -149,12 +149,13 @@ export class Picture {
     pen.stroke();
   }
 
-  drawLabel(at, text, colour, taken) { // above or below the middle of its shape, inside the view
-    const { pen, canvas } = this, [x, y] = mean(at);
+  drawLabel(at, label, colour, marked, taken) { // above or below the middle of its shape, on no other text, and on no point if it can
+    const { pen, canvas } = this, [x, y] = mean(at), text = canvas.clientWidth < NARROW_PX ? label.split(" [")[0] : label;
     pen.font = "bold 15px system-ui, sans-serif";
     const width = pen.measureText(text).width + 15, left = within(x - width / 2, 2, canvas.clientWidth - width - 2);
     const boxes = LABEL_TOPS.map((dy) => ({ left, width, height: LABEL_PX, top: within(y + dy, 2, canvas.clientHeight - LABEL_PX - 2) }));
-    const box = boxes.find((each) => !hides(each, taken)) || boxes[0];
+    const free = boxes.filter((each) => !hides(each, taken)), box = free.find((each) => !hides(each, marked)) || free[0];
+    if (!box) return; // its value stands in the list
     taken.push(box);
     pen.fillStyle = "#000c";
     pen.fillRect(left, box.top, width, LABEL_PX);

@@ -173,7 +173,7 @@ export class Plots {
     pen.fillText(`${name}, ${unit}`, 6, top + 22, room);
     if (isNear) pen.fillText(value[at] === null ? status[at].toUpperCase() : `now ${(factor * value[at]).toFixed(digits)}`, 6, top + 42, room);
     let left = 6;
-    for (const each of new Set(source || [])) {
+    for (const each of new Set((source || []).filter(Boolean))) {
       pen.fillStyle = this.colourOf({ source }, each);
       pen.fillRect(left, top + 53, 9, 9);
       pen.fillStyle = this.ink;

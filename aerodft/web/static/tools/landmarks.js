@@ -80,6 +80,7 @@ export class Landmarks {
   }
 
   take(text) { // with pixels they are placed at once; without, they are clicked in their order
+    find("list").closest("details").open = false; // what is said of it stands above
     if (IS_OF_OPENDRONEMAP.test(text) || HAS_PIXELS.test(text.split("\n")[0])) return this.import(text);
     this.waiting = text.split("\n").map((line) => line.split(/[,;\t]/).map((cell) => cell.trim()))
       .filter((cells) => cells.length >= 3 && cells.slice(1, 3).every(isNumber))

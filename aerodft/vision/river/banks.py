@@ -25,6 +25,7 @@ _ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  
 _PLACE_PX: Final = 0.2
 _NEAR_SHARE: Final = 0.35  # of the window: so well the step's place is known beforehand, one standard deviation
 _BLUR_PX: Final = 0.55  # of a sharp image's edge: a pixel's own width, and the interpolation
+_FLANK_PX: Final = 5 * _BLUR_PX  # from its place: so far a step reaches
 _NOISE: Final = 1.0  # grey levels: no side is known to be smoother
 _LEAST_SPREAD: Final = 0.02  # of the step: no side is known to be more even
 _WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far from a mask's outline the step may be
@@ -140,10 +141,18 @@ def _likelihood(
     profile: FloatArray, offsets: FloatArray, places: FloatArray, wet: FloatArray, dry: FloatArray
 ) -> FloatArray:
     """Logarithm of the likelihood ``(n, places)`` of profiles ``(n, samples)`` whose sides spread by ``(n,)``."""
-    step = ndtr((offsets - places[:, None]) / _BLUR_PX)
-    variance = (1.0 - step) * (wet**2)[:, None, None] + step * (dry**2)[:, None, None]
-    rest = np.square(profile[:, None] - step) / variance + np.log(variance)
-    return np.asarray(-0.5 * rest.sum(axis=-1))
+    first, last = (np.searchsorted(offsets, places + sign * _FLANK_PX) for sign in (-1, 1))
+    count = int(np.max(last - first))  # samples within the step: before and after them all are on one side
+    first = np.minimum(first, len(offsets) - count)
+    within = first[:, None] + np.arange(count)
+    step = ndtr((offsets[within] - places[:, None]) / _BLUR_PX)
+    a, b = (wet**2)[:, None, None], (dry**2)[:, None, None]
+    variance = a + step * (b - a)
+    rest = np.sum(np.square(profile[:, within] - step) / variance + np.log(variance), axis=-1)
+    sides = [np.square(profile - level) / each[:, 0] + np.log(each[:, 0]) for level, each in ((0.0, a), (1.0, b))]
+    before, after = (np.pad(np.cumsum(side, axis=-1), ((0, 0), (1, 0))) for side in sides)
+    rest += before[:, first] + after[:, -1:] - after[:, first + count]
+    return np.asarray(-0.5 * rest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ relative to the vehicle undo its motion. Each motion of the vehicle is scored un
 camera relative to gravity that it implies, which needs no yaw and is regular at nadir.
 
 Reports relative to the vehicle are servo angles, whose attitude depends on which servo carries the other: two readings.
+``mounted_wxyz`` makes an attitude of them.
 
 Two kinds of reports relative to the vehicle stay constant too: a servo at its limit, so that evidence at the end of the
 range counts little, and the demand of a camera that is not stabilised, which the data cannot tell.
@@ -22,7 +23,6 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_yaw_pitch_roll, matrix, multiply, yaw_pitch_roll
 from aerodft.model import BoolArray, FloatArray, IntArray, MountAxes, ReportFrame
-from aerodft.service.attitude.servo_mount import mounted_wxyz
 from aerodft.service.streams import Stream
 
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
@@ -34,6 +34,9 @@ BODY_READINGS: Final = len(AXES) * len(LAGS_NS)
 
 _SAMPLES_BEFORE = 3  # samples before a stamp that its values depend on
 _MIN_INTERVAL_NS = 100_000_000  # closer reports add no information
+
+_NADIR_MARGIN_RAD: Final = math.radians(0.1)  # closer to nadir rounding hides which part is yaw and which roll
+_LEVELLING_STEPS: Final = 20  # each leaves the tangent of the vehicle's tilt of the remaining error
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,25 +154,56 @@ def _interpolate(
 PRIOR_BODY: Final = 0.25
 """Prior probability of reports relative to the vehicle, as of servo mounts and most senders of older messages."""
 
+
 _PRIOR_AXES: Final = {MountAxes.ROLL_OUTER: 0.75, MountAxes.TILT_OUTER: 0.25}
+
 
 CERTAIN: Final = 1e4
 """Bayes factor at which a reading is decided."""
 
+
 _WINDOW_NS = 2 * SECOND_NS  # longest motion: slower ones may as well be commands
+
+
 _MIN_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
+
+
 _ROUNDING_RAD = 1e-9
+
+
 _MIN_MOTION_STDS = 8  # the noise of twenty attitudes reaches six
+
+
 _NOISE_WINDOW = 300  # reports
+
+
 _MIN_NOISE_SAMPLES = 15  # reports
+
+
 _STD_PER_DIFFERENCE = 1 / (math.sqrt(6) * 1.177)  # of white noise in two directions, from the median of their lengths
+
+
 _NOISE_RAD = math.radians(0.3)
+
+
 _RESIDUAL_MOTION = 0.25  # fraction of the vehicle's motion that lags and poor stabilisation leave in the camera's
+
+
 _MAX_PER_MOTION = math.log(10)  # log evidence of one motion: a command may coincide with it,
+
+
 _MAX_PER_WINDOW = 2 * _MAX_PER_MOTION  # and, less often, with all parts of a long motion
+
+
 _MAX_AT_LIMIT = math.log(200)
+
+
 _AT_LIMIT_RAD = math.radians(1)
+
+
 _MAX_LOG_RATIO = 3 * math.log(CERTAIN)  # bounded, so that later evidence can reverse it
+
+
 # Priors of the readings: the horizon, then the vehicle by mounts and lags.
 _LOG_PRIOR: Final = np.log(
     [1 - PRIOR_BODY, *(PRIOR_BODY * _PRIOR_AXES[axes] / len(LAGS_NS) for axes in AXES for _ in LAGS_NS)]
@@ -402,3 +436,39 @@ def _append_downs(recent: Sequence[GravitySample], gravity_samples: GravitySampl
 def _log_density(rotations: FloatArray) -> FloatArray:
     """Log density, up to a constant, of a Cauchy distribution of two small angles: commands have long tails."""
     return np.asarray(-1.5 * np.log1p(rotations**2))
+
+
+def mounted_wxyz(
+    wxyz: FloatArray, axes: MountAxes, ned_wxyz_body: FloatArray, *, yaw_in_earth: BoolArray | bool
+) -> FloatArray:
+    """Camera rotation from servo angles that a report packs as aerospace Euler angles (yaw, pitch, roll).
+
+    At nadir the packed angles cannot tell yaw from roll: there the roll servo is assumed to level the camera.
+
+    Args:
+        wxyz: ``(n, 4)`` as reported.
+        axes: Order of the servo axes.
+        ned_wxyz_body: ``(n, 4)`` the vehicle's attitudes.
+        yaw_in_earth: ``(n,)`` or one for all: whether yaw is relative to north, else to the vehicle's heading.
+
+    Returns:
+        ``(n, 4)`` rotations relative to the report's reference.
+    """
+    if axes is MountAxes.TILT_OUTER:
+        return wxyz
+    yaw, pitch, roll = yaw_pitch_roll(wxyz)
+    near_nadir = np.flatnonzero(np.abs(pitch) > math.pi / 2 - _NADIR_MARGIN_RAD)
+    if len(near_nadir):
+        packed, sign = matrix(wxyz[near_nadir]), -np.sign(pitch[near_nadir])
+        yaw_and_roll = np.arctan2(-packed[:, 0, 1], packed[:, 1, 1])  # yaw plus signed roll
+        down = matrix(ned_wxyz_body[near_nadir])[:, 2]
+        yaw_is_north = np.broadcast_to(yaw_in_earth, len(wxyz))[near_nadir]
+        heading = np.where(yaw_is_north, yaw_pitch_roll(ned_wxyz_body[near_nadir])[0], 0.0)
+        roll_servo = np.zeros(len(near_nadir))
+        for _ in range(_LEVELLING_STEPS):
+            pan = yaw_and_roll - sign * roll_servo - heading
+            sideways = np.cos(pan) * down[:, 1] - np.sin(pan) * down[:, 0]
+            roll_servo = np.arctan2(-sideways, down[:, 2])
+        yaw[near_nadir], roll[near_nadir] = yaw_and_roll - sign * roll_servo, roll_servo
+    carrier = multiply(from_yaw_pitch_roll(yaw, 0.0, 0.0), from_yaw_pitch_roll(0.0, 0.0, roll))
+    return multiply(carrier, from_yaw_pitch_roll(0.0, pitch, 0.0))

@@ -6,8 +6,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import BoolArray, FloatArray, GimbalTrack, IntArray, MountAxes, ReportFrame
-from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples
-from aerodft.service.attitude.servo_mount import mounted_wxyz
+from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples, mounted_wxyz
 from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.batches import tick_after
 from aerodft.service.settings import AttitudeSettings

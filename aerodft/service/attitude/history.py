@@ -6,7 +6,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import FloatArray, GimbalSource, GimbalTrack, IntArray, MountAxes, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude.servo_mount import mounted_wxyz
+from aerodft.service.attitude.gimbal_frame import mounted_wxyz
 from aerodft.service.attitude.sources import AttitudeSources
 from aerodft.service.clocks import ClockMap, Ticks
 from aerodft.service.feed import MergedFeed

@@ -21,7 +21,7 @@ from aerodft.geometry import (
     yaw_pitch_roll,
 )
 from aerodft.model import FloatArray, GimbalSource, IntArray, MountAxes, ReportFrame
-from aerodft.service.attitude.servo_mount import mounted_wxyz
+from aerodft.service.attitude.gimbal_frame import mounted_wxyz
 from aerodft.service.attitude.slew import Demands, lag_std, step_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
 from aerodft.service.streams import Missing

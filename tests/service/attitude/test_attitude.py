@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from aerodft.model import GimbalSource, GimbalTrack, MountAxes, ReportFrame, VehicleTrack
 from aerodft.service import LAST, AttitudeSettings, FixedMount
 from aerodft.service.attitude import AttitudeSources
-from aerodft.service.attitude.servo_mount import mounted_wxyz
+from aerodft.service.attitude.gimbal_frame import mounted_wxyz
 from aerodft.service.streams import END_OF_TIME, Missing
 
 MS, SECOND = 1_000_000, 1_000_000_000

@@ -23,6 +23,7 @@ _FOOT_HEIGHT_SHARE: Final = 0.02  # ... or this share of the object's height: a 
 _FOOT_WIDTH_SHARE: Final = 0.5  # middle share of a box's or foot's width that holds the point where the object stands
 _UNIFORM_STD: Final = 1 / math.sqrt(12.0)  # of a uniform distribution of width 1
 _DOWN_WITHOUT_ROLL: Final = read_only([0.0, 1.0])
+_MOST_CORNERS: Final = 64  # of an outline whose area is measured
 _DIRECTION_STEP_RAD: Final = 1e-4  # of the numerical derivative of the image towards the nadir
 
 
@@ -216,13 +217,13 @@ def _centre(points_px: FloatArray, side: FloatArray, band: BoolArray, low: Float
     return middle, _FOOT_WIDTH_SHARE * length * _UNIFORM_STD
 
 
-def simplify_outline(outline_px: FloatArray, most: int = 64) -> FloatArray:
-    """Reduce a closed outline ``(n, 2)`` to at most ``most`` corners, its area nearly unchanged.
+def simplify_outline(outline_px: FloatArray) -> FloatArray:
+    """Reduce a closed outline ``(n, 2)`` to at most 64 corners, its area nearly unchanged.
 
     Removes one by one the corner of the smallest triangle with its neighbours (Visvalingam and Whyatt 1993).
     """
     corners = outline_px
-    while len(corners) > most:
+    while len(corners) > _MOST_CORNERS:
         to_last, to_next = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners
         spans = np.abs(to_last[:, 0] * to_next[:, 1] - to_last[:, 1] * to_next[:, 0])
         corners = np.delete(corners, int(np.argmin(spans)), axis=0)

@@ -396,25 +396,24 @@ def georeference(view: TopView, origin: GeoOrigin | None) -> Georeference:
     return Georeference(crs, affine, float(misfit.max()))
 
 
-def write_top_view(view: TopView, origin: GeoOrigin | None, folder: Path, name: str = "topview") -> dict[str, Any]:
-    """Write ``name.png`` with ``name.pgw`` and ``name.json``; with an origin also ``.prj`` and, if it can be, ``.tif``.
+def write_top_view(view: TopView, origin: GeoOrigin | None, folder: Path) -> dict[str, Any]:
+    """Write ``topview.png`` with ``.pgw`` and ``.json``; with an origin also ``.prj`` and, if it can be, ``.tif``.
 
     Args:
         view: The view.
         origin: The station's ENU origin; None where its place is not known.
         folder: An existing folder.
-        name: Of the files, without suffix.
 
     Returns:
-        What ``name.json`` says, with ``files``: their names.
+        What ``topview.json`` says, with ``files``: their names.
 
     Raises:
         InputError: They cannot be written.
     """
     place = georeference(view, origin)
-    files = {f"{name}.png": _png(view, folder), f"{name}.pgw": _world_file(place.affine)}
+    files = {"topview.png": _png(view, folder), "topview.pgw": _world_file(place.affine)}
     if place.crs is not None:
-        files[f"{name}.prj"] = place.crs.to_wkt("WKT1_ESRI").encode()
+        files["topview.prj"] = place.crs.to_wkt("WKT1_ESRI").encode()
     has_tif = place.crs is not None and find_spec("rasterio") is not None
     about: dict[str, Any] = {
         "crs": "local" if place.crs is None else place.crs.to_string(),
@@ -426,14 +425,14 @@ def write_top_view(view: TopView, origin: GeoOrigin | None, folder: Path, name: 
         "north_enu_m": view.north_m,
         "affine": place.affine.tolist(),
         "misfit_m": place.misfit_m,
-        "files": [*files, f"{name}.json", *([f"{name}.tif"] if has_tif else [])],
+        "files": [*files, "topview.json", *(["topview.tif"] if has_tif else [])],
     }
-    files[f"{name}.json"] = orjson.dumps(about, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
+    files["topview.json"] = orjson.dumps(about, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE)
     with os_errors_as("the top view cannot be written", where=folder):
         for file, data in files.items():
             (folder / file).write_bytes(data)
     if has_tif:
-        _write_geotiff(view, place, folder / f"{name}.tif")
+        _write_geotiff(view, place, folder / "topview.tif")
     return about
 
 

@@ -269,11 +269,9 @@ class Recording:
         is_looked_at = self._is_file or not all(segment.is_indexed for segment in self.data)
         return messages_of(self.data, from_ns=from_ns, to_ns=to_ns, wanted=is_data if is_looked_at else wanted)
 
-    def tables(
-        self, *, from_ns: int | None = None, to_ns: int | None = None, wanted: ChannelFilter
-    ) -> Iterator[ChunkTable]:
+    def tables(self, wanted: ChannelFilter) -> Iterator[ChunkTable]:
         """``messages`` as columns, a chunk's at a time."""
-        return message_tables(self.data, from_ns=from_ns, to_ns=to_ns, wanted=wanted)
+        return message_tables(self.data, wanted)
 
     def image_messages(self, *, from_ns: int | None = None, to_ns: int | None = None) -> Iterator[ChannelMessage]:
         """The images and video packets of the image segments, log times in ``[from_ns, to_ns)``."""

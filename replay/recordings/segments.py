@@ -7,8 +7,6 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from aerodft.adapters.recording import MAGIC, Channel, ChannelMessage
 from aerodft.adapters.recording.read import (
     ChannelFilter,
@@ -67,22 +65,11 @@ def is_within(message: ChannelMessage, from_ns: int | None, to_ns: int | None) -
     return (from_ns is None or message.log_ns >= from_ns) and (to_ns is None or message.log_ns < to_ns)
 
 
-def message_tables(
-    segments: Sequence[SegmentScan], *, from_ns: int | None, to_ns: int | None, wanted: ChannelFilter
-) -> Iterator[ChunkTable]:
-    """Messages as columns, chunk after chunk; arguments as in ``messages_of``."""
-
-    def within(table: ChunkTable) -> ChunkTable:
-        rows = np.ones(len(table.log_ns), dtype=np.bool_)
-        if from_ns is not None:
-            rows &= table.log_ns >= np.uint64(from_ns)
-        if to_ns is not None:
-            rows &= table.log_ns < np.uint64(to_ns)
-        return table.rows(rows).kept()
-
+def message_tables(segments: Sequence[SegmentScan], wanted: ChannelFilter) -> Iterator[ChunkTable]:
+    """Messages as columns, chunk after chunk; arguments and errors as in ``messages_of``."""
     for segment in segments:
         reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
-        yield from map(within, reader.tables(_wanted_chunks(segment, from_ns, to_ns, wanted), wanted))
+        yield from map(ChunkTable.kept, reader.tables(_wanted_chunks(segment, None, None, wanted), wanted))
 
 
 def _wanted_chunks(

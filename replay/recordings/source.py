@@ -45,17 +45,11 @@ class RecordingSource:
 
     Args:
         recording: The recording.
-        from_ns: Earliest arrival; None for the start.
-        to_ns: Arrivals stop before it; None for the end.
         pixels: Whether images get their recorded pixels.
     """
 
-    def __init__(
-        self, recording: Recording, *, from_ns: int | None = None, to_ns: int | None = None, pixels: bool = False
-    ) -> None:
+    def __init__(self, recording: Recording, *, pixels: bool = False) -> None:
         self._recording = recording
-        self._from_ns = from_ns
-        self._to_ns = to_ns
         self._pixels = PixelStore(recording) if pixels else None
         self._decoders: dict[str, Callable[[Sequence[bytes]], Sequence[_Subject]]] = {
             IMAGE_SCHEMA: self._images,
@@ -86,7 +80,7 @@ class RecordingSource:
     def _chunks(self) -> Iterator[tuple[ChunkTable, list[_ChunkEvents]]]:
         """The input of each chunk: where it is, and images and observations."""
         last_ns = 0
-        for table in self._recording.tables(from_ns=self._from_ns, to_ns=self._to_ns, wanted=_is_input):
+        for table in self._recording.tables(_is_input):
             if not len(table.log_ns):
                 continue
             parts = self._images_and_observations(table)

@@ -26,16 +26,15 @@ _ROUNDING = 1e-6
 _ROWS = "a JSON list of rows, each a list of numbers"
 
 
-def check_covariance(rows: Rows | None, size: int, of: str, key: str = "covariance") -> None:
+def check_covariance(rows: Rows | None, size: int, of: str) -> None:
     """Refuse a covariance that is not symmetric and positive semidefinite (for validators).
 
     Singular ones are fine: something is known exactly.
 
     Args:
-        rows: The covariance as it was stated, of finite numbers; None passes.
+        rows: The key ``covariance`` as it was stated, of finite numbers; None passes.
         size: How many rows of how many numbers it must have.
         of: What its rows are about, for messages.
-        key: What the covariance is called.
     """
     if rows is None:
         return
@@ -43,26 +42,26 @@ def check_covariance(rows: Rows | None, size: int, of: str, key: str = "covarian
     if lengths != [size] * size:
         wrong = next((i for i, length in enumerate(lengths) if length != size), None)
         got = f"{len(lengths)} rows" if len(lengths) != size or wrong is None else f"{lengths[wrong]} in [{wrong}]"
-        raise impossible(key, got=got, expected=f"{size} rows of {size} numbers ({of})")
+        raise impossible("covariance", got=got, expected=f"{size} rows of {size} numbers ({of})")
     cov = np.array(rows, dtype=np.float64)
     if np.any(np.diag(cov) < 0):
         got = _entry(cov, np.diag(np.diag(cov) < 0))
-        raise impossible(key, got=got, expected="variances of 0 or more on its diagonal")
+        raise impossible("covariance", got=got, expected="variances of 0 or more on its diagonal")
     stds = np.sqrt(np.diag(cov))
     uneven = np.abs(cov - cov.T) > _ROUNDING * np.outer(stds, stds)
     if np.any(uneven):
         got = f"{_entry(cov, uneven)} and {_entry(cov.T, uneven, mirrored=True)}"
-        raise impossible(key, got=got, expected="the same number twice: it is symmetric")
+        raise impossible("covariance", got=got, expected="the same number twice: it is symmetric")
     exact = stds == 0
     tied = (exact[:, None] | exact) & (cov != 0)
     if np.any(tied):
         expected = "0 in the rows and columns of what has no variance"
-        raise impossible(key, got=_entry(cov, tied), expected=expected)
+        raise impossible("covariance", got=_entry(cov, tied), expected=expected)
     scale = np.where(exact, 1.0, stds)
     lowest = float(np.linalg.eigvalsh(cov / np.outer(scale, scale))[0])
     if lowest < -_ROUNDING:
         expected = "none below 0: no combination of errors has a negative variance"
-        raise impossible(key, got=f"correlations with an eigenvalue of {lowest:.4g}", expected=expected)
+        raise impossible("covariance", got=f"correlations with an eigenvalue of {lowest:.4g}", expected=expected)
 
 
 def check_lens_covariance(covariance: Rows | None, lens: Rows | None, count: int = 6) -> None:

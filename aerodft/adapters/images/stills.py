@@ -15,7 +15,6 @@ from PIL.ExifTags import IFD, Base
 from aerodft.adapters.files import check_is_no_pipe, looks_like
 from aerodft.adapters.images.pixels import STILLS, StillPixels
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
-from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import CameraMode, Image
 
@@ -213,7 +212,6 @@ class StillsFolderSource:
         *,
         pattern: str | None = None,
         utc_offset: str | None = None,
-        time_offset_s: float = 0.0,
         decode: bool = True,
     ) -> None:
         """Read the stamps of all stills; what cannot be read is left out and logged as a warning.
@@ -222,7 +220,6 @@ class StillsFolderSource:
             folder: JPEG, PNG, TIFF, BMP or WebP files; other files are passed over.
             pattern: How a name tells the time (:class:`NamePattern`); None to take EXIF.
             utc_offset: Whose time it is where neither name nor EXIF says so, like ``+02:00``; None for UTC.
-            time_offset_s: Added to every stamp.
             decode: False for stamps without pixels.
 
         Raises:
@@ -230,7 +227,6 @@ class StillsFolderSource:
             ConfigError: The pattern makes no sense.
             ValueError: ``utc_offset`` is none.
         """
-        self._offset_ns = round(time_offset_s * SECOND_NS)
         self._decode = decode
         self._stills = _scan(folder, pattern, None if utc_offset is None else parse_offset(utc_offset))
 
@@ -239,8 +235,8 @@ class StillsFolderSource:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """First and last stamp, time offset applied."""
-        return self._stills[0].stamp_ns + self._offset_ns, self._stills[-1].stamp_ns + self._offset_ns
+        """First and last stamp."""
+        return self._stills[0].stamp_ns, self._stills[-1].stamp_ns
 
     def events(self) -> Iterator[Image]:
         """All stills that can be read; the compressed file is kept until its pixels are asked for."""
@@ -248,11 +244,10 @@ class StillsFolderSource:
             pixels = _pixels(still.path) if self._decode else None
             if self._decode and pixels is None:
                 continue
-            stamp_ns = still.stamp_ns + self._offset_ns
             yield Image(
                 index=index,
-                stamp_ns=stamp_ns,
-                arrival_ns=stamp_ns,
+                stamp_ns=still.stamp_ns,
+                arrival_ns=still.stamp_ns,
                 width_px=still.width_px,
                 height_px=still.height_px,
                 pixels=pixels,

@@ -74,15 +74,12 @@ class _Losses:
 class VideoFileSource:
     """A video file as a source of images, in presentation order."""
 
-    def __init__(
-        self, path: Path, *, start_ns: int | None = None, time_offset_s: float = 0.0, decode: bool = True
-    ) -> None:
+    def __init__(self, path: Path, *, start_ns: int | None = None, decode: bool = True) -> None:
         """Open the file once and read what it says about itself.
 
         Args:
             path: Any container and codec that FFmpeg reads.
             start_ns: UTC of the first image; None to take the container's metadata.
-            time_offset_s: Added to every stamp.
             decode: False to read stamps only: images come without pixels, many times faster.
 
         Raises:
@@ -104,11 +101,11 @@ class VideoFileSource:
             _LOG.warning("%s: start taken from the container%s; `video_start_ns` overrules", path, digits)
         if self.info.rotation_deg:
             _LOG.warning("%s: flagged as rotated by %d deg; pixels are used as stored", path, self.info.rotation_deg)
-        self.start_ns = start_ns + round(time_offset_s * SECOND_NS)
+        self.start_ns = start_ns
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """UTC of start and end, time offset applied; None where the container does not say how long it is."""
+        """UTC of start and end; None where the container does not say how long it is."""
         return None if self.info.duration_ns is None else (self.start_ns, self.start_ns + self.info.duration_ns)
 
     def events(self) -> Iterator[Image]:

@@ -1,7 +1,7 @@
 // The list of what is measured, and of the selected one where its uncertainty comes from, and how it is taken along.
 
 import { COLOURS, probeOf } from "./marks.js";
-import { copyText, plain, quality, stdText, valueText } from "./words.js";
+import { copyText, plain, quality, QUALITY_WORDS, stdText, valueText } from "./words.js";
 
 const LEAST_SHARE = 0.01;
 const find = (id) => document.getElementById(id);
@@ -55,6 +55,7 @@ export class Panel {
     if (value.dataset.text === text) return;
     value.dataset.text = text;
     value.className = `value ${found ? quality(found) : ""}`;
+    value.title = found ? QUALITY_WORDS[quality(found)] : "";
     const end = text.search(/ \[|: /), [head, rest] = end < 0 ? [text, ""] : [text.slice(0, end), text.slice(end)];
     value.replaceChildren(element("b", head), element("span", rest));
   }

@@ -58,6 +58,8 @@ export function quality({ status, value, std, ellipse95, ground_m: ground }) {
   return share >= 0.1 ? "poor" : share >= 0.02 ? "fair" : "good";
 }
 
+export const QUALITY_WORDS = { good: "Its std is below 2 %", fair: "Its std is 2 to 10 %", poor: "Its std is above 10 %", refused: "No number" };
+
 export function reachText(river, units) {
   if (!river.width_m) return refusalText(river);
   const { median, ci95, transects } = river.width_m;
@@ -98,6 +100,7 @@ export const day = (stampNs) => new Date(Number(BigInt(stampNs) / 1000000n)).toI
 const PAGE_WORDS = [
   [/what you know of the camera under \[camera\]/g, "a height, a length, a vertical or the horizon"],
   [/take it with stds scaled up by `accept_misfit`/g, "take it with wider intervals, below"],
+  [/ \(hidden_m_per_m\)/g, ""],
   [/elevation_m in the file states another/g, "what is typed below states another"],
   [/add focal to `unknowns`/g, "find the focal length too, below"],
   [/`calibrate_lens`/g, "aerodft calibrate-lens"],

@@ -1,9 +1,9 @@
 // The image on a canvas, zoomed and moved. Pixel (0, 0) is the middle of the top-left pixel, as everywhere in aerodft.
 //
 // A shape is { points: [[u, v]], colour, style, closed, label, tag }. Its style is "mark" (a line and its points, as people
-// click them), "line", "dashed", "thin" (a line of the grid, with its tag) or "fill" (of rings, what is within two is left out).
+// click them), "line", "arrow", "dashed", "thin" (a line of the grid, with its tag) or "fill" (of rings, what is within two is left out).
 
-const POINT_PX = 7, LOUPE_ZOOM = 8, LABEL_PX = 22, LABEL_TOPS = [-34, 12, -58, 36, -82, 60], EDGE_PX = 40, NARROW_PX = 500;
+const POINT_PX = 7, HEAD_PX = 7, LOUPE_ZOOM = 8, LABEL_PX = 22, LABEL_TOPS = [-34, 12, -58, 36, -82, 60], EDGE_PX = 40, NARROW_PX = 500;
 const HALO = "#000", CIRCLE = 2 * Math.PI;
 
 export class Picture {
@@ -111,6 +111,7 @@ export class Picture {
       for (const [paint, width] of [[HALO, 5], [colour, 2.5]]) {
         this.stroke(at, paint, { width, dash, closed });
         if (style === "mark") for (const point of at) this.drawPoint(point);
+        if (style === "arrow") this.drawHead(at);
       }
     }
   }
@@ -146,6 +147,13 @@ export class Picture {
     pen.lineTo(x + 2, y);
     pen.moveTo(x, y - 2);
     pen.lineTo(x, y + 2);
+    pen.stroke();
+  }
+
+  drawHead([[x0, y0], [x, y]]) { // of an arrow that is longer than its head
+    const { pen } = this, long = Math.hypot(x - x0, y - y0), [dx, dy] = [(x - x0) / long, (y - y0) / long].map((each) => each * HEAD_PX);
+    if (long < HEAD_PX) return;
+    trace(pen, [[x - dx - dy / 2, y - dy + dx / 2], [x, y], [x - dx + dy / 2, y - dy - dx / 2]]);
     pen.stroke();
   }
 

@@ -113,18 +113,15 @@ export class Plots {
     }
   }
 
-  drawEvents(bottom) { // each with its kind, where there is room
-    const { pen } = this;
-    let free = 0;
-    for (const { seconds, kind } of this.events) {
-      const x = this.x(seconds), wide = pen.measureText(kind).width, left = Math.min(x + 3, this.canvas.clientWidth - wide);
+  drawEvents(bottom) { // each with what it says, as far as there is room before the next one
+    const { pen } = this, lefts = this.events.map((each) => this.x(each.seconds));
+    this.events.forEach(({ kind, text }, at) => {
+      const room = (lefts[at + 1] ?? this.canvas.clientWidth) - lefts[at] - 8;
       pen.fillStyle = EVENT;
-      pen.fillRect(x - 1, 18, 2, bottom - 18);
-      if (left < free) continue;
+      pen.fillRect(lefts[at] - 1, 18, 2, bottom - 18);
       pen.fillStyle = this.ink;
-      pen.fillText(kind, left, 31);
-      free = left + wide + 6;
-    }
+      pen.fillText(shortened(pen, `${kind}: ${text}`, room), lefts[at] + 4, 31);
+    });
   }
 
   rule(left, top, width, height) { // a thin line
@@ -203,6 +200,12 @@ function parts({ seconds, value, source }) { // rows to be joined: a gap in the 
     before = at;
   }
   return found;
+}
+
+function shortened(pen, text, room) {
+  let length = text.length;
+  while (length && pen.measureText(text.slice(0, length)).width > room) length -= 1;
+  return length < text.length && length > 1 ? `${text.slice(0, length - 1)}…` : text.slice(0, length);
 }
 
 export function niceStep(least) { // 1, 2 or 5 times a power of ten

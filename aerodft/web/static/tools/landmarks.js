@@ -217,7 +217,7 @@ export class Landmarks {
     return [
       file ? `Saved as ${file}, and measured with.` : "",
       file && this.view.is_live ? "The station measures with it from its next start on, once calibration under [pose] of its file names it." : "",
-      rms === null ? "" : `Residuals ${rms.toFixed(2)} px rms: the yellow lines, ${ENLARGED} times as long.`,
+      rms === null ? "" : `Residuals ${rms.toFixed(2)} px rms: the yellow arrows, ${ENLARGED} times as long.`,
       left.length ? `Left out: ${left.join(", ")}.` : "",
       ...notes.map((each) => `${plain(each)}.`),
     ].filter(Boolean).join(" ");
@@ -240,7 +240,7 @@ export class Landmarks {
 
 function residualShapes({ seen_px: seen, expected_px: expected }) { // from what was clicked towards where it should be
   return seen.map((pixel, at) => [pixel, expected[at]]).filter(([pixel, there]) => pixel && there)
-    .map(([[u, v], [x, y]]) => ({ points: [[u, v], [u + ENLARGED * (x - u), v + ENLARGED * (y - v)]], colour: RESIDUAL, style: "line" }));
+    .map(([[u, v], [x, y]]) => ({ points: [[u, v], [u + ENLARGED * (x - u), v + ENLARGED * (y - v)]], colour: RESIDUAL, style: "arrow" }));
 }
 
 function parameterRow([key, { value, std }]) { // its name, value and 95 %

@@ -1,7 +1,7 @@
 // The view from above, north up, in metres of the station: what the image shows of the ground, the camera's way, the
 // river's banks and what is measured; on a grid, and on the tiles of a server where one is configured.
 
-import { gridText } from "../measuring/words.js";
+import { converted, gridText } from "../measuring/words.js";
 import { trace } from "../stage/picture.js";
 import { niceStep } from "../time/plots.js";
 
@@ -62,7 +62,7 @@ export class GroundMap {
   }
 
   drawGrid({ x, y, west, east, south, north, side }, ink, units) {
-    const { pen } = this, step = niceStep((east - west) / 7);
+    const { pen } = this, [factor] = converted(1, "m", units), step = niceStep((factor * (east - west)) / 7) / factor;
     pen.strokeStyle = ink;
     pen.globalAlpha = 0.25;
     pen.lineWidth = 1;

@@ -29,12 +29,12 @@ from aerodft.adapters.wire.measurement import (
     split_measurements,
 )
 from aerodft.adapters.wire.payload import DEGREES_RTOL
-from aerodft.adapters.wire.pose import POSE_SCHEMA, camera_angles_deg, decode_pose
+from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.adapters.wire.schemas import SCHEMAS, schema_text
 from aerodft.adapters.wire.status import STATES, STATUS_SCHEMA, StationStatus, encode_status
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError
-from aerodft.geometry import camera_angles, camera_attitude
+from aerodft.geometry import camera_attitude
 from aerodft.model import (
     Ellipse95,
     GeoOrigin,
@@ -57,7 +57,6 @@ from tests.batches import measurement_batch
 from tests.payloads import decode_measurement, decode_observation, decode_status, encode_pose
 
 SCHEMA_FILES = Path(__file__).parents[2] / "docs" / "schema"
-ATTITUDE_ATOL_RAD = 1e-9
 
 real = st.floats(allow_nan=False, allow_infinity=False, width=64, min_value=-1e12, max_value=1e12)
 angle = st.floats(-math.pi, math.pi)
@@ -234,24 +233,6 @@ def test_a_status_comes_back_exactly(
     payload = encode_status(value)
     check(STATUS_SCHEMA, payload)
     assert decode_status(payload) == value
-
-
-@given(st.floats(0, math.pi), angle, angle)
-def test_the_angles_are_those_of_geometry(tilt_rad: float, roll_rad: float, heading_rad: float) -> None:
-    wxyz = camera_attitude(tilt_rad, roll_rad, heading_rad)
-    want = [float(value) for value in camera_angles(wxyz)]
-    got = [math.radians(value) for value in camera_angles_deg(*wxyz.tolist())]
-    back = camera_attitude(*got)
-    assert got[0] == pytest.approx(want[0], abs=ATTITUDE_ATOL_RAD)
-    assert abs(float(back @ wxyz)) == pytest.approx(1.0, abs=1e-12)
-
-
-@pytest.mark.parametrize(("tilt_rad", "heading_rad"), [(0.0, 1.0), (0.3, 4.0), (math.pi / 2, 0.0)])
-def test_nadir_has_no_roll_and_heads_where_the_image_is_up(tilt_rad: float, heading_rad: float) -> None:
-    tilt_deg, roll_deg, heading_deg = camera_angles_deg(*camera_attitude(tilt_rad, 0.0, heading_rad).tolist())
-    assert math.radians(tilt_deg) == pytest.approx(tilt_rad, abs=ATTITUDE_ATOL_RAD)
-    assert roll_deg == pytest.approx(0.0, abs=1e-6)
-    assert math.radians(heading_deg) == pytest.approx(heading_rad, abs=1e-7)
 
 
 def a_measurement(**changes: Any) -> Measurement:

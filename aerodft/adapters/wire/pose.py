@@ -23,7 +23,7 @@ from aerodft.adapters.wire.payload import (
     or_null,
     payload_of,
 )
-from aerodft.conventions import NADIR_TILT_RAD
+from aerodft.geometry import camera_angles
 from aerodft.model import (
     HORIZONTAL,
     TIME,
@@ -209,41 +209,18 @@ def _view(sample: PoseSample) -> Json:
     """Height and angles."""
     pose = sample.pose
     height_m = None if pose is None else float(pose.position_enu_m[2]) - sample.datum_enu_m
-    angles_deg = (None,) * 3 if pose is None else camera_angles_deg(*pose.wxyz.tolist())
+    angles_deg = (None,) * 3 if pose is None else np.degrees(camera_angles(pose.wxyz)).tolist()
     return dict(zip(("height_agl_m", "tilt_deg", "roll_deg", "heading_deg"), (height_m, *angles_deg), strict=True))
 
 
 def summary_numbers(poses: PoseBatch) -> FloatArray:
     """The numbers ``(n, 13)`` of the poses' summaries in their order, NaN for what is not known."""
-    angles_deg = np.array([camera_angles_deg(*wxyz) for wxyz in poses.pose.wxyz.tolist()]).reshape(-1, 3)
+    angles_deg = np.degrees(camera_angles(poses.pose.wxyz))
     height_m = poses.pose.position_enu_m[:, 2] - poses.datum_enu_m
     places_deg = np.degrees(poses.lat_lon_alt[:, :2])
     height_std_m, _, *stds_rad, _ = poses.std.T
-    parts = (height_m, poses.height_age_s, *angles_deg.T, *places_deg.T, poses.telemetry_age_s)
+    parts = (height_m, poses.height_age_s, *angles_deg, *places_deg.T, poses.telemetry_age_s)
     return np.stack([*parts, height_std_m, *np.degrees(stds_rad)], axis=1)
-
-
-def camera_angles_deg(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Tilt, roll, heading in degrees of a unit quaternion ``enu_SO3_cam``, as ``geometry.rotation.camera_angles``.
-
-    In plain floats: for a single attitude the array form costs twenty times as much.
-    At nadir and zenith the roll is 0 and the heading is that of the image's up direction.
-    """
-    axis_east, axis_north = 2 * (x * z + w * y), 2 * (y * z - w * x)
-    horizontal = math.hypot(axis_east, axis_north)
-    tilt_rad = math.atan2(horizontal, 2 * (x * x + y * y) - 1)
-    if horizontal > NADIR_TILT_RAD:
-        ahead_east, ahead_north = axis_east, axis_north
-    else:
-        ahead_east, ahead_north = 2 * (w * z - x * y), 2 * (x * x + z * z) - 1
-    heading_rad = math.atan2(ahead_east, ahead_north) % math.tau
-    right_east, right_north = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z)
-    right_up = 2 * (x * z - w * y)
-    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
-    along_right = right_east * cosine - right_north * sine
-    ahead = right_east * sine + right_north * cosine
-    along_down = -ahead * math.cos(tilt_rad) - right_up * math.sin(tilt_rad)
-    return math.degrees(tilt_rad), math.degrees(math.atan2(along_down, along_right)), math.degrees(heading_rad)
 
 
 HEIGHT_SWITCH_SCHEMA = "aerodft.height_switch/1"

@@ -42,6 +42,7 @@ from aerodft.geometry.poses import (
 )
 from aerodft.geometry.relative_rotation import MIN_POINTS, RelativeRotation, find_rotation, robust_std, rotated_pixels
 from aerodft.geometry.rotation import (
+    about_axis,
     angles_of_matrix,
     camera_angles,
     camera_attitude,

@@ -99,6 +99,14 @@ def slerp(a_wxyz: FloatArray, b_wxyz: FloatArray, weight: npt.ArrayLike) -> Floa
     return multiply(a_wxyz, from_rotation_vector(step * np.asarray(weight)[..., None]))
 
 
+def about_axis(axis: int, angle_rad: npt.ArrayLike) -> FloatArray:
+    """Quaternions ``(..., 4)`` of rotations by angles about the x, y or z axis (0, 1, 2)."""
+    half = np.asarray(angle_rad, dtype=np.float64) / 2
+    wxyz = np.zeros((*half.shape, 4))
+    wxyz[..., 0], wxyz[..., 1 + axis] = np.cos(half), np.sin(half)
+    return wxyz
+
+
 def from_yaw_pitch_roll(yaw_rad: npt.ArrayLike, pitch_rad: npt.ArrayLike, roll_rad: npt.ArrayLike) -> FloatArray:
     """Aerospace ZYX angles to quaternions ``(..., 4)``: yaw about z first, then pitch about y, then roll about x.
 

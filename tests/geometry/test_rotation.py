@@ -57,6 +57,13 @@ def test_aerospace_angles_are_scipys(yaw, pitch, roll):
     assert_allclose(rotation.yaw_pitch_roll(wxyz), [yaw, pitch, roll], atol=1e-9)
 
 
+@given(angle)
+def test_rotations_about_an_axis_are_scipys(about):
+    for number, axis in enumerate("xyz"):
+        found = rotation.matrix(rotation.about_axis(number, about))
+        assert_allclose(found, Rotation.from_euler(axis, about).as_matrix(), atol=1e-14)
+
+
 @given(st.floats(1e-6, 3.14), angle, st.floats(0, 6.28))
 def test_camera_angles_invert_the_attitude(tilt, roll, heading):
     wxyz = rotation.camera_attitude(tilt, roll, heading)
@@ -78,6 +85,8 @@ def test_skew_is_the_cross_product():
 def test_single_ones_are_those_of_a_batch_to_the_last_bit():
     wxyz, rng = random_wxyz(200), np.random.default_rng(8)
     np.testing.assert_array_equal([rotation.matrix(one) for one in wxyz], rotation.matrix(wxyz))
+    angles = np.transpose([rotation.camera_angles(one) for one in wxyz])
+    np.testing.assert_array_equal(angles, rotation.camera_angles(wxyz))
     one, other = rng.standard_normal((2, 200, 3))
     found = [rotation.cross(*pair) for pair in zip(one, other, strict=True)]
     np.testing.assert_array_equal(found, np.cross(one, other))

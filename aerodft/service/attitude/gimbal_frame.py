@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry import from_yaw_pitch_roll, matrix, multiply, yaw_pitch_roll
+from aerodft.geometry import about_axis, matrix, multiply, yaw_pitch_roll
 from aerodft.model import BoolArray, FloatArray, IntArray, MountAxes, ReportFrame
 from aerodft.service.streams import Stream
 
@@ -117,7 +117,7 @@ def gravity_samples(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns:
     noise = _second_differences(downs_at_samples)[np.searchsorted(samples_ns, stamps, side="right") - 1]
     latest = attitudes[np.clip(np.searchsorted(samples_ns, stamps), 0, len(attitudes) - 1)]
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(latest)[0], 0.0)
-    relative_to_body = multiply(from_yaw_pitch_roll(-yaws, 0.0, 0.0), wxyz)
+    relative_to_body = multiply(about_axis(2, -yaws), wxyz)
     rotations = [matrix(mounted_wxyz(relative_to_body, axes, latest, yaw_in_earth=False)) for axes in AXES]
     if_body = np.concatenate([downs @ rotation for rotation in rotations], axis=1)
     return GravitySamples(known, stamps, yaw_pitch_roll(wxyz)[1], downs[:, 0], matrix(wxyz)[:, 2], if_body, noise)
@@ -470,5 +470,4 @@ def mounted_wxyz(
             sideways = np.cos(pan) * down[:, 1] - np.sin(pan) * down[:, 0]
             roll_servo = np.arctan2(-sideways, down[:, 2])
         yaw[near_nadir], roll[near_nadir] = yaw_and_roll - sign * roll_servo, roll_servo
-    carrier = multiply(from_yaw_pitch_roll(yaw, 0.0, 0.0), from_yaw_pitch_roll(0.0, 0.0, roll))
-    return multiply(carrier, from_yaw_pitch_roll(0.0, pitch, 0.0))
+    return multiply(multiply(about_axis(2, yaw), about_axis(0, roll)), about_axis(1, pitch))

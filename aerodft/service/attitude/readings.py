@@ -10,6 +10,7 @@ import numpy as np
 from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ, SECOND_NS
 from aerodft.geometry import (
     Brackets,
+    about_axis,
     camera_from_gimbal,
     from_yaw_pitch_roll,
     inverse,
@@ -70,21 +71,23 @@ class AttitudeBrackets:
         """From a stream's ``wxyz (m, 4)`` and its brackets."""
         return cls(*found.ends(wxyz), found.weight, found.gap_ns)
 
+    def at_stamps(self) -> FloatArray:
+        """Attitudes ``(n, 4)`` interpolated at the stamps."""
+        return slerp(self.before, self.after, self.weight)
+
     def between(self) -> RotatingFrame:
         """Attitudes interpolated at the stamps, with rates."""
-        return RotatingFrame(slerp(self.before, self.after, self.weight), _rate(self.before, self.after, self.gap_ns))
+        return RotatingFrame(self.at_stamps(), _rate(self.before, self.after, self.gap_ns))
 
 
 def on_mount(
     report: AttitudeBrackets, axes: MountAxes, vehicle: AttitudeBrackets | None, *, yaw_in_earth: bool
 ) -> AttitudeBrackets:
     """Attitudes from reported servo angles, see ``mounted_wxyz``, each with the vehicle's sample on its side."""
-    if vehicle is None:
+    if vehicle is None or axes is MountAxes.TILT_OUTER:
         return report
-    before, after = (
-        mounted_wxyz(wxyz, axes, body, yaw_in_earth=yaw_in_earth)
-        for wxyz, body in ((report.before, vehicle.before), (report.after, vehicle.after))
-    )
+    reported, bodies = (np.concatenate([each.before, each.after]) for each in (report, vehicle))
+    before, after = np.split(mounted_wxyz(reported, axes, bodies, yaw_in_earth=yaw_in_earth), 2)
     return replace(report, before=before, after=after)
 
 
@@ -99,8 +102,7 @@ def reference_attitude(vehicle: AttitudeBrackets, frame: ReportFrame, *, yaw_in_
     Returns:
         The vehicle's heading, its attitude, or its attitude without the heading; with a rate from the two samples.
     """
-    at_stamp = slerp(vehicle.before, vehicle.after, vehicle.weight)
-    ends = np.stack([vehicle.before, at_stamp, vehicle.after])
+    ends = np.stack([vehicle.before, vehicle.at_stamps(), vehicle.after])
     before, at, after = reference_wxyz(ends, frame, yaw_in_earth=yaw_in_earth)
     return RotatingFrame(at, _rate(before, after, vehicle.gap_ns))
 
@@ -115,7 +117,7 @@ def reference_wxyz(ned_wxyz_body: FloatArray, frame: ReportFrame, *, yaw_in_eart
 
 def heading_of(ned_wxyz_body: FloatArray) -> FloatArray:
     """The vehicle's heading ``(..., 4)`` as a rotation about the vertical, from attitudes ``(..., 4)``."""
-    return from_yaw_pitch_roll(yaw_pitch_roll(ned_wxyz_body)[0], 0.0, 0.0)
+    return about_axis(2, yaw_pitch_roll(ned_wxyz_body)[0])
 
 
 def _rate(before_wxyz: FloatArray, after_wxyz: FloatArray, gap_ns: IntArray) -> FloatArray:
@@ -234,6 +236,7 @@ class Resolver:
     def __init__(self, settings: AttitudeSettings) -> None:
         self._settings = settings
         self._camera = _mount_rotation(settings.camera_on_gimbal)
+        self._squared_axes = (_CAM_FROM_GIMBAL @ matrix(inverse(self._camera.wxyz[0]))) ** 2  # camera from gimbal
 
     def attitudes(self, readings: Readings) -> AttitudeBatch:
         """Camera attitudes from readings."""
@@ -256,8 +259,7 @@ class Resolver:
         ambiguity = _ambiguity_std(readings, report, attitude)
         motion_std = self._report_std(readings, report)
         std = np.hypot(motion_std, ambiguity)
-        cam_from_gimbal = _CAM_FROM_GIMBAL @ matrix(inverse(self._camera.wxyz[0]))
-        stds = np.sqrt(rotate(cam_from_gimbal**2, std**2))
+        stds = np.sqrt(rotate(self._squared_axes, std**2))
         wxyz, rate = _to_camera(attitude.compose(self._camera))
         return AttitudeBatch.complete(wxyz, rate, readings.age_s, stds, *self._notes(readings, ambiguity, motion_std))
 
@@ -270,8 +272,7 @@ class Resolver:
         step = step_std(previous, on_axes.before, on_axes.after, on_axes.weight)
         if readings.demands is None:
             return np.abs(step)
-        at_stamp = slerp(on_axes.before, on_axes.after, on_axes.weight)
-        return np.hypot(step, lag_std(*readings.demands, at_stamp, self._settings.slew_radps))
+        return np.hypot(step, lag_std(*readings.demands, on_axes.at_stamps(), self._settings.slew_radps))
 
     def _notes(
         self, readings: Readings, ambiguity: FloatArray, motion_std: FloatArray
@@ -315,6 +316,15 @@ def _attitude(readings: Readings, report: AttitudeBrackets, frame: ReportFrame, 
     return reference_attitude(vehicle, frame, yaw_in_earth=in_earth).compose(attitude)
 
 
+def _wxyz(readings: Readings, report: AttitudeBrackets, frame: ReportFrame, axes: MountAxes) -> FloatArray:
+    """The attitudes ``(n, 4)`` of ``_attitude``."""
+    vehicle, in_earth = readings.vehicle, readings.yaw_in_earth
+    wxyz = on_mount(report, axes, vehicle, yaw_in_earth=in_earth).at_stamps()
+    if vehicle is None or (in_earth and frame is ReportFrame.EARTH):
+        return wxyz
+    return multiply(reference_wxyz(vehicle.at_stamps(), frame, yaw_in_earth=in_earth), wxyz)
+
+
 def _ambiguity_std(readings: Readings, report: AttitudeBrackets, attitude: RotatingFrame) -> FloatArray:
     """Standard deviations ``(n, 3)`` in gimbal axes of one reading of reports where others are possible.
 
@@ -327,8 +337,8 @@ def _ambiguity_std(readings: Readings, report: AttitudeBrackets, attitude: Rotat
             continue
         difference_rad = np.full(variance.shape, _TYPICAL_TILT_RAD)
         if readings.vehicle is not None:
-            other = _attitude(readings, report, frame, axes)
-            difference_rad = to_rotation_vector(multiply(inverse(attitude.wxyz), other.wxyz))
+            other = _wxyz(readings, report, frame, axes)
+            difference_rad = to_rotation_vector(multiply(inverse(attitude.wxyz), other))
         squared = difference_rad**2 * (probability > 0)[:, None]
         variance += probability[:, None] * squared
         min_variance = np.maximum(min_variance, np.where((probability > _MIN_PROBABILITY)[:, None], squared / 4, 0.0))

@@ -305,8 +305,11 @@ class PoseBatch(Sequence[PoseSample]):
 
     def by_variant(self, value: Callable[[PoseSample], int]) -> IntArray:
         """A whole number for each sample ``(n,)``, computed from its variant; unused variants are skipped."""
-        used, index = np.unique(self.variant_index, return_inverse=True)
-        return np.array([value(self.variants[k]) for k in used.tolist()], dtype=np.int64)[index]
+        used = np.zeros(len(self.variants), dtype=np.bool_)
+        used[self.variant_index] = True
+        numbers = np.zeros(len(self.variants), dtype=np.int64)
+        numbers[used] = [value(self.variants[k]) for k in np.flatnonzero(used).tolist()]
+        return numbers[self.variant_index]
 
     def map_variants(self, change: Callable[[PoseSample], PoseSample]) -> "PoseBatch":
         """The batch with every variant changed."""

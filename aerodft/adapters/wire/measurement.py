@@ -105,12 +105,19 @@ def encode_batch(batch: MeasurementBatch) -> PackedBytes:
         lambda row: _image_payload(batch, row),
         {"stamp_ns": batch.poses.stamp_ns, "image": batch.images},
         np.concatenate(numbers, axis=1),
-        [
-            [like.calibration, *(column.reasons.get(row, like.reasons) for column in batch.columns)]
-            for row, like in enumerate(batch.poses.variant_of_each)
-        ],
+        _texts(batch),
         fixed={"std_px"} if has_own_pixels else {"std_px", "pixels"},
     )
+
+
+def _texts(batch: MeasurementBatch) -> list[list[str | tuple[str, ...] | None]]:
+    """Of each image its calibration and the reasons of its measurements."""
+    like = [[each.calibration, *[each.reasons] * len(batch.columns)] for each in batch.poses.variants]
+    texts = [like[index] for index in batch.poses.variant_index.tolist()]
+    for member, column in enumerate(batch.columns):
+        for row, reasons in column.reasons.items():
+            texts[row] = [*texts[row][: member + 1], reasons, *texts[row][member + 2 :]]
+    return texts
 
 
 def _numbers(column: MeasurementColumn, names: Sequence[str]) -> list[FloatArray]:

@@ -85,26 +85,26 @@ def encode_payloads(
             None without such keys.
         fixed: Keys, at any depth, whose numbers are the same in all payloads of a kind.
     """
+    if not len(kind):
+        return PackedBytes.from_texts([])
     said = [b"\n".join(map(orjson.dumps, each)) for each in texts] if texts else [b""] * len(kind)
     unknown = np.isnan(numbers)
     key = np.concatenate([kind.astype("<i8").view(np.uint8), np.packbits(unknown, axis=1)], axis=1)
-    rows_of: dict[bytes, list[int]] = {}
-    for row, own_key in enumerate(key.view(f"V{key.shape[1]}").ravel().tolist()):
-        rows_of.setdefault(own_key, []).append(row)
+    ends = np.flatnonzero(np.any(key[1:] != key[:-1], axis=1)) + 1
+    runs_of: dict[bytes, list[IntArray]] = {}
+    for run in np.split(np.arange(len(key)), ends):
+        runs_of.setdefault(key[run[0]].tobytes(), []).append(run)
+    groups = [np.concatenate(runs) for runs in runs_of.values()]
     parts: list[PackedBytes] = []
-    for rows in rows_of.values():
-        template = JsonTemplate(payload(rows[0]), whole, fixed)
-        known = numbers[rows][:, ~unknown[rows[0]]]
+    for rows in groups:
+        template = JsonTemplate(payload(int(rows[0])), whole, fixed)
+        known = numbers[np.ix_(rows, ~unknown[rows[0]])]
         if np.array_equal(template.numbers, known[0]):
             own_whole = np.stack([whole[name][rows] for name in template.whole], axis=-1)
-            parts.append(template.fill(own_whole, known, b"\n".join([said[row] for row in rows])))
+            parts.append(template.fill(own_whole, known, b"\n".join([said[row] for row in rows.tolist()])))
         else:  # a number of the first payload is a whole one, which JSON tells from others
-            parts.append(PackedBytes.from_texts([dump_payload(payload(row)) for row in rows]))
-    if len(parts) == 1:
-        return parts[0]
-    return PackedBytes.concatenated(
-        [PackedBytes.from_texts([]), *parts], np.argsort([row for rows in rows_of.values() for row in rows])
-    )
+            parts.append(PackedBytes.from_texts([dump_payload(payload(row)) for row in rows.tolist()]))
+    return parts[0] if len(parts) == 1 else PackedBytes.concatenated(parts, np.argsort(np.concatenate(groups)))
 
 
 def flat(values: FloatArray) -> FloatArray:

@@ -1,6 +1,5 @@
 """Inputs and outputs as the messages of a recording's data file; many of them as columns, laid into a chunk at once."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -40,7 +39,6 @@ from aerodft.model import (
     IntArray,
     LensModel,
     PoseBatch,
-    PoseSample,
     VideoPacket,
     WireProtocol,
     image_indices,
@@ -213,7 +211,7 @@ class RecordEncoder:
             sequence = np.concatenate([block.images for block in outputs.images]) & _SEQUENCE_MASK
             rows.add_outputs(self._pose, tick, order, encode_poses(poses), sequence)
             fixed = self._fixes_due(poses, rows.now_ns[tick], order)
-            fixes = PackedBytes.from_texts([location_fix(poses[row], self._frame) or b"" for row in fixed.tolist()])
+            fixes = PackedBytes.from_texts(location_fixes(poses.rows(fixed), self._frame))
             rows.add_outputs(self._location, tick[fixed], order[fixed] + 1, fixes)
         for tick, order, batch in outputs.measured():
             rows.add_outputs(self._measured, tick, _PER_IMAGE * order + 2, encode_batch(batch))
@@ -328,22 +326,21 @@ def camera_calibration(camera: Camera, stamp_ns: int) -> bytes:
     return bytes(message.SerializeToString())
 
 
-def location_fix(sample: PoseSample, frame: str) -> bytes | None:
-    """Place of the camera as ``foxglove.LocationFix``, altitude above mean sea level; None without a position."""
-    lat_rad, lon_rad, alt_msl_m = sample.lat_lon_alt
-    if lat_rad is None or lon_rad is None:
-        return None
-    message = LocationFix(
-        timestamp=_timestamp(sample.stamp_ns),
-        frame_id=frame,
-        latitude=math.degrees(lat_rad),
-        longitude=math.degrees(lon_rad),
-        altitude=math.nan if alt_msl_m is None else alt_msl_m,
-    )
-    if sample.cov is not None:
-        message.position_covariance.extend(sample.cov[:3, :3].ravel().tolist())
-        message.position_covariance_type = LocationFix.KNOWN
-    return bytes(message.SerializeToString())
+def location_fixes(poses: PoseBatch, frame: str) -> list[bytes]:
+    """Places of the camera as ``foxglove.LocationFix``, altitude above mean sea level, NaN where it is not known."""
+    places_deg, alt_msl_m = np.degrees(poses.lat_lon_alt[:, :2]), poses.lat_lon_alt[:, 2]
+    covs = poses.pose.cov[:, :3, :3].reshape(-1, 9)
+    columns = (poses.stamp_ns, *places_deg.T, alt_msl_m, covs, poses.has_pose)
+    fixes = []
+    for stamp_ns, lat_deg, lon_deg, altitude_m, cov_m2, has_pose in zip(*map(np.ndarray.tolist, columns), strict=True):
+        message = LocationFix(
+            timestamp=_timestamp(stamp_ns), frame_id=frame, latitude=lat_deg, longitude=lon_deg, altitude=altitude_m
+        )
+        if has_pose:
+            message.position_covariance.extend(cov_m2)
+            message.position_covariance_type = LocationFix.KNOWN
+        fixes.append(bytes(message.SerializeToString()))
+    return fixes
 
 
 def _timestamp(stamp_ns: int) -> Timestamp:

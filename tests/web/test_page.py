@@ -284,6 +284,13 @@ def test_landmarks_are_read_from_a_list_of_ground_control_points(browser, withou
         page.keyboard.press("Enter")
         expect(page.locator("#solved")).to_contain_text("Not found yet", timeout=PATIENCE_MS)
         assert not re.search(r"[`_\[]|/tmp", page.inner_text("#solved"))  # in the page's words
+        page.click("#landmarks summary")
+        page.locator("#list").evaluate(
+            "(list, text) => { list.value = text; }", "name,x,y,z,u,v\n" + 9000 * "a,1,2,3\n"
+        )
+        page.click("#take")
+        expect(page.locator("#solved")).to_contain_text("too much at once: 82 kB")
+        expect(page.locator("#link")).to_have_text("connected")
 
 
 def test_it_is_reached_by_keys_alone(page):

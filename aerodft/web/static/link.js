@@ -1,5 +1,7 @@
 // The connection to the program that measures. Of several questions of one topic only the newest is asked.
 
+const MOST_BYTES = 64_000; // the program hears no longer message
+
 export class Link {
   constructor(onState) {
     this.onState = onState;
@@ -28,6 +30,8 @@ export class Link {
   }
 
   ask(topic, question, done) {
+    const size = new TextEncoder().encode(JSON.stringify(question)).length;
+    if (size > MOST_BYTES) return done({ error: `That is too much at once: ${Math.ceil(size / 1000)} kB, at most ${MOST_BYTES / 1000}.` });
     this.waiting.delete(topic);
     this.waiting.set(topic, { topic, question, done });
     this.next();

@@ -53,7 +53,7 @@ export class Health {
 }
 
 function rowsOf(status, pose, disk) {
-  const rows = [["Height from", pose?.height_source ? `${pose.height_source}, ${pose.telemetry_age_s?.toFixed(1) ?? "?"} s old` : "not known yet"]];
+  const rows = [["Height from", pose?.height_source ? `${pose.height_source}${pose.telemetry_age_s === null ? "" : `, ${pose.telemetry_age_s.toFixed(1)} s old`}` : "not known yet"]];
   if (disk) rows.push(["Disk", `${(disk.free_bytes / 1e9).toFixed(1)} GB free`]);
   if (!status) return rows;
   const { text, counts, health } = status, count = (...names) => names.reduce((sum, name) => sum + (counts[name] ?? 0), 0);
@@ -68,16 +68,16 @@ function rowsOf(status, pose, disk) {
 }
 
 function diagnosis({ clock: seconds, problems, notes }) { // what is wrong first, the rest for whoever asks
-  const remarks = [...(seconds === null ? [] : [`Telemetry arrives ${seconds.toFixed(3)} s after its UTC.`]), ...notes];
-  const more = folded(`${remarks.length} remarks`, remarks.map((each) => element("p", plain(each))));
+  const more = folded(`${notes.length} remarks`, notes.map((each) => element("p", plain(each))));
   more.className = "remarks";
   return [
+    ...(seconds === null ? [] : [element("p", `Clock: telemetry arrives ${seconds.toFixed(3)} s after its UTC`)]),
     element("h3", problems.length ? `${problems.length} to mend` : "Nothing to mend"),
     ...problems.map((each) => {
       const [what, ...how] = plain(each).split(": ");
       return folded(what, how.length ? [element("p", how.join(": "))] : []);
     }),
-    ...(remarks.length ? [more] : []),
+    ...(notes.length ? [more] : []),
   ];
 }
 

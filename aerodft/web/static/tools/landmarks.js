@@ -65,7 +65,7 @@ export class Landmarks {
     const item = this.add(kind, next?.name || `${kind}-${this.made}`, this.draft, next?.values || words.map((word) => (word === "up" ? "0" : "")));
     this.draft = [];
     this.list();
-    if (!next) find("places").querySelector(`[data-item="${this.items.indexOf(item)}"] td:nth-child(2) input`)?.focus();
+    if (!next && words.length) find("places").querySelector(`[data-item="${this.items.indexOf(item)}"] td:nth-child(2) input`)?.focus();
     this.solve();
   }
 
@@ -216,10 +216,10 @@ export class Landmarks {
     const left = residuals.filter((each) => each.outlier).map((each) => each.name);
     return [
       file ? `Saved as ${file}, and measured with.` : "",
-      file && this.view.is_live ? "The station measures with it from its next start on, once calibration under [pose] of its file names it." : "",
+      file && this.view.is_live ? `The station does from its next start on, if calibration = "${file.split(/[\\/]/).at(-1)}" stands under [pose] in its file.` : "",
       rms === null ? "" : `Residuals ${rms.toFixed(2)} px rms: the yellow arrows, ${ENLARGED} times as long.`,
       left.length ? `Left out: ${left.join(", ")}.` : "",
-      ...notes.map((each) => `${plain(each)}.`),
+      ...notes.map((each) => `${each[0].toUpperCase()}${plain(each.slice(1))}.`),
     ].filter(Boolean).join(" ");
   }
 

@@ -11,7 +11,7 @@ import pytest
 
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.adapters.wire.status import CALIBRATION_SCHEMA
-from aerodft.app.measure import Overrides, recorded_setup
+from aerodft.app.recorded_scenes import Overrides, recorded_setup
 from aerodft.cli.main import main
 from aerodft.conventions import SECOND_NS
 from aerodft.model import BiasValues, ProbeKind, Status

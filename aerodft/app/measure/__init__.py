@@ -14,9 +14,9 @@ from aerodft.app.measure.measurements import (
     Width,
     ground_points,
     measure,
+    measured_document,
     requests_of,
 )
-from aerodft.app.measure.recorded_pose import Overrides, RecordedScenes, recorded_setup
 from aerodft.app.measure.scene import (
     CameraPose,
     ElevationModel,

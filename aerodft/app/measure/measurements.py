@@ -3,15 +3,16 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Final, Literal, TypeAlias, overload
+from typing import Any, ClassVar, Final, Literal, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from aerodft import model
+from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.app.measure.scene import CameraPose, GroundTerms, MeasuredSurface, image_setup
 from aerodft.conventions import LARGEST
-from aerodft.dft import PROBE_KINDS, Request, ground_frame_pose, link_requests
+from aerodft.dft import PROBE_KINDS, Request, Share, advice, ground_frame_pose, link_requests
 from aerodft.dft import measure as measure_batch
 from aerodft.dft.maps import GroundMap, ground_covariances
 from aerodft.errors import NoAnswerError, UsageError
@@ -343,3 +344,17 @@ def _ground_map(camera: Camera, pose: CameraPose | PoseSample | Pose, elevation_
         raise NoAnswerError("no pose", got="a pose sample without one")
     own = ground_frame_pose(known)
     return GroundMap.at(camera, own, elevation_m), own
+
+
+def measured_document(measurement: Measurement, budget: Sequence[Share] | None) -> dict[str, Any]:
+    """A measurement as ``aerodft.measurement/1``, as ``aerodft measure --json`` prints it.
+
+    Args:
+        measurement: The measurement.
+        budget: Where its variance comes from, which it then says together with what to improve; None to say neither.
+    """
+    document = measurement_payload(measurement)
+    if budget is not None:
+        document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
+        document["advice"] = advice(tuple(budget))
+    return document

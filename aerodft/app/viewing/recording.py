@@ -8,7 +8,7 @@ from typing import Final
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_images
 from aerodft.app.diagnose import diagnose
-from aerodft.app.measure import RecordedScenes
+from aerodft.app.recorded_scenes import RecordedScenes
 from aerodft.app.recordings import StationRecording
 from aerodft.app.viewing.view import Document, View, ViewedImage, doctor_document
 from aerodft.conventions import SECOND_NS

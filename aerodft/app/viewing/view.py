@@ -10,14 +10,14 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from aerodft.adapters.images import encode_jpeg
-from aerodft.adapters.wire.measurement import encode_measurement, measurement_payload
+from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.adapters.wire.pose import summary_payload
 from aerodft.app.diagnose import Diagnosis
-from aerodft.app.measure import Distance, ImageProbe, requests_of, with_pixels_noted
+from aerodft.app.measure import Distance, ImageProbe, measured_document, requests_of, with_pixels_noted
 from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.app.viewing.pose_finder import PoseFinder, Scene
 from aerodft.app.viewing.station_file import add_probe
-from aerodft.dft import Request, Share, advice, explain, measure
+from aerodft.dft import Request, explain, measure
 from aerodft.errors import UsageError
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch
@@ -28,20 +28,6 @@ Document: TypeAlias = dict[str, Any]
 _JPEG_QUALITY: Final = 95
 _VERTICAL_POINTS: Final = 33
 _SPACING_M: Final = 1.0
-
-
-def measured_document(measurement: Measurement, budget: Sequence[Share] | None) -> Document:
-    """A measurement as ``aerodft.measurement/1``, as ``aerodft measure --json`` prints it.
-
-    Args:
-        measurement: The measurement.
-        budget: Where its variance comes from, which it then says together with what to improve; None to say neither.
-    """
-    document = measurement_payload(measurement)
-    if budget is not None:
-        document["budget"] = [{"source": part.source, "std": part.std, "share": part.share} for part in budget]
-        document["advice"] = advice(tuple(budget))
-    return document
 
 
 def doctor_document(found: Diagnosis) -> Document:

@@ -61,7 +61,7 @@ class RecordedOptions:
             raise UsageError("--recording and --at go together", expected=expected)
         if self.recording is None or self.at is None:
             return None
-        from aerodft.app.measure import Overrides, recorded_setup
+        from aerodft.app.recorded_scenes import Overrides, recorded_setup
 
         if self.config is not None:
             refuse_beside({"camera": instead.camera}, "--config")

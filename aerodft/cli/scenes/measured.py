@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from aerodft.adapters.wire.measurement import measurement_payload
-from aerodft.app.viewing import measured_document
+from aerodft.app.measure import measured_document
 from aerodft.cli.output import print_json, say, tables
 from aerodft.dft import ModelDifference, Request, Setup, Share, advice, compare_models, measure
 from aerodft.dft import explain as explain_request

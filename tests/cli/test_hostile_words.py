@@ -1,5 +1,7 @@
 """Words and numbers on the command line that nobody means, and some do: each has one sentence or an honest answer."""
 
+import shutil
+
 import pytest
 
 CAMERA = 'name = "c"\nwidth_px = 64\nheight_px = 48\nhfov_deg = 60.0\n'
@@ -43,6 +45,15 @@ def test_a_sentence_is_one_line(aerodft, tmp_path):
     done = aerodft("measure", "--camera", tmp_path / "a\nb\x1b[31m", "--height", 1, "--tilt", 2, "--probe", "range 1,1")
     assert done.code == 3
     assert done.err.splitlines() == [f"aerodft: {tmp_path}/a\\nb\\x1b[31m: no such file; check the path"]
+
+
+def test_a_file_with_control_characters_in_its_name_does_not_reach_the_terminal_by_init(aerodft, desk, tmp_path):
+    log = tmp_path / "a\x1b[31m\x07.tlog"
+    shutil.copy(desk.log, log)
+    done = aerodft("init", log, "-o", tmp_path / "new\x1b[31m")
+    assert done.code == 0, done.err
+    assert "new\\x1b[31m/station.toml" in done.out.decode()
+    assert not any(character < " " for character in (done.out.decode() + done.err).replace("\n", ""))
 
 
 @pytest.mark.parametrize("seconds", ["-1", "nan", "inf", "1e300"])

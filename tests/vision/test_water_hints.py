@@ -2,6 +2,9 @@
 
 import json
 import math
+import os
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -85,6 +88,23 @@ def test_hints_from_files(tmp_path):
     assert [each.tolist() for each in hints.land] == [[[7.0, 8.0]]]
     cv2.imwrite(str(tmp_path / "mask.png"), np.full((4, 6), 255, np.uint8))
     assert RiverHints.read(tmp_path / "mask.png").mask.shape == (4, 6)
+
+
+def test_files_that_are_no_hints_are_refused_and_pipes_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.json")
+    os.mkfifo(tmp_path / "pipe.onnx")
+    header = struct.pack(">4sIIBBBBB", b"IHDR", 50_000, 50_000, 8, 2, 0, 0, 0)
+    crc = zlib.crc32(header).to_bytes(4, "big")
+    (tmp_path / "large.png").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\r" + header + crc)
+    for name, words in (
+        ("pipe.json", "no file of hints"),
+        ("nothing.png", "no file of hints"),
+        ("large.png", "no mask"),
+    ):
+        with pytest.raises(InputError, match=words):
+            RiverHints.read(tmp_path / name)
+    with pytest.raises(InputError, match="no file"):
+        WaterNetwork.read(tmp_path / "pipe.onnx")
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"water": [[1, 2, 3]]}', '{"land": ["here"]}', '{"water": [[1, NaN]]}'])

@@ -55,7 +55,8 @@ class StillPixels:
         """
         pixels = _decoded(self._data)
         if pixels is None:
-            raise InputError("image cannot be decoded", where=self._where, hint="the file is damaged; leave it out")
+            hint = f"the file is damaged, or of more than {_MOST_PIXELS // 10**6} million pixels; leave it out"
+            raise InputError("image cannot be decoded", where=self._where, hint=hint)
         pixels.setflags(write=False)
         return pixels
 

@@ -129,6 +129,7 @@ def _text(value: object) -> str:
     return value.strip(" \0") if isinstance(value, str) else ""
 
 
+_MOST_PIXELS = 2 * (PillowImage.MAX_IMAGE_PIXELS or 0)  # that Pillow opens
 UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError)  # all that Pillow raises
 
 
@@ -175,7 +176,8 @@ def facts_of_still(path: Path) -> StillFacts:
     """
     found = still_facts(path)
     if found is None:
-        raise InputError("not a readable image", where=path, got=looks_like(path), expected="an image")
+        expected = f"a whole image of at most {_MOST_PIXELS // 10**6} million pixels"
+        raise InputError("not a readable image", where=path, got=looks_like(path), expected=expected)
     return found
 
 

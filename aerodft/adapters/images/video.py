@@ -297,7 +297,7 @@ def _open(path: Path) -> tuple[InputContainer, VideoStream]:
         InputError: Missing, empty, or no video.
     """
     if not path.is_file():
-        got = "a folder" if path.is_dir() else "nothing there"
+        got = looks_like(path) if path.exists() else "nothing there"
         raise InputError("no video file", where=path, got=got, expected="a video file", hint="check the path")
     try:
         container = av.open(str(path), metadata_errors="replace")

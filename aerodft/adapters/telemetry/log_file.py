@@ -9,6 +9,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.telemetry.mavlink import AT_QUIET, AT_SYNC, STATE_SIZE, Bytes, FollowedIds, FrameCounts, counts_of
 from aerodft.errors import InputError, os_errors_as
 from aerodft.model import IntArray, RawBlock
@@ -128,7 +129,8 @@ class LogFile:
         self._expected = expected
         self._state = np.zeros(state_size, dtype=np.int64)
         with os_errors_as("cannot be read", where=path, expected=expected):
-            if path.stat().st_size == 0:  # asked first: to open a pipe would wait for somebody who writes
+            check_is_no_pipe(path)
+            if path.stat().st_size == 0:
                 raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
             self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
             weakref.finalize(self, os.close, self._descriptor)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from aerodft.cli.options import JsonOption, OverwriteOption, as_typed
-from aerodft.cli.output import print_json, say
+from aerodft.cli.output import print_json, say, tables
 
 if TYPE_CHECKING:
     from aerodft.app.setup import StationDraft
@@ -54,11 +54,12 @@ def init(
             }
         )
         return
-    typer.echo(f"wrote {draft.station} (camera: {draft.camera})")
+    console = tables()
+    console.print(f"wrote {draft.station} (camera: {draft.camera})", soft_wrap=True)
     for each in draft.taken:
-        typer.echo(f"  {as_typed(each)}")
+        console.print(f"  {as_typed(each)}", soft_wrap=True)
     for number, each in enumerate(draft.to_do, start=1):
-        typer.echo(f"{number}. {as_typed(each)}")
+        console.print(f"{number}. {as_typed(each)}", soft_wrap=True)
     say(f"next: {_next_command(draft)}")
 
 

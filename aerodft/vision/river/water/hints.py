@@ -70,6 +70,8 @@ class RiverHints:
         Raises:
             InputError: It cannot be read, or has something else in it.
         """
+        if not path.is_file():  # to open a pipe would wait for somebody who writes
+            raise InputError("no file of hints", where=path, expected="JSON, or an image as a mask; check the path")
         if path.suffix.lower() == ".json":
             try:
                 document = json.loads(path.read_text(encoding="utf-8"))
@@ -77,7 +79,10 @@ class RiverHints:
             except (OSError, ValueError, AttributeError) as error:
                 expected = '{"water": [[u, v], ...], "land": [[[u, v], [u, v]], ...]}'
                 raise InputError("no hints can be read", where=path, got=str(error), expected=expected) from error
-        mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        try:
+            mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        except cv2.error:  # a header that claims more pixels than OpenCV believes
+            mask = None
         if mask is None:
             raise InputError("no mask can be read", where=path, expected="an image, white for water, or JSON")
         return RiverHints(mask=np.asarray(mask, dtype=np.uint8))

@@ -41,6 +41,8 @@ class WaterNetwork:
         Raises:
             InputError: It is missing, or no network that OpenCV can run.
         """
+        if path.exists() and not path.is_file():  # to open a pipe would wait for somebody who writes
+            raise InputError("the water model is no file", where=path, expected=f"ONNX: {_CONTRACT}")
         try:
             data = np.fromfile(path, dtype=np.uint8)
         except OSError as error:

@@ -18,7 +18,7 @@ from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
 from aerodft.diagnosis import DiagnosisReport
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
 
 _FILM_DIAGONAL_MM: Final = 43.27
 _FILM_STD: Final = 0.04  # whole millimetres, and of a crop that nobody states
@@ -95,8 +95,7 @@ def write_camera(known: KnownCamera, path: Path, *, overwrite: bool = False) -> 
         f"# {known.camera.name}. Focal length from: {known.source} ({known.known_from}), to {share:.1f} % (1 sigma).\n"
         "# No distortion is stated. `aerodft calibrate-lens` finds both for your own copy, ten times as well.\n"
     )
-    with whole_file(path, overwrite=overwrite) as partial:
-        partial.write_text(about + tomli_w.dumps(camera_document(known.camera)), encoding="utf-8")
+    _write(path, about + tomli_w.dumps(camera_document(known.camera)), overwrite=overwrite)
 
 
 def _words(known: KnownCamera) -> str:
@@ -116,6 +115,7 @@ class StationDraft:
         log: The log that they are for; None for a link or a fixed camera.
         is_live: Whether telemetry or images come live.
         needs_sync: Whether the video's start is known to seconds only: `sync` of `import_flight` then finds it.
+        view: Photo or video of a fixed camera, whose pose is still to be found; None for others.
     """
 
     station: Path
@@ -125,6 +125,7 @@ class StationDraft:
     log: Path | None
     is_live: bool
     needs_sync: bool
+    view: Path | None
 
 
 @dataclass(slots=True)
@@ -147,6 +148,13 @@ class _Draft:
     taken: list[str] = field(default_factory=list)
     to_do: list[str] = field(default_factory=list)
     needs_sync: bool = False
+
+
+def _write(path: Path, text: str, *, overwrite: bool) -> None:
+    with os_errors_as("the file cannot be written", where=path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path, overwrite=overwrite) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def draft_station(
@@ -180,7 +188,6 @@ def draft_station(
     """
     found, folder = _sorted(sources), Path(folder)
     station, own_camera = folder / "station.toml", folder / "camera.toml"
-    folder.mkdir(parents=True, exist_ok=True)
     draft = _Draft()
     size_px = _write_camera(draft, found.images, camera, own_camera, overwrite=overwrite)
     used = Path(camera) if camera is not None and Path(camera).is_file() else own_camera
@@ -198,8 +205,7 @@ def draft_station(
         *_images(draft, found, report, folder),
         *_probes(size_px),
     ]
-    with whole_file(station, overwrite=overwrite) as partial:
-        partial.write_text("\n".join(draft.lines) + "\n", encoding="utf-8")
+    _write(station, "\n".join(draft.lines) + "\n", overwrite=overwrite)
     load_station(station)
     return StationDraft(
         station=station,
@@ -209,6 +215,7 @@ def draft_station(
         log=found.log,
         is_live=found.link is not None or (found.stream is not None and found.log is None),
         needs_sync=draft.needs_sync,
+        view=(_photo(found.images) or found.images) if report is None and found.link is None else None,
     )
 
 
@@ -294,6 +301,7 @@ def _known(wanted: str | Path | None, image: Path | None) -> KnownCamera | None:
         if image is not None:
             size_px = _size_px(image)
             of_size = [each for each in found if (each.camera.width_px, each.camera.height_px) == size_px]
+            of_size += filter(None, (each.resized(*size_px) for each in found))
             if not of_size:
                 sizes = ", ".join(f"{each.camera.width_px} x {each.camera.height_px}" for each in found)
                 got = f"{size_px[0]} x {size_px[1]} px of {image}"
@@ -340,8 +348,7 @@ def _unknown_camera(
         f"focal_std_px = {share * focal_px:.1f}           # how well it is known, 1 sigma\n"
         f"principal_point_std_px = {0.005 * width_px:.1f}\n"
     )
-    with whole_file(path, overwrite=overwrite) as partial:
-        partial.write_text(text, encoding="utf-8")
+    _write(path, text, overwrite=overwrite)
     return width_px, height_px
 
 

@@ -27,7 +27,7 @@ def test_a_log_alone_becomes_measurements(tmp_path):
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sim") / "flight"
-    command = [sys.executable, "-m", "aerodft.sim", "--out", str(folder), "--duration", "2", "--size", "320x240"]
+    command = [sys.executable, "-m", "aerodft.sim", "--out", str(folder), "--duration", "2", "--size", "320x180"]
     subprocess.run(command, check=True, capture_output=True)
     return folder
 
@@ -79,3 +79,21 @@ def test_a_stream_is_written_as_it_is_named(tmp_path):
     draft = ad.draft_station(["rtsp://127.0.0.1:8554/yard"], tmp_path)
     assert load_station(draft.station).images.source.url == "rtsp://127.0.0.1:8554/yard"
     assert draft.is_live
+
+
+def test_a_video_of_another_size_is_of_its_cameras_mode(flight, tmp_path):
+    draft = ad.draft_station([LOG, flight / "video.mp4"], tmp_path, camera="Mini 4 Pro")
+    (listed,) = ad.find_cameras("Mini 4 Pro video")
+    camera, of_4k = ad.load_camera(draft.camera), listed.camera
+    assert (camera.width_px, of_4k.width_px) == (320, 3840)
+    assert camera.fx_px / 320 == pytest.approx(of_4k.fx_px / 3840, rel=1e-3)
+    assert camera.std.focal_px / camera.fx_px == pytest.approx(of_4k.std.focal_px / of_4k.fx_px, rel=0.01)
+
+
+def test_the_page_is_next_for_a_fixed_camera_and_what_fails_leaves_no_folder(tmp_path):
+    photo = tmp_path / "photo.jpg"
+    Image.new("RGB", (500, 400)).save(photo)
+    done = run_aerodft("init", photo, "--json", "-o", tmp_path / "mine")
+    assert done.json["next_command"] == f"aerodft view {photo} --camera {tmp_path}/mine/camera.toml --open"
+    assert run_aerodft("init", photo, "--camera", "Mini 4 Pro", "-o", tmp_path / "other").code == 4
+    assert not (tmp_path / "other").exists()

@@ -274,6 +274,17 @@ def test_a_horizon_tells_tilt_and_roll_at_any_height_but_no_pose_for_a_file(tmp_
     assert output.is_file()
 
 
+def test_many_points_off_by_more_than_their_stds_may_be_of_a_bent_lens(tmp_path):
+    many, rng = Field.of(16), np.random.default_rng(1)
+    text = LOCAL + landmarks(many.pixels + rng.normal(0.0, 8.0, (16, 2)), many.places)
+    run, _ = calibrate(tmp_path, text, "--accept-misfit", unknowns=f"{POSE},focal")
+    assert "times as large as the stated stds" in run.err
+    assert "told by k1 and k2 in --unknowns" in run.err
+    (tmp_path / "calibration.toml").unlink()
+    run, _ = calibrate(tmp_path, text, "--accept-misfit", unknowns=f"{POSE},focal,k1,k2")
+    assert "told by k1 and k2" not in run.err
+
+
 def test_four_points_off_by_more_than_their_stds_are_taken_on_demand(tmp_path):
     """Eight numbers for seven unknowns: the figure is the root of chi-square by degrees of freedom."""
     few, rng = Field.of(4), np.random.default_rng(1)

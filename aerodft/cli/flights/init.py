@@ -66,6 +66,8 @@ def init(
 def _next_command(draft: "StationDraft") -> str:
     if draft.is_live:
         return f"aerodft serve {draft.station}"
+    if draft.view is not None:
+        return f"aerodft view {draft.view} --camera {draft.camera} --open"
     log = "" if draft.log is None else f"{draft.log} "
     sync = "--sync auto " if draft.needs_sync else ""
     return f"aerodft import {log}--config {draft.station} {sync}-o {draft.station.parent / 'recording'}"

@@ -39,6 +39,7 @@ from calibration.pose import (
 _UNLIKELY_P = 0.01
 _NOTICED = 1.2  # of what stds are multiplied with
 _SUSPICIOUS_P = 1e-4
+_TELLING_DOF = 6  # numbers to spare, from which on two more unknowns leave some
 _MAX_DECIMALS = 6
 
 
@@ -60,7 +61,7 @@ def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> 
     if solution.p_value is not None and solution.p_value < _UNLIKELY_P:
         notes.append(
             f"the residuals are {solution.misfit:.3g} times as large as the stated stds ({spare}): all stds are"
-            f" multiplied by {solution.sigma_scale:.3g}"
+            f" multiplied by {solution.sigma_scale:.3g}{_lens_hint(result)}"
         )
     elif solution.sigma_scale > _NOTICED:
         notes.append(
@@ -73,6 +74,14 @@ def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> 
         keys = ", ".join(display_unit(name)[0] for name in guesses)
         notes.append(f"{keys} has no std in the file: taken as a first guess only")
     return notes
+
+
+def _lens_hint(result: Result | ImagesResult) -> str:
+    """What may explain large residuals of a camera whose distortion nobody knows, where they tell it."""
+    is_known = any(result.camera.distortion) or "k1" in result.names
+    if is_known or result.solution.dof < _TELLING_DOF:
+        return ""
+    return "; a lens that bends straight lines is told by k1 and k2 in `unknowns`"
 
 
 def calibration_document(

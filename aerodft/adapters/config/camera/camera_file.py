@@ -2,7 +2,7 @@
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -27,6 +27,7 @@ _STDS: Final = {"calibrated": 0.015, "sensor": 0.03, "film": 0.04}
 """Of a focal length, as a share of it, by what it is known from: those for film are whole millimetres."""
 _VIDEO_STD: Final = 0.06
 """Of a video's: it is cropped, stabilised and straightened by amounts that makers do not state."""
+_SHAPE: Final = 0.01  # of two sizes that differ by rounding alone
 _CENTRE_STD: Final = 0.005
 """Of the principal point, as a share of the image's width."""
 
@@ -194,6 +195,25 @@ class KnownCamera:
         )
         is_same = mode.device is not None and mode.device.casefold() == device.casefold() and is_same_lens
         return is_same and self.kind == "photo" and size_px == (self.camera.width_px, self.camera.height_px)
+
+    def resized(self, width_px: int, height_px: int) -> "KnownCamera | None":
+        """This video mode at another size of its shape; None for other shapes, and for photos, which are cropped."""
+        now = self.camera
+        scale = width_px / now.width_px
+        if self.kind == "photo" or abs(height_px / now.height_px - scale) > _SHAPE * scale:
+            return None
+        camera = Camera.of_focal(
+            name=f"{self.name}, {self.kind} {width_px}x{height_px}",
+            width_px=width_px,
+            height_px=height_px,
+            focal_px=round(scale * now.fx_px, 1),
+            std=CameraStd(
+                focal_px=round(scale * now.std.focal_px, 1),
+                principal_point_px=round(scale * now.std.principal_point_px, 1),
+            ),
+            mode=now.mode,
+        )
+        return replace(self, camera=camera)
 
 
 @cache

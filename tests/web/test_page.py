@@ -5,6 +5,7 @@ import json
 import math
 import re
 import shlex
+import tomllib
 
 import cv2
 import numpy as np
@@ -228,6 +229,9 @@ def test_a_camera_is_calibrated_from_four_landmarks_and_the_width_follows(browse
             expect(page.locator("#parameters")).to_contain_text("tilt50.", timeout=PATIENCE_MS)
             page.click("#use")
             expect(page.locator("#solved")).to_contain_text("Saved as", timeout=PATIENCE_MS)
+            with page.expect_download() as download:
+                page.click("#export")
+            assert "tilt_deg" in tomllib.loads(download.value.path().read_text())["pose"]
             expect(page.locator("#measurements .value")).to_contain_text(f"(before: {before})", timeout=PATIENCE_MS)
             value, low, high = numbers(value_of(page))
             assert low < 12.0 < high

@@ -59,6 +59,7 @@ class PoseFinder:
         if found.refusal(is_saved=True) is None:
             with TemporaryDirectory() as folder:
                 found.save(file := Path(folder) / "calibration.toml")
+                document["file_text"] = file.read_text(encoding="utf-8")
                 document["overlay"] = scene_overlay(*self._scene_with(file))
         return document
 

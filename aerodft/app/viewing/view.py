@@ -114,7 +114,8 @@ class View(ABC):
 
         Returns:
             The document of ``aerodft calibrate --json``; its ``marks`` say where the calibrated camera sees what was
-            marked (``seen_px``, ``expected_px``), its ``overlay`` is that of ``overlay``.
+            marked (``seen_px``, ``expected_px``), its ``overlay`` is that of ``overlay``, its ``file_text``
+            is that of a calibration file.
 
         Raises:
             AerodftError: It makes no sense, or this is no fixed camera.

@@ -24,6 +24,7 @@ export class Landmarks {
     this.waiting = []; // of a list: landmarks that are not clicked yet
     this.crs = "local";
     this.made = 0;
+    this.turn = 0; // of the newest question
     this.found = null;
     this.say(handText("Click a landmark in the image, then type where it is."));
     find("take").onclick = () => this.take(find("list").value);
@@ -140,7 +141,7 @@ export class Landmarks {
   followTyping(input, change) { // solved once it is left or Enter is pressed: half a number is none
     input.oninput = () => {
       change(input.value);
-      this.isTyping = find("use").disabled = true;
+      this.isTyping = find("use").disabled = find("export").hidden = true;
       this.say("Enter or Tab takes what you type.");
     };
     input.onchange = input.onblur = () => { if (this.isTyping) this.solve(); };
@@ -181,7 +182,7 @@ export class Landmarks {
 
   solve(use = false) {
     const evidence = this.evidence();
-    find("use").disabled = true;
+    find("use").disabled = find("export").hidden = true;
     this.isTyping = false;
     this.changed();
     if (!evidence) { this.found = null; return this.tell(); }
@@ -189,8 +190,10 @@ export class Landmarks {
     this.busy = setTimeout(() => this.say("Solving …"), PATIENCE_MS);
     const unknowns = [...(evidence.landmark ? UNKNOWNS : WITHOUT_PLACES), ...(find("focal").checked ? ["focal"] : [])];
     const question = { image: 0, evidence, unknowns, accept: find("accept").checked, use };
+    this.turn += 1;
+    const { turn } = this;
     this.link.ask(use ? "use" : "evidence", question, (answer) => {
-      if (this.isTyping) return; // it is of what stood there before
+      if (this.isTyping || turn !== this.turn) return; // it is of what stood there before
       this.found = answer.calibration || null;
       this.tell(answer.error);
       if (use && this.found) this.used();
@@ -200,7 +203,9 @@ export class Landmarks {
 
   tell(error = "") {
     const { found, waiting: [next] } = this, isGood = found?.status === "ok", open = this.items.filter((item) => !this.isKnown(item));
-    find("use").disabled = !isGood;
+    find("use").disabled = find("export").hidden = !isGood;
+    URL.revokeObjectURL(find("export").href);
+    if (isGood) find("export").href = URL.createObjectURL(new Blob([found.file_text], { type: "application/toml" }));
     this.say([
       found ? this.text() : plain(error),
       open.length ? `Numbers are missing of ${open.map((each) => each.name).join(", ")}.` : "",

@@ -286,6 +286,7 @@ def test_landmarks_are_read_from_a_list_of_ground_control_points(browser, withou
         page.fill("[aria-label='Standard deviation in metres of gcp-0']", "0.5")
         page.fill("[aria-label='east of gcp-2']", "500400")
         page.keyboard.press("Enter")
+        assert page.evaluate("document.activeElement.id") == "image"  # for the next mark
         expect(page.locator("#solved")).to_contain_text("Not found yet", timeout=PATIENCE_MS)
         assert not re.search(r"[`_\[]|/tmp", page.inner_text("#solved"))  # in the page's words
         page.click("#landmarks summary")

@@ -144,6 +144,7 @@ export class Landmarks {
       this.isTyping = find("use").disabled = find("export").hidden = true;
       this.say("Enter or Tab takes what you type.");
     };
+    input.onkeydown = ({ key }) => { if (key === "Enter") find("image").focus(); }; // for the next mark
     input.onchange = input.onblur = () => { if (this.isTyping) this.solve(); };
   }
 

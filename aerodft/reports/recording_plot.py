@@ -205,7 +205,7 @@ def _short(name: str) -> str:
 
 def _cut(beyond: int) -> str:
     """Heading's remark on intervals that reach beyond a panel."""
-    return f"; {beyond} intervals reach beyond the panel" if beyond else ""
+    return f"; {beyond} interval{'s reach' if beyond > 1 else ' reaches'} beyond the panel" if beyond else ""
 
 
 def _thinned(value: FloatArray) -> IntArray:

@@ -94,8 +94,10 @@ class Overlay:
             self._write(canvas, line, 0.0, self._line_px * row, _BLACK)
             for row, line in enumerate(_header(items, stamp_ns, index))
         ]
+        half = 0.4 * self._line_px
+        marks = [_Box(u - half, v - half, u + half, v + half) for item in items for u, v in self._points(item).tolist()]
         for item in items:
-            boxes_written.append(self._label(canvas, item, boxes_written))
+            boxes_written.append(self._label(canvas, item, boxes_written, marks))
         return canvas
 
     def _points(self, item: Item) -> FloatArray:
@@ -122,8 +124,8 @@ class Overlay:
             for u, v in points.tolist():
                 cv2.drawMarker(canvas, (u, v), paint, cv2.MARKER_CROSS, size, stroke, cv2.LINE_AA)
 
-    def _label(self, canvas: ImageArray, item: Item, boxes_written: Sequence[_Box]) -> _Box:
-        """Write a measurement beside its pixels, where nothing is written yet."""
+    def _label(self, canvas: ImageArray, item: Item, boxes_written: Sequence[_Box], marks: Sequence[_Box]) -> _Box:
+        """Write a measurement beside its pixels, where nothing is written yet, and no mark where there is room."""
         text, has_number = label_of(item), item["status"] == Status.OK
         points = self._points(item)
         inside = points[((points >= 0) & (points < self._size)).all(axis=1)]
@@ -134,9 +136,10 @@ class Overlay:
         wanted = float(np.clip(centre[1] - 1.8 * self._line_px, 0, lowest))
         step = self._line_px / 2
         tops = sorted(np.arange(0, lowest + step / 2, step).tolist(), key=lambda top: abs(top - wanted))
-        boxes = (_Box(left, top, left + width, top + self._line_px) for top in (wanted, *tops))
-        free = next((box for box in boxes if not any(box.overlaps(other) for other in boxes_written)), None)
-        top = wanted if free is None else free.top
+        boxes = [_Box(left, top, left + width, top + self._line_px) for top in (wanted, *tops)]
+        free = [box for box in boxes if not any(map(box.overlaps, boxes_written))]
+        clear = (box for box in free if not any(map(box.overlaps, marks)))
+        top = next(clear, (free or boxes)[0]).top
         return self._write(canvas, text, left, top, self._colour(item["name"]) if has_number else _NO_NUMBER)
 
     def _write(self, canvas: ImageArray, text: str, left: float, top: float, colour: tuple[int, int, int]) -> _Box:

@@ -140,6 +140,18 @@ def test_labels_lie_in_the_image_and_not_on_each_other(width, height):
     assert min(counts) > 0.2 * max(counts)
 
 
+def test_labels_leave_crosses_to_be_seen():
+    overlay = Overlay(1280, 720)
+    items = [
+        an_item(name="bank", pixels=[[300.0, 360.0], [980.0, 340.0]]),
+        an_item(name="point", pixels=[[639.0, 352.0]]),
+    ]
+    drawn = overlay.draw(np.full((720, 1280, 3), 90, dtype=np.uint8), items, 0, 3)
+    for name, (u, v) in (("bank", (300, 360)), ("bank", (980, 340)), ("point", (639, 352))):
+        assert (drawn[v, u] == overlay.colours[name]).all()
+        assert (drawn[[v - 6, v + 6], u - 6] == 90).all()  # between its arms there is the image
+
+
 def test_no_image_is_no_answer(aerodft, flight_recording, tmp_path):
     folder = tmp_path / "blind"
     folder.mkdir()

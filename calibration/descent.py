@@ -94,7 +94,7 @@ def image_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> F
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class Residuals:
     """Residuals and their Jacobian at a state: by ``s`` unknowns shared by all images, and by ``k`` of the row's image.
 
     Attributes:
@@ -126,11 +126,11 @@ class Rows:
         )
 
 
-def concatenate_residuals(parts: list[Rows]) -> Rows:
+def concatenate_residuals(parts: list[Residuals]) -> Residuals:
     """Concatenate residuals."""
     if len(parts) == 1:
         return parts[0]
-    return Rows(
+    return Residuals(
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.jac_unknowns for part in parts]),
         np.concatenate([part.owner for part in parts]),
@@ -141,10 +141,10 @@ def concatenate_residuals(parts: list[Rows]) -> Rows:
 StateT = TypeVar("StateT")
 
 
-class Task(Protocol[StateT]):
+class LeastSquares(Protocol[StateT]):
     """A least-squares problem."""
 
-    def evaluate(self, state: StateT) -> Rows:
+    def evaluate(self, state: StateT) -> Residuals:
         """All residuals at a state."""
         ...
 
@@ -158,7 +158,7 @@ class LocalMinimum(Generic[StateT]):
     """A local minimum of the loss: its state, its residuals, and half of the summed loss."""
 
     state: StateT
-    residuals: Rows
+    residuals: Residuals
     cost: float
 
 
@@ -182,7 +182,7 @@ class Loss:
         self._priors, self._evidence_rows = np.flatnonzero(owner < 0), np.flatnonzero(owner >= 0)
         self._owner = owner[self._evidence_rows]
 
-    def cost(self, residuals: Rows) -> float:
+    def cost(self, residuals: Residuals) -> float:
         """Half of the summed loss of all rows."""
         squares = self._used * (residuals.values * residuals.values)
         if self._scale is None:
@@ -192,7 +192,7 @@ class Loss:
         priors = float(np.sum(squares[self._priors]))
         return 0.5 * (priors + limit * float(np.sum(np.log1p(by_owner / limit))))
 
-    def weights(self, residuals: Rows) -> FloatArray:
+    def weights(self, residuals: Residuals) -> FloatArray:
         """Weights ``(m,)`` of the rows, with which plain least squares has this loss's gradient."""
         if self._scale is None:
             return self._used
@@ -204,11 +204,11 @@ class Loss:
 
 
 def descend(
-    problem: Task[StateT],
+    problem: LeastSquares[StateT],
     start: StateT,
     scale: float | None = None,
     kept: np.ndarray | None = None,
-    known: Rows | None = None,
+    known: Residuals | None = None,
 ) -> LocalMinimum[StateT]:
     """Descend from ``start`` to the nearest minimum.
 
@@ -235,8 +235,8 @@ def descend(
 
 
 def _next_state(
-    problem: Task[StateT], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
-) -> tuple[StateT, Rows, float, float] | None:
+    problem: LeastSquares[StateT], loss: Loss, state: StateT, normal: NormalEquations, cost: float, damping: float
+) -> tuple[StateT, Residuals, float, float] | None:
     """The next state of smaller cost, its residuals, cost and damping; None if there is none."""
     while damping < _MAX_DAMPING:
         step = normal.step(damping)

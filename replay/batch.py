@@ -39,7 +39,7 @@ _LEFT_OUT = "aerodft.left_out"
 _NAME_DIGITS = 16
 
 
-class State(StrEnum):
+class JobState(StrEnum):
     """Outcomes of a recording's computation."""
 
     DONE = "done"
@@ -61,7 +61,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class JobOutcome:
     """Outcome of one recording's computation.
 
     Attributes:
@@ -72,12 +72,12 @@ class Outcome:
     """
 
     recording: str
-    state: State
+    state: JobState
     statuses: dict[str, int] = field(default_factory=dict)
     sentence: str = ""
 
 
-Work = Callable[[Job], Outcome]
+Work = Callable[[Job], JobOutcome]
 
 
 def jobs_of(folders: Sequence[Path]) -> list[Job]:
@@ -89,7 +89,7 @@ def jobs_of(folders: Sequence[Path]) -> list[Job]:
     return [Job(recording=names[folder], folder=folder) for folder in folders]
 
 
-def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int) -> Iterator[Outcome]:
+def run_batch(jobs: Sequence[Job], work: Work, scheduler: str, workers: int) -> Iterator[JobOutcome]:
     """Run jobs, as many at once as there are threads, and give the outcomes as they come.
 
     Args:
@@ -122,16 +122,16 @@ def _threads(client: DaskObject) -> int:
     return max(count, 1)
 
 
-def _outcome(job: Job, future: DaskObject) -> Outcome:
+def _outcome(job: Job, future: DaskObject) -> JobOutcome:
     error = future.exception()
     if error is None:
-        outcome: Outcome = future.result()
+        outcome: JobOutcome = future.result()
         return outcome
     if type(error).__name__ == "KilledWorker":
         what = f"the worker died of it, {_MOST_DEATHS + 1} times; killed, or out of memory?"
     else:
         what = f"the worker failed: {type(error).__name__}: {error}"
-    return Outcome(recording=job.recording, state=State.FAILED, sentence=str(InputError(what, where=job.folder)))
+    return JobOutcome(recording=job.recording, state=JobState.FAILED, sentence=str(InputError(what, where=job.folder)))
 
 
 @contextmanager

@@ -22,9 +22,9 @@ from aerodft.version import SOFTWARE
 from calibration.lens import (
     Board,
     BoardFinder,
+    BoardView,
     LensChoice,
     LensFit,
-    View,
     choose,
     draw_board,
     missing,
@@ -156,7 +156,7 @@ def calibrate_lens(
     )
 
 
-def _look(paths: Sequence[Path], board: Board, progress: Progress) -> tuple[int, tuple[int, int], list[View]]:
+def _look(paths: Sequence[Path], board: Board, progress: Progress) -> tuple[int, tuple[int, int], list[BoardView]]:
     """Number and size of the images, and the board's corners in those that show it."""
     finder, views = BoardFinder(board), []
     first: NamedImage | None = None

@@ -31,7 +31,7 @@ from aerodft.app.assembly import (
 from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
-from replay.batch import Dataset, InputKey, Job, Outcome, State, input_key, jobs_of, recording_hash, run_batch
+from replay.batch import Dataset, InputKey, Job, JobOutcome, JobState, input_key, jobs_of, recording_hash, run_batch
 from replay.recordings import PROVENANCE_NAME, Recording, RecordingSource, Redetection, RedetectionStatistics
 
 _FROM_IMAGE_TO_IMAGE: Final = {"objects": "[objects]", "tracked": "tracked probes"}
@@ -249,7 +249,7 @@ def recompute_many(  # noqa: PLR0913 - what a user may choose, by name
     scheduler: str = "processes",
     workers: int | None = None,
     progress: Progress = no_progress,
-) -> list[Outcome]:
+) -> list[JobOutcome]:
     """Compute recordings anew into a Parquet dataset, several at once; what is done already is not done again.
 
     Args:
@@ -277,7 +277,7 @@ def recompute_many(  # noqa: PLR0913 - what a user may choose, by name
         calibration=None if calibration is None else Path(calibration).resolve(),
         overwrite=overwrite,
     )
-    outcomes: dict[str, Outcome] = {}
+    outcomes: dict[str, JobOutcome] = {}
     for outcome in run_batch(jobs, work, scheduler, workers or len(os.sched_getaffinity(0))):
         outcomes[outcome.recording] = outcome
         progress(len(outcomes), len(jobs))
@@ -309,7 +309,7 @@ def _folders(recordings: Sequence[str], output: Path) -> list[Path]:
 
 def recompute_rows(
     job: Job, *, dataset: Dataset, config: Path | None = None, calibration: Path | None = None, overwrite: bool = False
-) -> Outcome:
+) -> JobOutcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
     from replay.export import ParquetRows  # slow to load, and one recording has no table
 
@@ -318,7 +318,7 @@ def recompute_rows(
         key = _key(opened)
         done = dataset.done(job.recording, key)
         if done is not None:
-            return _outcome(job, State.SKIPPED, done, dataset.left_out(job.recording, key))
+            return _outcome(job, JobState.SKIPPED, done, dataset.left_out(job.recording, key))
         statistics, recorded = RunStatistics(), opened.recorded_station
         with dataset.part(job.recording, key, overwrite=overwrite) as part:
             constants = {
@@ -334,15 +334,15 @@ def recompute_rows(
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
                 left_out = opened.recording.left_out().sentence
                 rows.describe(dataset.statuses_text(statistics.measurements, left_out))
-        return _outcome(job, State.DONE, statistics.measurements, left_out)
+        return _outcome(job, JobState.DONE, statistics.measurements, left_out)
     except AerodftError as error:
         sentence = str(error) if str(job.folder) in str(error) else f"{job.folder}: {error}"
-        return Outcome(recording=job.recording, state=State.FAILED, sentence=sentence)
+        return JobOutcome(recording=job.recording, state=JobState.FAILED, sentence=sentence)
 
 
-def _outcome(job: Job, state: State, statuses: Mapping[str, int], left_out: str) -> Outcome:
+def _outcome(job: Job, state: JobState, statuses: Mapping[str, int], left_out: str) -> JobOutcome:
     sentence = f"{job.folder}: {left_out}" if left_out else ""
-    return Outcome(recording=job.recording, state=state, statuses=dict(statuses), sentence=sentence)
+    return JobOutcome(recording=job.recording, state=state, statuses=dict(statuses), sentence=sentence)
 
 
 def _key(opened: Recomputation) -> InputKey:

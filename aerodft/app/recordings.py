@@ -27,8 +27,8 @@ from replay.export import (
     COLUMNS,
     MAP_FORMATS,
     TEXT_FORMATS,
+    ColumnType,
     ExportFormat,
-    Kind,
     MapCrs,
     MapFeature,
     ParquetRows,
@@ -97,7 +97,7 @@ class Measurements:
         except ImportError as error:
             raise InputError("a data frame needs pandas", hint="install aerodft[pandas]") from error
         frame = pandas.DataFrame.from_records(list(self), columns=list(COLUMNS))
-        types = {Kind.INTEGER: "Int64", Kind.NUMBER: "float64"}
+        types = {ColumnType.INTEGER: "Int64", ColumnType.NUMBER: "float64"}
         frame = frame.astype({name: types[kind] for name, kind in COLUMNS.items() if kind in types})
         frame["stamp_ns"] = frame["stamp_ns"].astype("int64")  # every measurement has one
         frame["time_utc"] = pandas.to_datetime(frame["stamp_ns"], unit="ns", utc=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
-from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, Stream, VideoFile, load_station
+from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, StreamInput, VideoFile, load_station
 from aerodft.adapters.images import LiveRate, StreamReader
 from aerodft.adapters.outputs import Output, open_outputs
 from aerodft.adapters.telemetry import opened_signing, signing_sentences
@@ -231,9 +231,9 @@ class Station:
 
     def _open_images(self, stack: ExitStack) -> None:
         source = self._config.images.source
-        if isinstance(source, Stream | Device):
+        if isinstance(source, StreamInput | Device):
             reader = StreamReader(
-                source.url if isinstance(source, Stream) else source.path,
+                source.url if isinstance(source, StreamInput) else source.path,
                 self._take_image,
                 clock=self._clock,
                 on_packet=self._take_packet,

@@ -9,4 +9,4 @@ from calibration.flight.biases import (
     with_lat_lon,
 )
 from calibration.flight.result import ImagesResult, calibrate_images
-from calibration.flight.state import PoseTrack, View, split_stds, typical_noise
+from calibration.flight.state import ImageView, PoseTrack, split_stds, typical_noise

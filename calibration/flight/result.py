@@ -13,14 +13,14 @@ from aerodft.model import BIASES, Camera, Evidence, EvidenceSet, FloatArray, Lan
 from calibration.descent import (
     Loss,
     NormalEquations,
-    Rows,
+    Residuals,
     concatenate_residuals,
     covariance_of,
     descend,
     eliminate_image_unknowns,
     image_steps,
 )
-from calibration.flight.state import OWN, ImagesState, SharedUnknowns, View
+from calibration.flight.state import OWN, ImagesState, ImageView, SharedUnknowns
 from calibration.pose import (
     BOUNDS,
     LIMIT,
@@ -88,7 +88,7 @@ class ImagesProblem:
     """
 
     def __init__(
-        self, views: tuple[View, ...], unknowns: SharedUnknowns, priors: dict[str, Prior], model: ProjectionModel
+        self, views: tuple[ImageView, ...], unknowns: SharedUnknowns, priors: dict[str, Prior], model: ProjectionModel
     ) -> None:
         self.views = views
         self.unknowns = unknowns
@@ -124,7 +124,7 @@ class ImagesProblem:
             return None
         return moved if all(holds(camera) for camera in cameras for holds in BOUNDS.values()) else None
 
-    def evaluate(self, state: ImagesState) -> Rows:
+    def evaluate(self, state: ImagesState) -> Residuals:
         """Residuals of all images and priors at a state."""
         image_rows = [self._image_residuals(state, index) for index in range(len(self.views))]
         ends = np.cumsum([0, *(len(part.values) for part in image_rows)]).tolist()
@@ -132,23 +132,23 @@ class ImagesProblem:
         rows = tuple(map(slice, ends[:-1], ends[1:]))
         return replace(whole, images=rows, own=OWN)
 
-    def _image_residuals(self, state: ImagesState, index: int) -> Rows:
+    def _image_residuals(self, state: ImagesState, index: int) -> Residuals:
         """Residuals of one image's observations and of its own errors."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
-        own_rows = Rows(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
+        own_rows = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
         found = self._problems[index].observed(camera, by)
         if found is None:
             return own_rows
         return concatenate_residuals([replace(found, owner=found.owner + self._evidence_starts[index]), own_rows])
 
-    def _prior_residuals(self, state: ImagesState) -> Rows:
+    def _prior_residuals(self, state: ImagesState) -> Residuals:
         names, count = self.unknowns.names, len(self.priors)
         values = np.array([(state.value(name) - prior.value) / prior.std for name, prior in self.priors.items()])
         by = np.zeros((count, len(names) + OWN))
         for row, (name, prior) in enumerate(self.priors.items()):
             by[row, names.index(name)] = 1 / prior.std
-        return Rows(values, by, np.full(count, -1), np.zeros(count))
+        return Residuals(values, by, np.full(count, -1), np.zeros(count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -332,7 +332,7 @@ def shared_unknowns(
 
 
 def calibrate_images(
-    views: tuple[View, ...],
+    views: tuple[ImageView, ...],
     priors: dict[str, Prior],
     camera: Camera,
     names: tuple[str, ...],

@@ -133,7 +133,7 @@ def typical_noise(noises: Sequence[FloatArray]) -> PoseStd:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class ImageView:
     """Evidence, telemetry track and noise of one image.
 
     Attributes:
@@ -209,7 +209,7 @@ class SharedUnknowns:
         by[count:, self._columns(self.lens.names)] = self.lens.jac_unknowns(state.base)[INTRINSICS]
         return by
 
-    def camera(self, state: ImagesState, index: int, view: View) -> State:
+    def camera(self, state: ImagesState, index: int, view: ImageView) -> State:
         """Camera of one image.
 
         Args:
@@ -222,7 +222,7 @@ class SharedUnknowns:
         """
         return _image_camera(state, index, view, view.track.pose(float(state.biases[_TIME]))).camera
 
-    def placed(self, state: ImagesState, index: int, view: View) -> tuple[State, FloatArray]:
+    def placed(self, state: ImagesState, index: int, view: ImageView) -> tuple[State, FloatArray]:
         """Camera of one image, and the Jacobian of the errors of ``dft.projection`` by the unknowns.
 
         Returns:
@@ -269,7 +269,7 @@ class _ImageCamera:
     by_own: FloatArray
 
 
-def _image_camera(state: ImagesState, index: int, view: View, pose: Pose) -> _ImageCamera:
+def _image_camera(state: ImagesState, index: int, view: ImageView, pose: Pose) -> _ImageCamera:
     """Correct a telemetry pose of an image to its camera."""
     own, biased = state.own[index] * view.noise, BiasedPoses.from_poses(pose, np.array(0))
     corrected = biased.corrected(_biases_at_corrected_stamp(state))

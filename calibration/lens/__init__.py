@@ -1,6 +1,6 @@
 """The lens from images of a board: detection, choice of views, joint adjustment, and how well it is known."""
 
-from calibration.lens.adjustment import View, intrinsics_of
+from calibration.lens.adjustment import BoardView, intrinsics_of
 from calibration.lens.board import (
     DEFAULT_CHARUCO,
     Board,

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry import distorted_with_jacobian, pixels_by_intrinsics, rays_from_pixels, skew
 from aerodft.model import Camera, CameraStd, FloatArray, IntArray, LensModel
-from calibration.descent import Rows, covariance_of, descend
+from calibration.descent import Residuals, covariance_of, descend
 
 _POSE: Final = 6  # numbers of a board's pose
 _FOCALS: Final = np.geomspace(0.25, 8.0, 16)
@@ -28,7 +28,7 @@ _MIN_CORNERS = 4  # corners that give a pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class View:
+class BoardView:
     """The corners of a board in one image.
 
     Attributes:
@@ -63,7 +63,7 @@ class Corners:
     view: IntArray
 
     @classmethod
-    def from_views(cls, views: Sequence[View]) -> Self:
+    def from_views(cls, views: Sequence[BoardView]) -> Self:
         """The corners of all views, at least one view, none of them empty."""
         counts = np.array([len(view.ids) for view in views])
         return cls(
@@ -144,7 +144,7 @@ class _Adjustment:
         ends = [*(2 * corners.starts).tolist(), 2 * len(corners.view)]
         self._views = tuple(map(slice, ends[:-1], ends[1:]))
 
-    def evaluate(self, bundle: Bundle) -> Rows:
+    def evaluate(self, bundle: Bundle) -> Residuals:
         """Residuals in pixels, by the intrinsics and by each view's pose (its turn, its move)."""
         camera, count = bundle.camera, len(self._roots)
         turned, rays = _rays(bundle, self._corners)
@@ -155,7 +155,7 @@ class _Adjustment:
         off = (_pixels(camera, distorted) - self._corners.pixels_px).ravel()
         values = np.append(off, self._roots * intrinsics_of(camera))
         by = np.concatenate([by, np.eye(count, count + _POSE) * self._roots[:, None]])
-        return Rows(values, by, np.full(len(values), -1), values, self._views, _POSE)
+        return Residuals(values, by, np.full(len(values), -1), values, self._views, _POSE)
 
     def moved(self, bundle: Bundle, step: FloatArray) -> Bundle | None:
         """The bundle after a step; None where it leads to no camera."""

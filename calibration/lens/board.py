@@ -14,7 +14,7 @@ import numpy as np
 from aerodft.errors import UsageError
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray
 from aerodft.vision.common import grey_of
-from calibration.lens.adjustment import View
+from calibration.lens.adjustment import BoardView
 
 DEFAULT_CHARUCO: Final = "charuco:10x7:25mm:18mm:4X4_50"
 """What ``charuco`` alone means: 250 x 175 mm, on one sheet of A4."""
@@ -202,7 +202,7 @@ class BoardFinder:
         self._board = board
         self._charuco = cv2.aruco.CharucoDetector(board.charuco()) if board.kind is BoardKind.CHARUCO else None
 
-    def find(self, image: ImageArray, name: str) -> View | None:
+    def find(self, image: ImageArray, name: str) -> BoardView | None:
         """The board's corners; None where it is not seen.
 
         Args:
@@ -223,7 +223,7 @@ class BoardFinder:
             return None
         ids, pixels = ids[whole], _refined(grey, rough[whole], reach_px)
         spans = _spans(self._board, ids)
-        return View(
+        return BoardView(
             name=name,
             ids=ids,
             pixels_px=pixels,

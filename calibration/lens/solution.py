@@ -24,9 +24,9 @@ from aerodft.geometry import (
 )
 from aerodft.model import Camera, FloatArray, LensModel
 from calibration.lens.adjustment import (
+    BoardView,
     Bundle,
     Corners,
-    View,
     adjust,
     camera_guess,
     covariance,
@@ -70,7 +70,7 @@ _MAX_STRAYS = 0.2  # of a view's corners: where more of them stray, it is the vi
 _STARTS = 3  # best guesses that are followed to their end
 
 
-def check_before(views: Sequence[View], size_px: tuple[int, int]) -> None:
+def check_before(views: Sequence[BoardView], size_px: tuple[int, int]) -> None:
     """Refuse views that are too few, or all of boards that lie parallel to each other.
 
     Judged with an assumed lens: with boards that are parallel, an adjusted focal length could be anything.
@@ -107,7 +107,7 @@ def _too_similar(got: str) -> NoAnswerError:
     return NoAnswerError(what, got=got, expected=f"turned by {_MIN_TURN_DEG:.0f} deg, better 40", hint=_ADD)
 
 
-def normals(views: Sequence[View], size_px: tuple[int, int]) -> FloatArray:
+def normals(views: Sequence[BoardView], size_px: tuple[int, int]) -> FloatArray:
     """``(v, 3)`` normals of the boards in camera axes, roughly: for a lens of about 55 degrees."""
     guess = resect_boards(camera_guess(LensModel.BROWN, size_px, float(max(size_px)), 0), Corners.from_views(views))
     return np.tile([0.0, 0.0, 1.0], (len(views), 1)) if guess is None else guess.rotations[:, :, 2]
@@ -134,8 +134,8 @@ def _check_well_known(bundle: Bundle, cov: FloatArray) -> None:
 
 
 def without_outliers(
-    views: tuple[View, ...], bundle: Bundle
-) -> tuple[tuple[View, ...], Bundle, tuple[tuple[View, float], ...]]:
+    views: tuple[BoardView, ...], bundle: Bundle
+) -> tuple[tuple[BoardView, ...], Bundle, tuple[tuple[BoardView, float], ...]]:
     """The views that agree, without single corners that stray, solved again.
 
     Args:
@@ -146,7 +146,7 @@ def without_outliers(
         Views, their bundle, and the views that were left out with the rms (px) that each had then.
     """
     views, bundle = _without_strays(views, bundle)
-    rejected: list[tuple[View, float]] = []
+    rejected: list[tuple[BoardView, float]] = []
     most = int(_MAX_REJECTED * len(views))
     while len(rejected) < most and len(views) > MIN_VIEWS:
         corners = Corners.from_views(views)
@@ -169,7 +169,7 @@ def view_rms_px(off_px: FloatArray, corners: Corners) -> FloatArray:
     return np.asarray(np.sqrt(corners.per_view(np.sum(off_px**2, axis=-1)) / counts))
 
 
-def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View, ...], Bundle]:
+def _without_strays(views: tuple[BoardView, ...], bundle: Bundle) -> tuple[tuple[BoardView, ...], Bundle]:
     corners = Corners.from_views(views)
     off = residuals_px(bundle, corners)
     std = robust_std(off)
@@ -186,7 +186,7 @@ def _without_strays(views: tuple[View, ...], bundle: Bundle) -> tuple[tuple[View
     return views, _solved_again(views, bundle)
 
 
-def _solved_again(views: tuple[View, ...], bundle: Bundle) -> Bundle:
+def _solved_again(views: tuple[BoardView, ...], bundle: Bundle) -> Bundle:
     corners = Corners.from_views(views)
     return adjust(resolve_mirrored_boards(adjust(bundle, corners), corners), corners)
 
@@ -221,12 +221,12 @@ class LensSolution:
     """
 
     camera: Camera
-    views: tuple[View, ...]
+    views: tuple[BoardView, ...]
     corners: Corners
     bundle: Bundle
     off_px: FloatArray
     std_px: float
-    rejected: tuple[tuple[View, float], ...]
+    rejected: tuple[tuple[BoardView, float], ...]
     strays: dict[str, int]
     bic_gain: float | None
 
@@ -242,7 +242,7 @@ class LensSolution:
 
 
 def solve_lens(
-    views: Sequence[View], size_px: tuple[int, int], lens: LensChoice = LensChoice.BROWN, *, name: str = "camera"
+    views: Sequence[BoardView], size_px: tuple[int, int], lens: LensChoice = LensChoice.BROWN, *, name: str = "camera"
 ) -> LensSolution:
     """Calibrate a lens.
 
@@ -342,10 +342,10 @@ class Choice:
         surplus: Views of nothing that others do not show already.
     """
 
-    used: tuple[View, ...]
-    blurred: tuple[View, ...]
-    duplicates: tuple[View, ...]
-    surplus: tuple[View, ...]
+    used: tuple[BoardView, ...]
+    blurred: tuple[BoardView, ...]
+    duplicates: tuple[BoardView, ...]
+    surplus: tuple[BoardView, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -369,7 +369,7 @@ class LensFit:
     solution: LensSolution
 
 
-def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MAX_VIEWS) -> Choice:
+def choose(views: Sequence[BoardView], size_px: tuple[int, int], most: int = MAX_VIEWS) -> Choice:
     """Choose at most so many views.
 
     Args:
@@ -389,20 +389,20 @@ def choose(views: Sequence[View], size_px: tuple[int, int], most: int = MAX_VIEW
     )
 
 
-def _in_order(views: Sequence[View], chosen: Sequence[View]) -> tuple[View, ...]:
+def _in_order(views: Sequence[BoardView], chosen: Sequence[BoardView]) -> tuple[BoardView, ...]:
     return tuple(view for view in views if view in chosen)
 
 
-def _different(views: Sequence[View], least_px: float) -> list[View]:
+def _different(views: Sequence[BoardView], least_px: float) -> list[BoardView]:
     """The views without near-duplicates of earlier ones."""
-    kept: list[View] = []
+    kept: list[BoardView] = []
     for view in views:
         if all(_moved_px(view, other) > least_px for other in kept):
             kept.append(view)
     return kept
 
 
-def _moved_px(one: View, other: View) -> float:
+def _moved_px(one: BoardView, other: BoardView) -> float:
     """Root mean square distance of the corners that both show; infinite where few are common."""
     _, mine, theirs = np.intersect1d(one.ids, other.ids, assume_unique=True, return_indices=True)
     if 2 * len(mine) < max(len(one.ids), len(other.ids)):
@@ -411,14 +411,14 @@ def _moved_px(one: View, other: View) -> float:
     return math.sqrt(float(np.mean(np.sum(apart * apart, axis=-1))))
 
 
-def _covering(views: Sequence[View], size_px: tuple[int, int], most: int) -> list[View]:
+def _covering(views: Sequence[BoardView], size_px: tuple[int, int], most: int) -> list[BoardView]:
     """Greedy: what few others show counts most, and of equals the sharper one (they come first) is taken."""
     if len(views) <= most:
         return list(views)
     features = _features(views, size_px)
     seen: Counter[tuple[str, int, int]] = Counter()
     rest = list(range(len(views)))
-    used: list[View] = []
+    used: list[BoardView] = []
     while len(used) < most:
         best = max(rest, key=lambda k: (sum(_WEIGHTS[f[0]] / (1 + seen[f]) for f in features[k]), -k))
         rest.remove(best)
@@ -427,7 +427,7 @@ def _covering(views: Sequence[View], size_px: tuple[int, int], most: int) -> lis
     return used
 
 
-def _features(views: Sequence[View], size_px: tuple[int, int]) -> list[set[tuple[str, int, int]]]:
+def _features(views: Sequence[BoardView], size_px: tuple[int, int]) -> list[set[tuple[str, int, int]]]:
     """Features of each view: cells of the image, a tilt in steps of 15 degrees, a size in octaves."""
     found = []
     for view, facing in zip(views, normals(views, size_px), strict=True):
@@ -440,13 +440,13 @@ def _features(views: Sequence[View], size_px: tuple[int, int]) -> list[set[tuple
     return found
 
 
-def cells(view: View, size_px: tuple[int, int]) -> np.ndarray:
+def cells(view: BoardView, size_px: tuple[int, int]) -> np.ndarray:
     """``(m, 2)`` the cells of the image (across, down) that hold corners of a view."""
     share = (view.pixels_px + 0.5) / size_px
     return np.unique(np.clip((share * _CELLS).astype(int), 0, np.array(_CELLS) - 1), axis=0)
 
 
-def covered_cells(views: Sequence[View], size_px: tuple[int, int]) -> np.ndarray:
+def covered_cells(views: Sequence[BoardView], size_px: tuple[int, int]) -> np.ndarray:
     """``(down, across)`` how many views have corners in each cell of the image."""
     counts = np.zeros(_CELLS[::-1], dtype=int)
     for view in views:

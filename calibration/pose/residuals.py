@@ -57,7 +57,7 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
-from calibration.descent import Rows, concatenate_residuals
+from calibration.descent import Residuals, concatenate_residuals
 from calibration.pose.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -391,7 +391,7 @@ class Problem:
         """World points ``(k, 3)`` and pixels ``(k, 2)`` of the ``reprojected`` landmarks."""
         return self._points_m, self._pixels
 
-    def evaluate(self, state: State) -> Rows:
+    def evaluate(self, state: State) -> Residuals:
         """All residuals at a state."""
         found = self.observed(state, self.unknowns.jac_unknowns(state))
         parts = [] if found is None else [found]
@@ -406,14 +406,14 @@ class Problem:
             return None
         return moved if all(holds(moved) for holds in BOUNDS.values()) else None
 
-    def observed(self, state: State, by: FloatArray) -> Rows | None:
+    def observed(self, state: State, by: FloatArray) -> Residuals | None:
         """Residuals of the evidence alone, None without evidence; ``by (s, n)``: camera errors by the unknowns."""
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
         parts += [_residuals_of_distances(each, state, by) for each in self._distances]
         parts += [_residuals_of_condition(index, condition, state, by) for index, condition in self._conditions]
         return concatenate_residuals(parts) if parts else None
 
-    def _of_landmarks(self, state: State, by: FloatArray) -> Rows:
+    def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             found = reproject(state.camera, state.position_m, state.rotation, self._points_m)
             off = found.pixels_px - self._pixels
@@ -431,9 +431,9 @@ class Problem:
         if np.any(blind):
             values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
             px = np.where(np.isnan(px), np.inf, px)
-        return Rows(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
+        return Residuals(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
 
-    def _of_priors(self, state: State) -> Rows:
+    def _of_priors(self, state: State) -> Residuals:
         to_angles = self.unknowns.to_angles(state)
         values, rows = [], []
         for name, prior in self._priors:
@@ -443,7 +443,7 @@ class Problem:
             values.append(off / prior.std)
             rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
         count = len(values)
-        return Rows(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+        return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
 
 
 def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
@@ -451,7 +451,7 @@ def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
     return np.asarray((many.reshape(-1, len(by)) @ by).reshape(*many.shape[:-1], -1))
 
 
-def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) -> Rows:
+def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) -> Residuals:
     off_m, jac_shared, variance = distances.residuals(state)
     std_m = np.sqrt(variance * (1 + 1e-12))
     values, jac_shared = off_m / std_m, jac_shared / std_m[:, None]
@@ -459,20 +459,20 @@ def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) 
     is_out_of_sight = ~(np.isfinite(values) & np.all(np.isfinite(jac_shared), axis=-1))
     if np.any(is_out_of_sight):
         jac_shared[is_out_of_sight], values[is_out_of_sight], px[is_out_of_sight] = 0.0, OUT_OF_SIGHT, np.inf
-    return Rows(values, jac_shared @ by, distances.owner, px)
+    return Residuals(values, jac_shared @ by, distances.owner, px)
 
 
-def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Rows:
+def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
     found = condition(state)
     count = len(found.off)
     is_out_of_sight = not np.all(np.isfinite(found.off)) or not np.all(np.isfinite(found.jac_shared))
     owner = np.full(count, index)
     if is_out_of_sight:
         nothing = np.zeros((count, by.shape[1]))
-        return Rows(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
+        return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
     root = _whitening(found.cov)
     values = root @ found.off
-    return Rows(values, root @ found.jac_shared @ by, owner, found.std_px * values)
+    return Residuals(values, root @ found.jac_shared @ by, owner, found.std_px * values)
 
 
 def _whitening(cov: FloatArray) -> FloatArray:

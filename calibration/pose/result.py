@@ -24,7 +24,7 @@ from aerodft.model import (
     ProjectionModel,
     Vertical,
 )
-from calibration.descent import Rows, covariance_of, used_rows
+from calibration.descent import Residuals, covariance_of, used_rows
 from calibration.pose.residuals import Problem, ground_error_m
 from calibration.pose.solve import Solution, solve
 from calibration.pose.state import (
@@ -177,7 +177,7 @@ def observation_residuals(problem: Problem, solution: Solution) -> tuple[Observa
 
 def residuals_of(
     evidence: Sequence[Evidence],
-    residuals: Rows,
+    residuals: Residuals,
     kept: np.ndarray,
     ground_m: Sequence[float | None],
     loo_ground_m: Sequence[float | None],

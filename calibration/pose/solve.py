@@ -16,7 +16,7 @@ from scipy.special import chdtrc, chdtri, ndtri, stdtrit
 
 from aerodft.geometry import camera_attitude, from_rotation_vector, inverse, matrix, rays_from_pixels
 from aerodft.model import FloatArray, ProjectionModel
-from calibration.descent import LocalMinimum, Loss, Rows, StateT, Task, covariance_of, descend, used_rows
+from calibration.descent import LeastSquares, LocalMinimum, Loss, Residuals, StateT, covariance_of, descend, used_rows
 from calibration.pose.residuals import Problem
 from calibration.pose.state import State
 
@@ -188,7 +188,7 @@ class Fit(Generic[StateT]):
     """
 
     state: StateT
-    residuals: Rows
+    residuals: Residuals
     kept: np.ndarray
     covariance: FloatArray
     chi2: float
@@ -234,7 +234,7 @@ def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Sol
 
 
 def without_outliers(
-    problem: Task[StateT], robust: LocalMinimum[StateT], observations: int, unknowns: int
+    problem: LeastSquares[StateT], robust: LocalMinimum[StateT], observations: int, unknowns: int
 ) -> tuple[LocalMinimum[StateT], np.ndarray]:
     """The fit to the inliers, and whether each observation ``(k,)`` is one.
 
@@ -258,7 +258,7 @@ def without_outliers(
 
 
 def _readmit_outliers(
-    problem: Task[StateT], best: LocalMinimum[StateT], kept: np.ndarray
+    problem: LeastSquares[StateT], best: LocalMinimum[StateT], kept: np.ndarray
 ) -> tuple[LocalMinimum[StateT], np.ndarray]:
     """Readmit outliers, nearest first, where larger stds are more likely than so many outliers.
 
@@ -277,7 +277,7 @@ def _readmit_outliers(
     return chosen
 
 
-def _is_overdetermined(unknowns: int, residuals: Rows, kept: np.ndarray) -> bool:
+def _is_overdetermined(unknowns: int, residuals: Residuals, kept: np.ndarray) -> bool:
     """Whether the kept rows outnumber the unknowns: otherwise anything fits."""
     return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
@@ -328,19 +328,19 @@ def _has_fit(minima: list[Minimum]) -> bool:
     return bool(minima) and _fits(min(minima, key=lambda minimum: minimum.cost).residuals)
 
 
-def _is_hopeless(residuals: Rows) -> bool:
+def _is_hopeless(residuals: Residuals) -> bool:
     """Whether most of the evidence is too far off for an alternative to a fit."""
     squares, rows = _by_owner(residuals)
     return bool(len(squares)) and float(np.median(squares / rows)) > _HOPELESS_STDS**2
 
 
-def _fits(residuals: Rows) -> bool:
+def _fits(residuals: Residuals) -> bool:
     """Whether the residuals are good enough to try no other start."""
     squares, rows = _by_owner(residuals)
     return bool(np.all(squares <= _GOOD_FIT_STDS**2 * rows * 2)) if len(squares) else True
 
 
-def _by_owner(residuals: Rows) -> tuple[FloatArray, FloatArray]:
+def _by_owner(residuals: Residuals) -> tuple[FloatArray, FloatArray]:
     """Sum of squares and number of rows of each observation."""
     evidence = residuals.owner >= 0
     owner, values = residuals.owner[evidence], residuals.values[evidence]
@@ -348,7 +348,7 @@ def _by_owner(residuals: Rows) -> tuple[FloatArray, FloatArray]:
     return squares.astype(np.float64), rows.astype(np.float64)
 
 
-def _find_inliers(residuals: Rows, count: int, before: np.ndarray | None = None) -> np.ndarray:
+def _find_inliers(residuals: Residuals, count: int, before: np.ndarray | None = None) -> np.ndarray:
     """Whether each observation is within chance of the fit, given the scatter of most of them."""
     squares, rows = _by_owner(residuals)
     used = np.ones(count, dtype=bool) if before is None else before
@@ -358,7 +358,7 @@ def _find_inliers(residuals: Rows, count: int, before: np.ndarray | None = None)
     return np.asarray(squares <= max(scatter, 1.0) * chdtri(sizes, _OUTLIER_P_VALUE)[size])
 
 
-def _neg_log_likelihood(residuals: Rows, kept: np.ndarray) -> float:
+def _neg_log_likelihood(residuals: Residuals, kept: np.ndarray) -> float:
     """Twice the negative log likelihood of normal inliers (stds as stated, or larger) and outliers anywhere."""
     used = residuals.values[used_rows(residuals.owner, kept)]
     chi2, count = float(used @ used), len(used)

@@ -12,5 +12,14 @@ from replay.export.formats import (
 )
 from replay.export.maps import MapCrs, MapFeature, geojson_text, map_features, write_geopackage, write_kml
 from replay.export.merging import merge_segments
-from replay.export.table import COLUMNS, LARGEST_NUMBER, Item, Kind, check_on_earth, parse_measurement, row_of, time_utc
+from replay.export.table import (
+    COLUMNS,
+    LARGEST_NUMBER,
+    ColumnType,
+    Item,
+    check_on_earth,
+    parse_measurement,
+    row_of,
+    time_utc,
+)
 from replay.export.video import COLOURS, Overlay, best_image, measured_images, write_video

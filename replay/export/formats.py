@@ -15,7 +15,7 @@ import orjson
 from aerodft.adapters.files import csv_cell
 from aerodft.errors import InputError
 from replay.export.maps import MapCrs, geojson_text, map_features
-from replay.export.table import COLUMNS, LISTS, Kind, parse_measurement, row_of
+from replay.export.table import COLUMNS, LISTS, ColumnType, parse_measurement, row_of
 
 _ROWS_AT_ONCE: Final = 16_384
 
@@ -200,12 +200,12 @@ def _schema(constants: Mapping[str, str | None], metadata: Mapping[str, str]) ->
     """The columns of ``COLUMNS``, and behind them those that are the same in every row."""
     pyarrow, _ = _libraries()
     types = {
-        Kind.TEXT: pyarrow.string(),
-        Kind.INTEGER: pyarrow.int64(),
-        Kind.NUMBER: pyarrow.float64(),
-        Kind.TIME: pyarrow.timestamp("ns", tz="UTC"),
-        Kind.NUMBERS: pyarrow.list_(pyarrow.float64()),
-        Kind.VECTORS: pyarrow.list_(pyarrow.list_(pyarrow.float64())),
+        ColumnType.TEXT: pyarrow.string(),
+        ColumnType.INTEGER: pyarrow.int64(),
+        ColumnType.NUMBER: pyarrow.float64(),
+        ColumnType.TIME: pyarrow.timestamp("ns", tz="UTC"),
+        ColumnType.NUMBERS: pyarrow.list_(pyarrow.float64()),
+        ColumnType.VECTORS: pyarrow.list_(pyarrow.list_(pyarrow.float64())),
     }
     fields = {name: types[kind] for name, kind in COLUMNS.items()} | dict.fromkeys(constants, pyarrow.string())
     return pyarrow.schema(list(fields.items()), metadata=dict(metadata))

@@ -24,7 +24,7 @@ from pyproj.exceptions import CRSError, ProjError
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, UsageError
 from aerodft.model import ProbeKind, Status
-from replay.export.table import COLUMNS, LISTS, Kind, geometry_of, parse_measurement, row_of
+from replay.export.table import COLUMNS, LISTS, ColumnType, geometry_of, parse_measurement, row_of
 from replay.export.video import COLOURS
 
 _WGS84_ID: Final = 4326
@@ -36,7 +36,12 @@ _WITH_UNIT: Final = ("std", "ci95_low", "ci95_high")
 _NO_SCALAR: Final = frozenset({"value", "unit", *_WITH_UNIT})
 _OTHER: Final = "other"
 
-_SQL_TYPES: Final = {Kind.TEXT: "TEXT", Kind.INTEGER: "INTEGER", Kind.NUMBER: "REAL", Kind.TIME: "DATETIME"}
+_SQL_TYPES: Final = {
+    ColumnType.TEXT: "TEXT",
+    ColumnType.INTEGER: "INTEGER",
+    ColumnType.NUMBER: "REAL",
+    ColumnType.TIME: "DATETIME",
+}
 _TYPES: Final = {name: _SQL_TYPES[kind] for name, kind in COLUMNS.items() if kind in _SQL_TYPES} | {
     "bound": "TEXT", "channels": "INTEGER", "images": "INTEGER", "transects": "INTEGER",
 }  # fmt: skip

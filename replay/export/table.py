@@ -22,7 +22,7 @@ _AS_ON_THE_WIRE: Final = (
 )  # fmt: skip
 
 
-class Kind(Enum):
+class ColumnType(Enum):
     """Types of columns."""
 
     TEXT = auto()
@@ -33,62 +33,62 @@ class Kind(Enum):
     VECTORS = auto()  # a list of lists, one for each point
 
 
-COLUMNS: Final[Mapping[str, Kind]] = {
-    "time_utc": Kind.TIME,
-    "stamp_ns": Kind.INTEGER,
-    "name": Kind.TEXT,
-    "kind": Kind.TEXT,
-    "status": Kind.TEXT,
-    "value": Kind.NUMBER,
-    "unit": Kind.TEXT,
-    "std": Kind.NUMBER,
-    "ci95_low": Kind.NUMBER,
-    "ci95_high": Kind.NUMBER,
-    "ellipse95_major_m": Kind.NUMBER,
-    "ellipse95_minor_m": Kind.NUMBER,
-    "ellipse95_azimuth_deg": Kind.NUMBER,
-    "reasons": Kind.TEXT,
-    "image": Kind.INTEGER,
-    "pixels_px": Kind.VECTORS,
-    "std_px": Kind.NUMBER,
-    "lat_deg": Kind.NUMBER,
-    "lon_deg": Kind.NUMBER,
-    "alt_msl_m": Kind.NUMBER,
-    "range_m": Kind.NUMBER,
-    "lat_2_deg": Kind.NUMBER,
-    "lon_2_deg": Kind.NUMBER,
-    "alt_2_msl_m": Kind.NUMBER,
-    "range_2_m": Kind.NUMBER,
-    "geo_wkt": Kind.TEXT,
-    "enu_m": Kind.VECTORS,
-    "ranges_m": Kind.NUMBERS,
-    "cov_east_m2": Kind.NUMBER,
-    "cov_east_north_m2": Kind.NUMBER,
-    "cov_north_m2": Kind.NUMBER,
-    "height_agl_m": Kind.NUMBER,
-    "height_source": Kind.TEXT,
-    "height_datum": Kind.TEXT,
-    "tilt_deg": Kind.NUMBER,
-    "roll_deg": Kind.NUMBER,
-    "heading_deg": Kind.NUMBER,
-    "height_agl_std_m": Kind.NUMBER,
-    "tilt_std_deg": Kind.NUMBER,
-    "pan_std_deg": Kind.NUMBER,
-    "roll_std_deg": Kind.NUMBER,
-    "heading_std_deg": Kind.NUMBER,
-    "camera_lat_deg": Kind.NUMBER,
-    "camera_lon_deg": Kind.NUMBER,
-    "height_age_s": Kind.NUMBER,
-    "telemetry_age_s": Kind.NUMBER,
-    "camera": Kind.TEXT,
-    "model": Kind.TEXT,
-    "calibration": Kind.TEXT,
-    "config": Kind.TEXT,
-    "software": Kind.TEXT,
+COLUMNS: Final[Mapping[str, ColumnType]] = {
+    "time_utc": ColumnType.TIME,
+    "stamp_ns": ColumnType.INTEGER,
+    "name": ColumnType.TEXT,
+    "kind": ColumnType.TEXT,
+    "status": ColumnType.TEXT,
+    "value": ColumnType.NUMBER,
+    "unit": ColumnType.TEXT,
+    "std": ColumnType.NUMBER,
+    "ci95_low": ColumnType.NUMBER,
+    "ci95_high": ColumnType.NUMBER,
+    "ellipse95_major_m": ColumnType.NUMBER,
+    "ellipse95_minor_m": ColumnType.NUMBER,
+    "ellipse95_azimuth_deg": ColumnType.NUMBER,
+    "reasons": ColumnType.TEXT,
+    "image": ColumnType.INTEGER,
+    "pixels_px": ColumnType.VECTORS,
+    "std_px": ColumnType.NUMBER,
+    "lat_deg": ColumnType.NUMBER,
+    "lon_deg": ColumnType.NUMBER,
+    "alt_msl_m": ColumnType.NUMBER,
+    "range_m": ColumnType.NUMBER,
+    "lat_2_deg": ColumnType.NUMBER,
+    "lon_2_deg": ColumnType.NUMBER,
+    "alt_2_msl_m": ColumnType.NUMBER,
+    "range_2_m": ColumnType.NUMBER,
+    "geo_wkt": ColumnType.TEXT,
+    "enu_m": ColumnType.VECTORS,
+    "ranges_m": ColumnType.NUMBERS,
+    "cov_east_m2": ColumnType.NUMBER,
+    "cov_east_north_m2": ColumnType.NUMBER,
+    "cov_north_m2": ColumnType.NUMBER,
+    "height_agl_m": ColumnType.NUMBER,
+    "height_source": ColumnType.TEXT,
+    "height_datum": ColumnType.TEXT,
+    "tilt_deg": ColumnType.NUMBER,
+    "roll_deg": ColumnType.NUMBER,
+    "heading_deg": ColumnType.NUMBER,
+    "height_agl_std_m": ColumnType.NUMBER,
+    "tilt_std_deg": ColumnType.NUMBER,
+    "pan_std_deg": ColumnType.NUMBER,
+    "roll_std_deg": ColumnType.NUMBER,
+    "heading_std_deg": ColumnType.NUMBER,
+    "camera_lat_deg": ColumnType.NUMBER,
+    "camera_lon_deg": ColumnType.NUMBER,
+    "height_age_s": ColumnType.NUMBER,
+    "telemetry_age_s": ColumnType.NUMBER,
+    "camera": ColumnType.TEXT,
+    "model": ColumnType.TEXT,
+    "calibration": ColumnType.TEXT,
+    "config": ColumnType.TEXT,
+    "software": ColumnType.TEXT,
 }
 """``docs/tables.md`` says what each is."""
 
-LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {Kind.NUMBERS, Kind.VECTORS})
+LISTS: Final = tuple(name for name, kind in COLUMNS.items() if kind in {ColumnType.NUMBERS, ColumnType.VECTORS})
 """Columns that hold lists."""
 
 
@@ -118,16 +118,16 @@ def check_on_earth(row: Mapping[str, object]) -> None:
             raise ValueError("no place on Earth")
 
 
-def _is_held(value: JsonValue, kind: Kind, count: int | None) -> bool:
+def _is_held(value: JsonValue, kind: ColumnType, count: int | None) -> bool:
     """Whether a column of this kind can hold a value; a list of ``count``, or where that is None of any length."""
-    if kind is Kind.VECTORS:
-        return isinstance(value, list) and all(_is_held(each, Kind.NUMBERS, count) for each in value)
-    if kind is Kind.NUMBERS:
+    if kind is ColumnType.VECTORS:
+        return isinstance(value, list) and all(_is_held(each, ColumnType.NUMBERS, count) for each in value)
+    if kind is ColumnType.NUMBERS:
         is_long = isinstance(value, list) and len(value) == (count or len(value))
-        return is_long and all(each is None or _is_held(each, Kind.NUMBER, None) for each in value)
-    if kind is Kind.NUMBER:
+        return is_long and all(each is None or _is_held(each, ColumnType.NUMBER, None) for each in value)
+    if kind is ColumnType.NUMBER:
         return type(value) in {float, int} and abs(value) <= LARGEST_NUMBER
-    if kind is Kind.INTEGER:
+    if kind is ColumnType.INTEGER:
         return type(value) is int and abs(value) <= LATEST_NS
     return isinstance(value, str)
 

@@ -1,7 +1,17 @@
 """Other tools' recordings as input: MAVLink, images and cameras in any MCAP file."""
 
 from replay.foreign.frames import FrameReader
-from replay.foreign.messages import CDR, JSON, NANOSECONDS, PROTOBUF, ROS1, SECONDS, Kind, kind_of, read_encoded_image
+from replay.foreign.messages import (
+    CDR,
+    JSON,
+    NANOSECONDS,
+    PROTOBUF,
+    ROS1,
+    SECONDS,
+    ChannelKind,
+    kind_of,
+    read_encoded_image,
+)
 from replay.foreign.recordings import (
     AnyRecording,
     ForeignImages,

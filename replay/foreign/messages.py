@@ -26,7 +26,7 @@ JSON, PROTOBUF, CDR, ROS1 = "json", "protobuf", "cdr", "ros1"
 _READABLE: Final = frozenset({JSON, PROTOBUF, CDR, ROS1})
 
 
-class Kind(StrEnum):
+class ChannelKind(StrEnum):
     """Kinds of channels, by their messages."""
 
     MAVLINK = "MAVLink"
@@ -37,14 +37,14 @@ class Kind(StrEnum):
 
 
 _BY_TYPE: Final = {
-    ("foxglove", "CompressedImage"): Kind.IMAGES,
-    ("sensor_msgs", "CompressedImage"): Kind.IMAGES,
-    ("foxglove", "CompressedVideo"): Kind.VIDEO,
-    ("foxglove", "CameraCalibration"): Kind.CAMERA,
-    ("sensor_msgs", "CameraInfo"): Kind.CAMERA,
-    ("foxglove", "LocationFix"): Kind.LOCATION,
-    ("sensor_msgs", "NavSatFix"): Kind.LOCATION,
-    ("mavros_msgs", "Mavlink"): Kind.MAVLINK,
+    ("foxglove", "CompressedImage"): ChannelKind.IMAGES,
+    ("sensor_msgs", "CompressedImage"): ChannelKind.IMAGES,
+    ("foxglove", "CompressedVideo"): ChannelKind.VIDEO,
+    ("foxglove", "CameraCalibration"): ChannelKind.CAMERA,
+    ("sensor_msgs", "CameraInfo"): ChannelKind.CAMERA,
+    ("foxglove", "LocationFix"): ChannelKind.LOCATION,
+    ("sensor_msgs", "NavSatFix"): ChannelKind.LOCATION,
+    ("mavros_msgs", "Mavlink"): ChannelKind.MAVLINK,
 }
 _FOXGLOVE: Final = {"foxglove", "foxglove_msgs", "ros_foxglove_msgs"}
 _MAVLINK_ENCODINGS: Final = re.compile(r"(application/|x-)?mavlink([_ .-]?(v?[12](\.0)?|raw))?", re.IGNORECASE)
@@ -59,15 +59,15 @@ def type_of(schema: str) -> tuple[str, str]:
     return ("foxglove" if package in _FOXGLOVE else package), name
 
 
-def kind_of(channel: Channel) -> Kind | None:
+def kind_of(channel: Channel) -> ChannelKind | None:
     """Kind of a channel; None where nothing tells, or in an encoding that is not read."""
     if _MAVLINK_ENCODINGS.fullmatch(channel.encoding) or _MAVLINK_ENCODINGS.fullmatch(channel.schema):
-        return Kind.MAVLINK
+        return ChannelKind.MAVLINK
     kind = _BY_TYPE.get(type_of(channel.schema))
     if kind is not None:
         return kind if channel.encoding in _READABLE else None
     # A topic per message repeats what mavlink/out has: mavlink/1/1/ATTITUDE and its like are not telemetry.
-    return Kind.MAVLINK if _MAVLINK_TOPICS.fullmatch(channel.topic) else None
+    return ChannelKind.MAVLINK if _MAVLINK_TOPICS.fullmatch(channel.topic) else None
 
 
 _PLAIN_CDR: Final = (0, 1)
@@ -188,7 +188,7 @@ def read_encoded_image(channel: Channel, data: bytes) -> EncodedImage:
     Raises:
         ValueError: There is none in it.
     """
-    if kind_of(channel) not in {Kind.IMAGES, Kind.VIDEO}:
+    if kind_of(channel) not in {ChannelKind.IMAGES, ChannelKind.VIDEO}:
         if not data.startswith(_STILL_MAGICS):
             raise ValueError("neither a known schema nor a JPEG or PNG")
         return _encoded_image(None, data, "jpeg" if data.startswith(_STILL_MAGICS[0]) else "png")
@@ -207,7 +207,7 @@ def read_encoded_image(channel: Channel, data: bytes) -> EncodedImage:
 
 
 def _of_protobuf(channel: Channel, data: bytes) -> EncodedImage:
-    parser = CompressedVideo if kind_of(channel) is Kind.VIDEO else CompressedImage
+    parser = CompressedVideo if kind_of(channel) is ChannelKind.VIDEO else CompressedImage
     try:
         message = parser.FromString(data)
     except DecodeError as error:

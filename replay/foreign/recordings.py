@@ -29,7 +29,7 @@ from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
 from aerodft.service import ArrivalLimiter, first_arrival_ns
 from replay.foreign.frames import FrameReader
-from replay.foreign.messages import JSON, EncodedImage, Kind, kind_of, read_camera, read_encoded_image
+from replay.foreign.messages import JSON, ChannelKind, EncodedImage, kind_of, read_camera, read_encoded_image
 from replay.recordings import (
     Recording,
     channels_of,
@@ -49,7 +49,7 @@ _MOST_LOOKED_THROUGH: Final = 500  # channels
 _ENOUGH: Final = 3
 _APART_NS: Final = SECOND_NS  # what recorders put off writing
 _MOST_HELD_BYTES: Final = 96 << 20  # by streams of one topic each: a chunk is held by every one of them
-_IMAGE_KINDS: Final = (Kind.IMAGES, Kind.VIDEO)
+_IMAGE_KINDS: Final = (ChannelKind.IMAGES, ChannelKind.VIDEO)
 _OWN_SCHEMAS: Final = "aerodft."
 
 
@@ -78,7 +78,7 @@ def _image_topics(where: object, channels: Mapping[str, Channel], stated: Topics
 
     kinds = {topic: kind_of(channel) for topic, channel in channels.items()}
     images = [topic for topic, kind in kinds.items() if kind in _IMAGE_KINDS]
-    cameras = [topic for topic, kind in kinds.items() if kind is Kind.CAMERA]
+    cameras = [topic for topic, kind in kinds.items() if kind is ChannelKind.CAMERA]
     camera = stated.camera or (cameras if len(cameras) == 1 else ())
     return one("images", stated.images or images), one("camera", camera)
 
@@ -96,7 +96,7 @@ def _channel_list(channels: Mapping[str, Channel]) -> str:
 def _mavlink_topics(where: object, segments: Sequence[SegmentScan], channels: Mapping[str, Channel]) -> tuple[str, ...]:
     """The topics that hold MAVLink: by what they are called, else by what their messages hold."""
     kinds = {topic: kind_of(channel) for topic, channel in channels.items()}
-    found = [topic for topic, kind in kinds.items() if kind is Kind.MAVLINK]
+    found = [topic for topic, kind in kinds.items() if kind is ChannelKind.MAVLINK]
     if found:
         return tuple(found)
     unknown = [topic for topic, kind in kinds.items() if kind is None]

@@ -39,9 +39,9 @@ from replay.foreign import (
     ROS1,
     SECONDS,
     AnyRecording,
+    ChannelKind,
     ForeignRecording,
     FrameReader,
-    Kind,
     kind_of,
     read_encoded_image,
 )
@@ -302,7 +302,7 @@ class Republisher:
             data = data if shift is None else shift(data, shift_ns)
         key = "/".join(key_part(part) for part in channel.topic.split("/") if part) or "%"
         self._publishers.put(key, data, _ENCODINGS.get(channel.encoding, zenoh.Encoding.ZENOH_BYTES))
-        if item.is_step and kind_of(channel) is Kind.IMAGES:
+        if item.is_step and kind_of(channel) is ChannelKind.IMAGES:
             self._put_foreign_image(item, data, shift_ns)
         else:
             self.published.others += 1

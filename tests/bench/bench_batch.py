@@ -18,7 +18,7 @@ from pathlib import Path
 
 from aerodft.app.recompute import recompute_rows
 from aerodft.cli.main import main as aerodft
-from replay.batch import Dataset, Job, Outcome, State, jobs_of, run_batch
+from replay.batch import Dataset, Job, JobOutcome, JobState, jobs_of, run_batch
 
 MOST = 0.6
 
@@ -43,7 +43,7 @@ def one_flight(folder: Path, seconds: float) -> Path:
     return folder / "flight"
 
 
-def work(job: Job, *, out: Path, log: Path) -> Outcome:
+def work(job: Job, *, out: Path, log: Path) -> JobOutcome:
     """Recompute one recording, and note the processor time that this worker took since it was started."""
     outcome = recompute_rows(job, dataset=Dataset.at(out))
     (log / str(os.getpid())).write_text(str(time.process_time()))
@@ -59,7 +59,7 @@ def timed(flights: Path, folder: Path, workers: int) -> tuple[float, float, int]
     jobs = jobs_of(sorted(flights.iterdir()))
     outcomes = list(run_batch(jobs, partial(work, out=out, log=log), "processes", workers))
     wall = time.perf_counter() - start
-    assert {outcome.state for outcome in outcomes} == {State.DONE}
+    assert {outcome.state for outcome in outcomes} == {JobState.DONE}
     import pyarrow.dataset as ds  # noqa: PLC0415 - as above
 
     rows = ds.dataset(out, partitioning="hive").count_rows()

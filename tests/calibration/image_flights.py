@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from aerodft.model import BIASES, Camera, Landmark, Pose, Prior
-from calibration.flight import PoseTrack, View
+from calibration.flight import ImageView, PoseTrack
 
 DEG = math.radians(1.0)
 CAMERA = Camera(
@@ -85,7 +85,7 @@ class Flight:
         turned = attitude * Rotation.from_rotvec(after * rate)
         turned = turned * Rotation.from_rotvec([off["tilt"], off["pan"], off["roll"]])
         turned = Rotation.from_rotvec([0.0, 0.0, -off["heading"] - new[6]]) * turned * Rotation.from_rotvec(new[3:6])
-        return View(name, self._seen(name, truly_m, turned, rng), track, self.noise)
+        return ImageView(name, self._seen(name, truly_m, turned, rng), track, self.noise)
 
     def _seen(self, image, position_m, attitude, rng):
         """Landmarks anywhere in the image, as OpenCV sees them."""

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 
 from aerodft.model import EvidenceSet, ProjectionModel
-from calibration.descent import Loss, Rows, descend
+from calibration.descent import Loss, Residuals, descend
 from calibration.pose import ROBUST, Problem, Unknowns
 from tests.truth.calibration_sets import Task, drawn, landmarks, lengths, ranges, together
 
@@ -16,7 +16,7 @@ KEPT = np.array([True, False, True])
 
 def rows(values):
     values = np.asarray(values, dtype=np.float64)
-    return Rows(values, np.eye(len(values)), OWNER, values)
+    return Residuals(values, np.eye(len(values)), OWNER, values)
 
 
 @pytest.mark.parametrize("scale", [None, 3.0])

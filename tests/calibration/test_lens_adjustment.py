@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from aerodft.geometry import pixels_from_rays, rays_from_pixels
 from aerodft.model import LensModel
-from calibration.lens import LensChoice, View, intrinsics_of, parse_board, ray_std_px, solve_lens
+from calibration.lens import BoardView, LensChoice, intrinsics_of, parse_board, ray_std_px, solve_lens
 from calibration.lens.adjustment import Bundle, Corners, adjust, camera_guess, covariance, residuals_px, with_intrinsics
 
 from .board_pictures import STOP, TrueCamera
@@ -37,7 +37,7 @@ def scene(camera, count=12, seed=0, turn_rad=0.6):
         inside = np.all((pixels >= 0) & (pixels <= np.array(SIZE) - 1), axis=1)
         if np.count_nonzero(inside) >= 20:
             ids = np.flatnonzero(inside)
-            views.append(View(name=f"v{len(views)}", ids=ids, pixels_px=pixels[ids], points_m=POINTS[ids]))
+            views.append(BoardView(name=f"v{len(views)}", ids=ids, pixels_px=pixels[ids], points_m=POINTS[ids]))
             rotations.append(rotation)
             moves.append(move)
     return np.array(rotations), np.array(moves), views
@@ -45,7 +45,7 @@ def scene(camera, count=12, seed=0, turn_rad=0.6):
 
 def noisy(views, rng, std_px=NOISE_PX):
     return [
-        View(
+        BoardView(
             name=v.name, ids=v.ids, pixels_px=v.pixels_px + rng.normal(0, std_px, (len(v.ids), 2)), points_m=v.points_m
         )
         for v in views
@@ -202,6 +202,8 @@ def test_a_telephoto_and_a_very_wide_lens_need_no_first_guess():
 
 def test_residuals_are_projected_less_seen():
     rotations, moves, exact = scene(BROWN, count=4)
-    shifted = [View(name=v.name, ids=v.ids, pixels_px=v.pixels_px + [1.0, -2.0], points_m=v.points_m) for v in exact]
+    shifted = [
+        BoardView(name=v.name, ids=v.ids, pixels_px=v.pixels_px + [1.0, -2.0], points_m=v.points_m) for v in exact
+    ]
     off = residuals_px(true_bundle(BROWN, rotations, moves), Corners.from_views(shifted))
     assert_allclose(off, np.broadcast_to([-1.0, 2.0], off.shape), atol=1e-8)

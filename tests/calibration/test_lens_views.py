@@ -12,8 +12,8 @@ from aerodft.errors import NoAnswerError
 from aerodft.geometry import pixels_from_rays, rays_from_pixels
 from aerodft.model import Camera
 from calibration.lens import (
+    BoardView,
     LensChoice,
-    View,
     choose,
     distortion_px,
     intrinsics_of,
@@ -39,7 +39,7 @@ def views_of(found, rng=None, *, std_px=0.05, names="v"):
         ids = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(SIZE) - 1), axis=1))
         seen = pixels[ids] + rng.normal(0, std_px, (len(ids), 2))
         made.append(
-            View(name=f"{names}{len(made)}", ids=ids, pixels_px=seen, points_m=BOARD.points_m(ids), edge_px=2.0)
+            BoardView(name=f"{names}{len(made)}", ids=ids, pixels_px=seen, points_m=BOARD.points_m(ids), edge_px=2.0)
         )
     return made
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from replay.export import ExportFormat, export_text
-from replay.export.table import COLUMNS, Kind, geometry_of
+from replay.export.table import COLUMNS, ColumnType, geometry_of
 from replay.recordings import Recording
 
 
@@ -22,11 +22,11 @@ def same(cell, value, kind):
     """Whether a CSV cell and a Parquet value are the same."""
     if value is None:
         return cell == ""
-    if kind is Kind.TIME:
+    if kind is ColumnType.TIME:
         return datetime.fromisoformat(cell) == value
-    if kind is Kind.NUMBER:
+    if kind is ColumnType.NUMBER:
         return float(cell) == value
-    return (orjson.loads(cell) if kind in {Kind.NUMBERS, Kind.VECTORS} else type(value)(cell)) == value
+    return (orjson.loads(cell) if kind in {ColumnType.NUMBERS, ColumnType.VECTORS} else type(value)(cell)) == value
 
 
 def test_csv_and_parquet_hold_the_same(aerodft, flight_recording, tmp_path):

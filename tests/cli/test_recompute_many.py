@@ -9,7 +9,7 @@ import pyarrow.dataset as ds
 import pytest
 
 from aerodft.app.recompute import recompute_rows
-from replay.batch import Dataset, Job, State
+from replay.batch import Dataset, Job, JobState
 from replay.recordings import Recording
 
 
@@ -73,11 +73,11 @@ def test_rows_of_another_configuration_take_the_place_of_others_only_when_asked(
     text = (flight_recording / "config.toml").read_text()
     config.write_text(text.replace("home_above_plane_m = 0.0", "home_above_plane_m = 2.5"))
     job, dataset = Job(recording="one", folder=flights / "one"), Dataset.at(tmp_path / "out")
-    assert recompute_rows(job, dataset=dataset).state is State.DONE
+    assert recompute_rows(job, dataset=dataset).state is JobState.DONE
     refused = recompute_rows(job, dataset=dataset, config=config)
-    assert (refused.state, "add `overwrite`" in refused.sentence) == (State.FAILED, True)
-    assert recompute_rows(job, dataset=dataset).state is State.SKIPPED
-    assert recompute_rows(job, dataset=dataset, config=config, overwrite=True).state is State.DONE
+    assert (refused.state, "add `overwrite`" in refused.sentence) == (JobState.FAILED, True)
+    assert recompute_rows(job, dataset=dataset).state is JobState.SKIPPED
+    assert recompute_rows(job, dataset=dataset, config=config, overwrite=True).state is JobState.DONE
     rows = ds.dataset(dataset.folder, partitioning="hive").to_table().to_pylist()
     assert len(rows) == 15
     assert {row["config"] == row["recorded_config"] for row in rows} == {False}

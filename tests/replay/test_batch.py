@@ -18,7 +18,7 @@ import os, signal, sys
 from pathlib import Path
 import dask, orjson
 from distributed import LocalCluster
-from replay.batch import Job, Outcome, State, run_batch
+from replay.batch import Job, JobOutcome, JobState, run_batch
 
 def work(job):
     with open(job.folder / job.recording, "a") as tries:
@@ -27,7 +27,7 @@ def work(job):
         os.kill(os.getpid(), signal.SIGKILL)
     if job.recording == "strange":
         raise RuntimeError("no sentence of ours")
-    return Outcome(recording=job.recording, state=State.DONE, statuses={"ok": os.getpid()})
+    return JobOutcome(recording=job.recording, state=JobState.DONE, statuses={"ok": os.getpid()})
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1])

@@ -12,7 +12,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.recording import Channel
-from replay.foreign import FrameReader, Kind, frames, kind_of, read_encoded_image
+from replay.foreign import ChannelKind, FrameReader, frames, kind_of, read_encoded_image
 from replay.foreign.messages import read_camera
 
 STAMP_NS = 1_795_221_278_868_833_001
@@ -58,7 +58,7 @@ PICTURES = {
 def test_a_compressed_image_has_its_stamp_to_the_nanosecond_and_its_bytes(way: str) -> None:
     encoding, schema, data, form = PICTURES[way]
     own = channel(encoding, schema)
-    assert kind_of(own) is Kind.IMAGES
+    assert kind_of(own) is ChannelKind.IMAGES
     assert tuple(read_encoded_image(own, data)) == (STAMP_NS, JPEG, form)
     for size in range(len(data)):  # cut anywhere: refused, or without what comes last; nothing else is raised
         with suppress(ValueError):

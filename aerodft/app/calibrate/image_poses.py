@@ -9,7 +9,7 @@ import numpy as np
 
 from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, Flight, ImageEvidence, LocalFrame, StatedPose
-from aerodft.adapters.config.station import Device, Stills, Stream, VideoFile
+from aerodft.adapters.config.station import Device, Stills, StreamInput, VideoFile
 from aerodft.adapters.telemetry import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.assembly import recorded_station
@@ -33,7 +33,7 @@ from aerodft.model import (
 from aerodft.service import LAST, MergedFeed, Source, TelemetrySettings
 from aerodft.service.clocks import LogSpan, Ticks, survey_span
 from aerodft.service.pose import PoseSource
-from calibration.flight import PoseTrack, View, split_stds
+from calibration.flight import ImageView, PoseTrack, split_stds
 from replay.foreign import ForeignTelemetry, open_recording
 from replay.recordings import Recording, RecordingSource, is_mcap
 
@@ -52,7 +52,7 @@ class _Reported:
 
 def views_of(
     evidence: EvidenceFile, flight: Flight, telemetry: Path | None, *, needs_time: bool
-) -> tuple[tuple[View, ...], dict[str, Prior]]:
+) -> tuple[tuple[ImageView, ...], dict[str, Prior]]:
     """The images, and what is known beforehand of biases, lens and ground.
 
     Args:
@@ -76,7 +76,7 @@ def views_of(
     if flight.time is not None:
         priors["time"] = flight.time
     views = tuple(
-        View(image.name, image.evidence, reported[image.name].track, noise)
+        ImageView(image.name, image.evidence, reported[image.name].track, noise)
         for image, noise in zip(flight.images, noises, strict=True)
     )
     return views, priors | evidence.known.priors
@@ -235,7 +235,9 @@ def _open_telemetry(
     own = station.pipeline.telemetry
     if own is None:
         raise InputError("a fixed camera's recording", where=path, got="[pose]", expected="one with telemetry")
-    has_stamps = isinstance(station.images.source, VideoFile | Stills | Stream | Device)  # others' are the pipeline's
+    has_stamps = isinstance(
+        station.images.source, VideoFile | Stills | StreamInput | Device
+    )  # others' are the pipeline's
     before = station.calibration.bias.time_s if station.calibration is not None and has_stamps else 0.0
     return _Telemetry(
         path=path,

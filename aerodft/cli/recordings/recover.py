@@ -12,7 +12,7 @@ from aerodft.cli.output import LOSS, print_json, say
 from aerodft.errors import NoAnswerError
 
 if TYPE_CHECKING:
-    from aerodft.adapters.recording.recover import Loss, Recovery, SegmentRecovery
+    from aerodft.adapters.recording.recover import DataLoss, Recovery, SegmentRecovery
 
 
 def recover(
@@ -63,13 +63,13 @@ def _document(recovery: "Recovery") -> dict[str, object]:
     }
 
 
-def _stamps_as_text(value: "SegmentRecovery | Loss") -> dict[str, object]:
+def _stamps_as_text(value: "SegmentRecovery | DataLoss") -> dict[str, object]:
     return {
         name: str(each) if name.endswith("_ns") and each is not None else each for name, each in asdict(value).items()
     }
 
 
-def _sentence(loss: "Loss") -> str:
+def _sentence(loss: "DataLoss") -> str:
     begin = "the beginning" if loss.from_ns is None else unix_ns_to_iso(loss.from_ns)
     end = "the end" if loss.to_ns is None else unix_ns_to_iso(loss.to_ns)
     where = "" if loss.offset is None else f", {loss.length} bytes at byte {loss.offset}"

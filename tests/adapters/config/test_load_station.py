@@ -12,7 +12,7 @@ from aerodft.adapters.config.station import (
     Rate,
     StationConfig,
     Stills,
-    Stream,
+    StreamInput,
     VideoFile,
     load_station,
     parse_station,
@@ -38,7 +38,7 @@ def parsed(text: str, folder: Path = Path()) -> StationConfig:
 def test_the_river_flight_example_says_what_its_comments_say() -> None:
     station = load_station(CONFIGS / "services" / "river-flight.toml")
     assert station.link == Link(connection="udpin:127.0.0.1:14550")
-    assert station.images.source == Stream(url="udp://127.0.0.1:5600")
+    assert station.images.source == StreamInput(url="udp://127.0.0.1:5600")
     assert station.pipeline.camera.name == "demo-1080p"
     assert station.pipeline.max_range_m == 500.0
     assert station.pipeline.fixed_pose is None

@@ -29,7 +29,7 @@ from aerodft.adapters.config.evidence.evidence_tables import (
     ObservationTable,
     priors_from,
 )
-from aerodft.adapters.config.evidence.images import Flight, ImagesTable, flight_from, read_tables
+from aerodft.adapters.config.evidence.images import Flight, ImagesEvidenceTable, flight_from, read_tables
 from aerodft.adapters.config.evidence.landmark_list import is_gcp_list, read_landmarks
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
@@ -179,7 +179,7 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
         image_size_px=size_px,
         sha256=sha256,
         path=path,
-        flight=flight_from(table, stated, evidence, frame, path) if isinstance(table, ImagesTable) else None,
+        flight=flight_from(table, stated, evidence, frame, path) if isinstance(table, ImagesEvidenceTable) else None,
         notes=(*check_is_map(stated, crs), *_plane_note(file, frame)),
         image_paths=tuple(each for each in images if each.is_file()),
     )
@@ -233,7 +233,7 @@ def _from_document(document: dict[str, Any]) -> _File:
         expected = "[[landmark]], [[range]], [[length]] or another observation"
         raise ConfigError("no observations", expected=expected)
     for row in rows:
-        _check_image(row, [each.name for each in table.image] if isinstance(table, ImagesTable) else None)
+        _check_image(row, [each.name for each in table.image] if isinstance(table, ImagesEvidenceTable) else None)
     return _File(table, rows)
 
 

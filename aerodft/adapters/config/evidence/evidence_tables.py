@@ -216,7 +216,7 @@ class LengthTable(_MeasuredTable):
     elevation_m: keys.Real = 0.0
 
 
-class HeightTable(_MeasuredTable):
+class KnownHeightTable(_MeasuredTable):
     """Base and top of an upright object on the ground."""
 
     makes = KnownHeight
@@ -379,7 +379,7 @@ class EvidenceTable(Table):
     ranges: Rows[RangeTable] = Field(default=(), alias="range")
     ground: Rows[GroundPointTable] = ()
     length: Rows[LengthTable] = ()
-    height: Rows[HeightTable] = ()
+    height: Rows[KnownHeightTable] = ()
     vertical: Rows[VerticalTable] = ()
     parallel: Rows[ParallelTable] = ()
     right_angle: Rows[RightAngleTable] = ()

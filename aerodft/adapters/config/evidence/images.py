@@ -159,7 +159,7 @@ class Flight:
     origin: GeoOrigin | None
 
 
-class ImagesTable(EvidenceTable):
+class ImagesEvidenceTable(EvidenceTable):
     """The file, where there are many images."""
 
     image: keys.Many[ImageEntry]  # type: ignore[assignment]  # in double brackets
@@ -202,7 +202,7 @@ def read_tables(document: dict[str, Any]) -> EvidenceTable:
         ConfigError: A table is wrong.
     """
     if isinstance(document.get("image"), list):
-        return validated(ImagesTable, document)
+        return validated(ImagesEvidenceTable, document)
     if "telemetry" in document:
         expected = "[[image]] tables, each with a name and utc or index"
         raise ConfigError("telemetry", got="it without [[image]]", expected=expected)
@@ -210,7 +210,7 @@ def read_tables(document: dict[str, Any]) -> EvidenceTable:
 
 
 def flight_from(
-    tables: ImagesTable,
+    tables: ImagesEvidenceTable,
     stated: Sequence[StatedObservation],
     evidence: Sequence[Evidence],
     frame: LocalFrame,

@@ -14,7 +14,7 @@ from aerodft.adapters.config.station.station_config import (
     Rate,
     StationConfig,
     Stills,
-    Stream,
+    StreamInput,
     Topics,
     VideoFile,
     stated_start_ns,

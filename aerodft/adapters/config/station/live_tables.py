@@ -27,7 +27,7 @@ PlaceStd = Annotated[
 ]
 
 
-class LandmarkTable(Table):
+class LiveLandmarkTable(Table):
     """A surveyed point: on the map, or in metres east, north and up of the station's origin."""
 
     INSTEAD_OF: ClassVar = {"position_m": ("lat_deg", "lon_deg", "alt_msl_m")}
@@ -63,7 +63,7 @@ class LiveCalibrationTable(Table):
 
 def live_from(
     table: LiveCalibrationTable,
-    landmarks: tuple[LandmarkTable, ...],
+    landmarks: tuple[LiveLandmarkTable, ...],
     markers: tuple[SurveyedLandmark, ...],
     origin: GeoOrigin | None,
 ) -> LiveCalibration | None:
@@ -105,12 +105,12 @@ def needed_origin(origin: GeoOrigin | None, beside: str) -> GeoOrigin:
     return origin
 
 
-def _landmark(table: LandmarkTable, origin: GeoOrigin) -> SurveyedLandmark:
+def _landmark(table: LiveLandmarkTable, origin: GeoOrigin) -> SurveyedLandmark:
     place = _on_map(table, origin) if table.position_m is None else table.position_m
     return si_value(SurveyedLandmark, table, position_enu_m=place)
 
 
-def _on_map(table: LandmarkTable, origin: GeoOrigin) -> tuple[float, float, float]:
+def _on_map(table: LiveLandmarkTable, origin: GeoOrigin) -> tuple[float, float, float]:
     if origin.alt_msl_m is None:
         expected = f'metres, because landmark "{table.name}" has alt_msl_m'
         raise ConfigError("station.origin.alt_msl_m", got="nothing", expected=expected)

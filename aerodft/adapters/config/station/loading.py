@@ -26,7 +26,7 @@ from aerodft.adapters.config.camera import (
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import enu_ground, resolved_ground
 from aerodft.adapters.config.station.live_tables import (
-    LandmarkTable,
+    LiveLandmarkTable,
     live_from,
     marker_landmarks,
     marker_settings,
@@ -244,7 +244,7 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         observations=ObservationsTable.from_si(station.observations, pipeline),
         limits=LimitsTable.from_si(pipeline),
         topics=None if station.topics == Topics() else TopicsTable.from_si(station.topics),
-        landmark=None if live is None else tuple(map(LandmarkTable.from_si, landmarks)),
+        landmark=None if live is None else tuple(map(LiveLandmarkTable.from_si, landmarks)),
         markers=None if station.markers is None else station_markers_table(station.markers),
     )
     inputs = ("station", "camera", "telemetry", "pose", "ground", "images", "observations", "limits")

@@ -55,7 +55,7 @@ class Stills:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stream:
+class StreamInput:
     """A live stream, by URL."""
 
     url: str
@@ -75,7 +75,7 @@ class Rate:
     rate_hz: float
 
 
-ImageInput: TypeAlias = VideoFile | Stills | Stream | Device | Rate
+ImageInput: TypeAlias = VideoFile | Stills | StreamInput | Device | Rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

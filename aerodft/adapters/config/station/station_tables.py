@@ -10,14 +10,14 @@ from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import PoseTable
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.station.ground import GroundTable
-from aerodft.adapters.config.station.live_tables import LandmarkTable, LiveCalibrationTable, StationMarkersTable
+from aerodft.adapters.config.station.live_tables import LiveCalibrationTable, LiveLandmarkTable, StationMarkersTable
 from aerodft.adapters.config.station.station_config import (
     Device,
     ImageInput,
     ImageSettings,
     Rate,
     Stills,
-    Stream,
+    StreamInput,
     VideoFile,
 )
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
@@ -149,7 +149,7 @@ class StationTable(Table):
 _INPUTS: Final[dict[str, tuple[type[ImageInput], str]]] = {
     "video": (VideoFile, "path"),
     "stills": (Stills, "folder"),
-    "stream": (Stream, "url"),
+    "stream": (StreamInput, "url"),
     "device": (Device, "path"),
     "rate_hz": (Rate, "rate_hz"),
 }
@@ -293,7 +293,7 @@ class ConfigTable(Table):
     record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
     topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
     probe: Annotated[keys.Many[ProbeTable], SiAttribute("probes")] = ()
-    landmark: keys.Many[LandmarkTable] = ()
+    landmark: keys.Many[LiveLandmarkTable] = ()
     live_calibration: Annotated[LiveCalibrationTable, SiAttribute("live")] = LiveCalibrationTable()
     markers: StationMarkersTable | None = None
     camera_motion: CameraMotionTable | None = None

@@ -92,7 +92,7 @@ class ChunkTable:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordTable:
+class ChunkRecords:
     """Records of a chunk, one after the other.
 
     Attributes:
@@ -228,7 +228,7 @@ def _content(place: ChunkLocation) -> bytes:
     return chunk_content(head, data)
 
 
-def record_tables(content: bytes) -> Iterator[RecordTable]:
+def record_tables(content: bytes) -> Iterator[ChunkRecords]:
     """The records of a chunk's content up to the first that is damaged, thousands at a time."""
     position: int | None = 0
     while position is not None:
@@ -249,18 +249,18 @@ def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
             raise ValueError("ends within a record, or in none")
 
 
-def _record_table(content: bytes, position: int) -> RecordTable:
+def _record_table(content: bytes, position: int) -> ChunkRecords:
     data = np.frombuffer(content, dtype=np.uint8)
     table = np.empty((min(max(len(content) // _USUAL_BYTES, _LEAST), _MOST), 3), dtype=np.int64)
     count, position = _walk(data, table, position)
     opcode, start, stop = np.ascontiguousarray(table[:count].T)
     is_at_end = position == len(content)
     is_full = count == len(table) and not is_at_end
-    return RecordTable(opcode, start, stop, position if is_full else None, not is_full and not is_at_end)
+    return ChunkRecords(opcode, start, stop, position if is_full else None, not is_full and not is_at_end)
 
 
 def message_table(
-    content: bytes, channels: dict[int, Channel], records: RecordTable, wanted: ChannelFilter | None = None
+    content: bytes, channels: dict[int, Channel], records: ChunkRecords, wanted: ChannelFilter | None = None
 ) -> ChunkTable:
     """The messages among records, of channels that are known and, where somebody says so, wanted."""
     rows = np.flatnonzero(records.opcode == _MESSAGE)

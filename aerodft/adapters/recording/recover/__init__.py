@@ -1,7 +1,7 @@
 """Damaged and unfinished recordings made whole in place."""
 
 from aerodft.adapters.recording.recover.recovery import (
-    Loss,
+    DataLoss,
     Recovery,
     SegmentRecovery,
     is_recording,

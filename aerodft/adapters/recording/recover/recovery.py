@@ -57,7 +57,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Loss:
+class DataLoss:
     """Something that is not in a recording.
 
     Attributes:
@@ -99,7 +99,7 @@ class SegmentRecovery:
     messages: int = 0
     start_ns: int | None = None
     end_ns: int | None = None
-    losses: tuple[Loss, ...] = ()
+    losses: tuple[DataLoss, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,7 +222,7 @@ def _recover_series(
         scan, later = scans[path], [scans[each] for _, each in paths[place + 1 :]]
         if stem == "data" and own is not None and owners.get(path) not in (None, own):
             whose = f"recording {owners[path]}" if owners[path] else "another recording"
-            loss = Loss(what=f"it belongs to {whose}, not to {own}", from_ns=last_ns)
+            loss = DataLoss(what=f"it belongs to {whose}, not to {own}", from_ns=last_ns)
             yield SegmentRecovery(name=path.name, state="foreign", losses=(loss,))
             expected = number + 1
             continue
@@ -235,7 +235,7 @@ def _recover_series(
         end = _End(start_ns, before, others_ns, is_last=path == paths[-1][1], is_only=len(scans) == 1)
         segment = _recover_segment(path, previous, end, known)
         for missing in range(expected, number):
-            loss = Loss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
+            loss = DataLoss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
             yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
         yield segment
         expected, last_ns = number + 1, segment.end_ns or last_ns
@@ -284,7 +284,7 @@ def _recover_segment(path: Path, previous: SegmentScan | None, end: _End, known:
             return bare
         lost_bytes = sum(loss.length for loss in found.losses)
         if not found.chunks and not (_is_beginning(descriptor, is_only=end.is_only) and lost_bytes <= _BEGINNING_BYTES):
-            loss = Loss(what="nothing in it can be read", offset=0, length=os.fstat(descriptor).st_size)
+            loss = DataLoss(what="nothing in it can be read", offset=0, length=os.fstat(descriptor).st_size)
             return SegmentRecovery(name=path.name, state="unreadable", losses=(loss,))
         _replace(path, descriptor, found)
         return _outcome(path, "completed", found)
@@ -305,7 +305,7 @@ def _without_chunks(path: Path) -> SegmentRecovery | None:
         return None
     end_ns = max(place.end_ns for place in bare)
     read_to = bare[-1].offset + bare[-1].length
-    torn = Loss(
+    torn = DataLoss(
         what="it does not end as it should; without chunks there is nothing to make whole",
         from_ns=end_ns,
         offset=read_to,
@@ -401,7 +401,7 @@ def _tell_start(found: "_SegmentReport", previous: SegmentScan | None) -> None:
     missing = found.before[1] - previous.after[1]
     if missing > 0:
         found.is_sound = False
-        found.losses.insert(0, Loss(what=_GONE, from_ns=previous.end_ns, to_ns=found.start_ns, messages=missing))
+        found.losses.insert(0, DataLoss(what=_GONE, from_ns=previous.end_ns, to_ns=found.start_ns, messages=missing))
 
 
 def _tell_end(found: "_SegmentReport", end: _End) -> None:
@@ -412,7 +412,7 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
     )
     if found.after is not None and end.is_last:
         found.is_sound, found.after = False, None
-        found.losses.append(Loss(what=_NO_NEXT, from_ns=found.end_ns))
+        found.losses.append(DataLoss(what=_NO_NEXT, from_ns=found.end_ns))
         return
     after = found.after or end.before
     if found.before is not None and after is not None and not found.is_recovered:
@@ -420,7 +420,7 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
         if missing <= 0:  # what is torn was written again into the next one
             found.losses = inside
         elif all(loss.messages is not None for loss in inside):
-            place = torn[0] if torn else Loss(what=_CUT, from_ns=found.end_ns)
+            place = torn[0] if torn else DataLoss(what=_CUT, from_ns=found.end_ns)
             found.losses = [*inside, replace(place, what=_CUT, to_ns=end.start_ns, messages=missing)]
         return
     to_ns = end.start_ns
@@ -458,7 +458,7 @@ class _SegmentReport:
     chunks: int = 0
     start_ns: int | None = None
     end_ns: int | None = None
-    losses: list[Loss] = field(default_factory=list)
+    losses: list[DataLoss] = field(default_factory=list)
     is_sound: bool = True
     is_own: bool = False
     library: str = ""
@@ -498,9 +498,9 @@ def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
         is_beginning = item.offset == 0 and not item.is_torn
         if not (is_beginning or (item.is_torn and scanner.has_end)):
             place = {"offset": item.offset, "length": item.length}
-            found.losses.append(Loss(what=_message(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
+            found.losses.append(DataLoss(what=_message(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
     if not scanner.has_end and not any(loss.to_ns is None for loss in found.losses):
-        found.losses.append(Loss(what=_UNFINISHED, from_ns=found.end_ns))
+        found.losses.append(DataLoss(what=_UNFINISHED, from_ns=found.end_ns))
     found.channels, found.has_end = scanner.channels, scanner.has_end
     found.after = scanner.count if scanner.has_end else None
     found.is_sound &= rebuilt.indexes == scanner.indexes and scanner.stated_messages == found.messages
@@ -539,7 +539,7 @@ def _count_lost(found: _SegmentReport, item: WholeChunk) -> None:
         if missing <= 0:
             return
         found.is_sound = False
-        found.losses.append(Loss(what=_GONE, from_ns=found.end_ns))
+        found.losses.append(DataLoss(what=_GONE, from_ns=found.end_ns))
     found.losses[-1] = replace(found.losses[-1], messages=max(missing, 0))
 
 
@@ -558,12 +558,12 @@ def _add(found: _SegmentReport, item: WholeChunk, used: Counter[int], defined: s
         found.end_ns = chunk.end_ns if found.end_ns is None else max(found.end_ns, chunk.end_ns)
 
 
-def _before(loss: Loss, start_ns: int) -> Loss:
+def _before(loss: DataLoss, start_ns: int) -> DataLoss:
     """A loss whose end is known, now that something comes behind it."""
     return loss if loss.to_ns is not None else replace(loss, to_ns=start_ns)
 
 
-def _stated_losses(losses: list[Loss], missing: int) -> list[Loss]:
+def _stated_losses(losses: list[DataLoss], missing: int) -> list[DataLoss]:
     """The losses of a file that says how many messages it had."""
     if missing <= 0:  # what is damaged held none: indexes, or what the file says of itself
         return [replace(loss, messages=0) for loss in losses if loss.from_ns is None]
@@ -577,7 +577,7 @@ def _leave_undefined(found: _SegmentReport, used: Counter[int]) -> None:
         messages = sum(used[identity] for identity in found.undefined)
         found.messages -= messages
         what = f"messages of {len(found.undefined)} channels whose definitions are lost"
-        found.losses.append(Loss(what=what, from_ns=found.start_ns, to_ns=found.end_ns, messages=messages))
+        found.losses.append(DataLoss(what=what, from_ns=found.start_ns, to_ns=found.end_ns, messages=messages))
 
 
 def _tell_maker(found: _SegmentReport, scanner: ChunkScanner) -> None:

@@ -80,7 +80,7 @@ def _fitted(table: Table, width: int) -> Table | str:
             spare -= column.width - least
         return table
     lines = [] if table.title is None else [str(table.title)]
-    _, *names = [cells[0] for cells in columns]
+    _, *names = [" ".join(cells[0].split()) for cells in columns]
     for name, *values in zip(*(cells[1:] for cells in columns), strict=True):
         lines += [name, *(f"  {key}: {value}" for key, value in zip(names, values, strict=True) if value)]
     return "\n".join(lines)

@@ -21,6 +21,18 @@ def test_no_number_is_cut(monkeypatch, capsys, columns):
         assert word in said
 
 
+def test_a_heading_of_several_lines_is_one_line_beside_its_value(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "34")
+    table = Table("camera", "depth at pitch\nmiddle (m)", "the text says\n(m)")
+    table.add_row("Canon-1000D", "131.8", "below-0.5")
+    tables().print(table)
+    assert capsys.readouterr().out.splitlines() == [
+        "Canon-1000D",
+        "  depth at pitch middle (m): 131.8",
+        "  the text says (m): below-0.5",
+    ]
+
+
 def test_a_comparison_says_which_minus_which(aerodft):
     recording = "tests/cli/frozen-0.1"
     assert f"{recording} minus {recording}" in aerodft("compare", recording, recording).out.decode()

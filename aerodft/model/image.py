@@ -214,7 +214,5 @@ class Observation:
 
 
 Event: TypeAlias = RawBlock | Image | Observation
-
-
 Arrival: TypeAlias = Event | ImageRows
 """An event, or the columns of many images."""

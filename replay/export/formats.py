@@ -39,7 +39,6 @@ class ExportFormat(StrEnum):
 TEXT_FORMATS: Final = frozenset({ExportFormat.CSV, ExportFormat.GEOJSON, ExportFormat.JSONL})
 """What ``export_text`` writes."""
 
-
 MAP_FORMATS: Final = frozenset({ExportFormat.GEOJSON, ExportFormat.GPKG, ExportFormat.KML})
 
 

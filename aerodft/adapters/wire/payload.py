@@ -59,17 +59,12 @@ def load_bounded_json(data: bytes, most_bytes: int = MOST_JSON_BYTES) -> JsonVal
 
 DEGREES_RTOL = 4.5e-16  # two roundings: an angle comes back within two units in the last place
 
-
 LATEST_NS = 2**63 - 1
 """Stamps are 64 bits with a sign."""
 
-
 _WRONG: Final = (KeyError, TypeError, ValueError, IndexError, AttributeError)
 
-
 T = TypeVar("T")
-
-
 Json = dict[str, JsonValue]
 
 

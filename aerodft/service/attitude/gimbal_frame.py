@@ -154,53 +154,24 @@ def _interpolate(
 PRIOR_BODY: Final = 0.25
 """Prior probability of reports relative to the vehicle, as of servo mounts and most senders of older messages."""
 
-
 _PRIOR_AXES: Final = {MountAxes.ROLL_OUTER: 0.75, MountAxes.TILT_OUTER: 0.25}
-
 
 CERTAIN: Final = 1e4
 """Bayes factor at which a reading is decided."""
 
-
 _WINDOW_NS = 2 * SECOND_NS  # longest motion: slower ones may as well be commands
-
-
 _MIN_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
-
-
 _ROUNDING_RAD = 1e-9
-
-
 _MIN_MOTION_STDS = 8  # the noise of twenty attitudes reaches six
-
-
 _NOISE_WINDOW = 300  # reports
-
-
 _MIN_NOISE_SAMPLES = 15  # reports
-
-
 _STD_PER_DIFFERENCE = 1 / (math.sqrt(6) * 1.177)  # of white noise in two directions, from the median of their lengths
-
-
 _NOISE_RAD = math.radians(0.3)
-
-
 _RESIDUAL_MOTION = 0.25  # fraction of the vehicle's motion that lags and poor stabilisation leave in the camera's
-
-
 _MAX_PER_MOTION = math.log(10)  # log evidence of one motion: a command may coincide with it,
-
-
 _MAX_PER_WINDOW = 2 * _MAX_PER_MOTION  # and, less often, with all parts of a long motion
-
-
 _MAX_AT_LIMIT = math.log(200)
-
-
 _AT_LIMIT_RAD = math.radians(1)
-
-
 _MAX_LOG_RATIO = 3 * math.log(CERTAIN)  # bounded, so that later evidence can reverse it
 
 

@@ -165,11 +165,7 @@ def place_in_enu(fixed: FixedPose, origin: GeoOrigin | None) -> tuple[GeoOrigin 
 
 
 _ANGLES = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg")
-
-
 _PLACE = ("lat_deg", "lon_deg", "alt_msl_m", "east_m", "north_m")
-
-
 _STATED_STD = PoseStd(
     height_agl_m=0.1,
     horizontal_m=2.0,

@@ -173,14 +173,8 @@ def chunk_content(head: ChunkHead, data: bytes) -> bytes:
 
 
 _CHUNK: Final = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # shorter than a terabyte
-
-
 _WINDOW_BYTES: Final = 1 << 20
-
-
 _CANDIDATE_BYTES: Final = RECORD_HEAD.size + HEAD_BYTES
-
-
 _COMPRESSIONS: Final = frozenset({b"", b"zstd", b"lz4"})
 
 
@@ -273,11 +267,7 @@ def _uncompressed(head: ChunkHead, data: bytes) -> bytes:
 
 ATTACHMENT_HEAD_BYTES: Final = 1 << 16
 """All but an attachment's data, which may be of any size, is shorter."""
-
-
 CRC_BYTES: Final = 4
-
-
 MOST_ATTACHMENTS: Final = 10_000
 """Of a file: they are held by what they say of themselves."""
 

@@ -133,11 +133,7 @@ def _put(out: ImageArray, at: int, size: int, value: int) -> None:
 
 
 _FIX_PERIOD_NS: Final = SECOND_NS // 5
-
-
 _SEQUENCE_MASK: Final = 0xFFFFFFFF
-
-
 _PER_IMAGE: Final = 3  # messages at most: pose, position, measurements
 
 

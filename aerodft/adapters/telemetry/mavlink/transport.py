@@ -71,8 +71,6 @@ _SCHEMES: Final = {
     "tcp": LinkKind.TCP_OUT,
     "tcpin": LinkKind.TCP_IN,
 }
-
-
 _LISTENING: Final = (LinkKind.UDP_IN, LinkKind.TCP_IN)
 
 

@@ -174,20 +174,6 @@ def test_a_recording_is_scrubbed_and_shows_what_is_recomputed(browser, tmp_path)
             assert value_of(page) == shown_measurement(run_aerodft(*words, "--json").json[0])
 
 
-def test_a_lost_link_is_said_and_comes_back(browser, still):
-    path, options = still
-    with opened_page(path, *options) as address:
-        port = address.rstrip("/").rpartition(":")[2]
-        context = browser.new_context()
-        page = context.new_page()
-        page.goto(address)
-        expect(page.locator("#link")).to_have_text("connected", timeout=PATIENCE_MS)
-    expect(page.locator("#link")).to_contain_text("lost", timeout=PATIENCE_MS)
-    with opened_page(path, *options, "--port", port):
-        expect(page.locator("#link")).to_have_text("connected", timeout=PATIENCE_MS)
-    context.close()
-
-
 def test_a_river_s_banks_are_mended_by_two_strokes(browser):
     camera = "configs/cameras/demo-1080p.toml"
     options = ["--camera", camera, "--height", 7.93, "--tilt", 62.3, "--roll", -0.6, "--std", "height=0.1,tilt=0.2"]

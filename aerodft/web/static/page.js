@@ -1,9 +1,10 @@
 // The page: an image to look at and to click, what was measured in it, and what is known of the camera, put together.
 
+import { fillList, find } from "./elements.js";
 import { Link } from "./link.js";
 import { History } from "./measuring/history.js";
 import { KINDS, Marks } from "./measuring/marks.js";
-import { Panel, fillList } from "./measuring/panel.js";
+import { Panel } from "./measuring/panel.js";
 import { handText, plain, poseText } from "./measuring/words.js";
 import { OverlayLayer } from "./stage/overlay.js";
 import { Picture } from "./stage/picture.js";
@@ -15,7 +16,6 @@ import { Landmarks } from "./tools/landmarks.js";
 import { GroundMap } from "./tools/map.js";
 import { RiverLayer } from "./tools/river.js";
 
-const find = (id) => document.getElementById(id);
 const units = () => find("units").value;
 const view = await (await fetch("view.json")).json();
 let image = 0; // number of the image that is shown

@@ -1,10 +1,10 @@
 // The list of what is measured, and of the selected one where its uncertainty comes from, and how it is taken along.
 
+import { element, fillList, find } from "../elements.js";
 import { COLOURS, probeOf } from "./marks.js";
 import { copyText, plain, quality, QUALITY_WORDS, stdText, valueText } from "./words.js";
 
 const LEAST_SHARE = 0.01;
-const find = (id) => document.getElementById(id);
 
 export class Panel {
   constructor(marks, history, link) {
@@ -35,12 +35,11 @@ export class Panel {
   }
 
   row(mark) {
-    const row = element("li"), name = element("input"), value = element("button"), remove = element("button");
+    const row = element("li"), rename = () => { this.history.keep(); this.marks.rename(mark, name.value); name.blur(); };
+    const name = element("input", "", { maxLength: 64, ariaLabel: "Name", onchange: rename });
+    const value = element("button", "", { className: "value", onclick: () => { this.marks.selected = mark; this.marks.changed(); } });
+    const remove = element("button", "✕", { onclick: () => { this.history.keep(); this.marks.remove(mark); } });
     row.style.borderColor = mark.colour;
-    Object.assign(name, { maxLength: 64, onchange: () => { this.history.keep(); this.marks.rename(mark, name.value); name.blur(); } });
-    name.setAttribute("aria-label", "Name");
-    Object.assign(value, { className: "value", onclick: () => { this.marks.selected = mark; this.marks.changed(); } });
-    Object.assign(remove, { textContent: "✕", onclick: () => { this.history.keep(); this.marks.remove(mark); } });
     row.append(name, value, remove);
     return { row, name, value, remove };
   }
@@ -49,7 +48,7 @@ export class Panel {
     const { row, name, value, remove } = this.rows.get(mark), { found, before } = mark;
     row.setAttribute("aria-current", String(isCurrent));
     if (document.activeElement !== name) name.value = mark.name;
-    remove.setAttribute("aria-label", `Delete ${mark.name}`);
+    remove.ariaLabel = `Delete ${mark.name}`;
     const was = before?.value && before.value !== found?.value ? ` (before: ${valueText(before, this.units)})` : "";
     const text = found ? valueText(found, this.units) + was : "…";
     if (value.dataset.text === text) return;
@@ -95,16 +94,4 @@ export class Panel {
       find("saved").textContent = answer.error ? plain(answer.error) : `In ${answer.file}: measured from the station's next start on.`;
     });
   }
-}
-
-export function fillList(list, texts) { // only where it says something else
-  if (list.dataset.texts === texts.join("\n")) return;
-  list.dataset.texts = texts.join("\n");
-  list.replaceChildren(...texts.map((text) => element("li", text)));
-}
-
-function element(name, text = "") {
-  const made = document.createElement(name);
-  made.textContent = text;
-  return made;
 }

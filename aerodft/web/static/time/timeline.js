@@ -1,9 +1,8 @@
 // Which image is shown, and when: seek, step and play a recording; follow a live station, or stop while it goes on.
 
+import { find } from "../elements.js";
 import { clock, day } from "../measuring/words.js";
 import { Live } from "./live.js";
-
-const find = (id) => document.getElementById(id);
 
 export class Timeline {
   constructor(view, plots, { show, onNews, onLink }) {

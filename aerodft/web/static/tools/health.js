@@ -1,5 +1,6 @@
 // Whether the station is well: alerts that stay until somebody has seen them, what it says of itself, and what doctor says.
 
+import { element } from "../elements.js";
 import { clock, plain } from "../measuring/words.js";
 
 const DOCTOR_AGAIN_MS = 10_000;
@@ -31,8 +32,8 @@ export class Health {
     this.shown = shown;
     this.box.hidden = !this.alerts.size;
     this.box.replaceChildren(...[...this.alerts].map(([id, { text, since, lasts }]) => {
-      const when = since === "0" ? "" : ` (since ${clock(since)}${lasts ? "" : ", over now"})`;
-      const row = element("p", `${plain(text)}${when} `), seen = element("button", "Seen");
+      const when = [since === "0" ? "" : `since ${clock(since)}`, lasts ? "" : "over now"].filter(Boolean).join(", ");
+      const row = element("p", `${plain(text)} ${when && `(${when})`} `), seen = element("button", "Seen");
       seen.onclick = () => { this.dismissed.add(id); this.alerts.delete(id); this.drawAlerts(); };
       row.append(seen);
       return row;
@@ -86,5 +87,3 @@ function folded(title, content) {
   made.append(element("summary", title), ...content);
   return made;
 }
-
-const element = (name, text = "") => Object.assign(document.createElement(name), { textContent: text });

@@ -1,5 +1,6 @@
 // What is known of a fixed camera's view: landmarks, lengths, heights, verticals, the horizon; and the pose that follows.
 
+import { element, find } from "../elements.js";
 import { handText, plain } from "../measuring/words.js";
 import { gridShapes } from "../stage/overlay.js";
 
@@ -11,7 +12,6 @@ const EVIDENCE = { // how many points, what is typed, and how well that may be k
 };
 const STDS = { "± m": ["std_m", "0", "Standard deviation in metres"], "± px": ["std_px", "1", "Standard deviation in pixels"] };
 const HAS_PIXELS = /(^|[,;\t])\s*u\s*[,;\t]/i, IS_OF_OPENDRONEMAP = /^\s*(epsg:|\+proj|\+init|wgs84)/i;
-const find = (id) => document.getElementById(id);
 const isNumber = (text) => text !== "" && Number.isFinite(Number(text));
 const named = (text) => text.trim().replace(/\s+/g, "-");
 const typed = (text) => text.trim().replace(",", ".");
@@ -107,9 +107,9 @@ export class Landmarks {
   }
 
   table(kind) {
-    const [, words, stds] = EVIDENCE[kind], table = document.createElement("table");
+    const [, words, stds] = EVIDENCE[kind], table = element("table");
     const columns = kind === "landmark" && this.crs === "geo" ? ["latitude", "longitude", "height"] : words;
-    const heads = [kind, ...columns, ...stds, ""].map((text) => Object.assign(document.createElement("th"), { scope: "col", textContent: text }));
+    const heads = [kind, ...columns, ...stds, ""].map((text) => element("th", text, { scope: "col" }));
     table.createTHead().insertRow().append(...heads);
     const body = table.createTBody();
     this.items.forEach((item, at) => { if (item.kind === kind) this.row(body.insertRow(), item, at, columns, stds); });
@@ -117,8 +117,7 @@ export class Landmarks {
   }
 
   row(row, item, at, columns, stds) {
-    const remove = Object.assign(document.createElement("button"), { textContent: "✕", onclick: () => this.remove(item) });
-    remove.setAttribute("aria-label", `Delete ${item.name}`);
+    const remove = element("button", "✕", { ariaLabel: `Delete ${item.name}`, onclick: () => this.remove(item) });
     row.dataset.item = String(at);
     row.insertCell().append(this.input(item.name, `Name of ${item.name}`, (text) => { item.name = named(text); }));
     columns.forEach((word, axis) => row.insertCell().append(
@@ -132,8 +131,7 @@ export class Landmarks {
   }
 
   input(value, label, change) {
-    const input = Object.assign(document.createElement("input"), { value });
-    input.setAttribute("aria-label", label);
+    const input = element("input", "", { value, ariaLabel: label });
     this.followTyping(input, change);
     return input;
   }
@@ -250,9 +248,9 @@ function residualShapes({ seen_px: seen, expected_px: expected }) { // from what
 }
 
 function parameterRow([key, { value, std }]) { // its name, value and 95 %
-  const row = document.createElement("tr"), [, name, unit] = /^(.*)_(deg|m|px)$/.exec(key) || [key, key, ""];
+  const row = element("tr"), [, name, unit] = /^(.*)_(deg|m|px)$/.exec(key) || [key, key, ""];
   const digits = std > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(1.96 * std)), 0), 6) : 3, sign = unit === "deg" ? "°" : ` ${unit}`;
   const texts = [name.replace("_agl", "").replaceAll("_", " "), `${value.toFixed(digits)}${sign}`, std === null ? "" : `± ${(1.96 * std).toFixed(digits)}${sign}`];
-  row.replaceChildren(...texts.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+  row.replaceChildren(...texts.map((text) => element("td", text)));
   return row;
 }

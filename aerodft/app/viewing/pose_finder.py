@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 import tomli_w
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from aerodft.reports.calibration import Mark
 
 Scene: TypeAlias = tuple[Setup, PoseSample]
+
+_MARKED: Final = "what was marked"
 
 
 class PoseFinder:
@@ -49,31 +51,37 @@ class PoseFinder:
         """Find the pose; arguments, result and errors as those of ``View.calibrate``."""
         from aerodft.reports.calibration import rows_of  # slow to load, see ``_found``
 
-        found = self._found(evidence, unknowns, accept=accept)
-        document = found.document(is_saved=True)
-        document["marks"] = [_mark_document(row.mark) for row in rows_of(found.fit)]
-        if use:
-            found.save(self._file)
-            self.scene, self.used_file = self._scene_with(self._file), self._file
-            document["file"] = str(self._file)
-        if found.refusal(is_saved=True) is None:
-            with TemporaryDirectory() as folder:
-                found.save(file := Path(folder) / "calibration.toml")
-                document["file_text"] = file.read_text(encoding="utf-8")
-                document["overlay"] = scene_overlay(*self._scene_with(file))
+        with TemporaryDirectory() as folder:
+            marked, file = Path(folder) / "evidence.toml", Path(folder) / "calibration.toml"
+            marked.write_bytes(tomli_w.dumps(evidence).encode())
+            found = self._found(marked, unknowns, accept=accept)
+            document = found.document(is_saved=True)
+            document["reasons"] = [each.replace(str(marked), _MARKED) for each in document["reasons"]]
+            document["marks"] = [_mark_document(row.mark) for row in rows_of(found.fit)]
+            if found.refusal(is_saved=True) is None:
+                found.save(file)
+                document |= {
+                    "file_text": file.read_text(encoding="utf-8"),
+                    "overlay": scene_overlay(*self._scene_with(file)),
+                }
+                if use:
+                    document["file"] = str(self._use(found))
         return document
 
-    def _found(self, evidence: dict[str, Any], unknowns: Sequence[str], *, accept: bool) -> "CalibrationResult":
+    def _found(self, marked: Path, unknowns: Sequence[str], *, accept: bool) -> "CalibrationResult":
         from aerodft.app.calibrate import calibrate  # slow to load, and most pages find no pose
 
-        with TemporaryDirectory() as folder:
-            file = Path(folder) / "evidence.toml"
-            file.write_bytes(tomli_w.dumps(evidence).encode())
-            try:
-                return calibrate(file, self._camera, unknowns, accept_misfit=accept, check=False)
-            except AerodftError as error:
-                hint, got, expected = error.hint, error.got, error.expected
-                raise type(error)(error.what, where="what was marked", got=got, expected=expected, hint=hint) from None
+        try:
+            return calibrate(marked, self._camera, unknowns, accept_misfit=accept, check=False)
+        except AerodftError as error:
+            hint, got, expected = error.hint, error.got, error.expected
+            raise type(error)(error.what, where=_MARKED, got=got, expected=expected, hint=hint) from None
+
+    def _use(self, found: "CalibrationResult") -> Path:
+        """Write a calibration, and measure with it from now on."""
+        found.save(self._file)
+        self.scene, self.used_file = self._scene_with(self._file), self._file
+        return self._file
 
 
 def _mark_document(mark: "Mark") -> dict[str, Any]:

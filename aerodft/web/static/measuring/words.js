@@ -69,7 +69,7 @@ export function reachText(river, units) {
 // ---- what is known of an image
 
 export function poseText(pose, units) {
-  if (!pose) return "The camera's pose is not known yet: mark what you know of the view.";
+  if (!pose) return "The camera's pose is not known yet: mark what you know of the view, or open it with --height and --tilt if they are known.";
   if (pose.status !== "ok") return refusalText(pose);
   const degrees = (value, std) => `${value.toFixed(2)} ± ${std.toPrecision(2)}°`;
   const height = lengthText(pose.height_agl_m, units, pose.std.height_agl_m), std = lengthText(pose.std.height_agl_m, units);

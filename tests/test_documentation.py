@@ -236,7 +236,11 @@ def test_the_search_finds_every_option_key_status_and_topic(site):
     assert "stopWordFilter" not in index["config"]["pipeline"]  # --at, --from and --to are options
     sections = [words_of(f"{entry['title']} {entry['text']}", separator) for entry in index["docs"]]
     names = {*map(str, Status), *COLUMNS, *PROBE_KINDS, *(f"aerodft {name}" for name in COMMANDS)}
-    names |= set(vars(Keys("{station}")).values()) - {"aerodft/{station}"}
+    topics = Keys("{station}")
+    names |= set(vars(topics).values()) - {"aerodft/{station}"} | {
+        topics.measurement("{probe}"),
+        topics.number("{probe}"),
+    }
     names |= {name for name in options() if name.startswith("--")}
     names |= {name for model in (*FILES, *(kind.MODEL for kind in OUTPUTS)) for name in keys(model)}
     assert len(names) > 350

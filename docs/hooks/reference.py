@@ -245,6 +245,7 @@ def bus() -> str:
     """Topics and queries of a station on the bus."""
     texts = _commented("aerodft/adapters/wire/keys.py")
     texts["{self.root}/measurement/{probe}"] = "every measurement, in images and on demand"
+    texts["{self.root}/number/{probe}"] = "in an exported file, in Foxglove: a probe's values alone, for plots"
     rows = [f"| `{key.replace('{self.root}', 'aerodft/{station}')}` | {_cell(text)} |" for key, text in texts.items()]
     head = (
         "# Topics and queries\n\nOn zenoh, by default at `tcp/127.0.0.1:7447` without multicast; a recording's"

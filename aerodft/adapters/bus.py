@@ -40,9 +40,9 @@ from aerodft.model import (
 )
 from aerodft.service import Batches, StepOutputs
 
-_EXPECTED: Final = "an endpoint such as tcp/127.0.0.1:7447"
-_WITH_PORT: Final = ("tcp", "udp", "ws", "tls", "quic")
-_OTHERS: Final = ("unixsock-stream",)
+_EXPECTED_ENDPOINT: Final = "an endpoint such as tcp/127.0.0.1:7447"
+_PROTOCOLS_WITH_PORT: Final = ("tcp", "udp", "ws", "tls", "quic")
+_PROTOCOLS_WITH_PATH: Final = ("unixsock-stream",)
 _MOST_PORT: Final = 65535
 _OS_ERROR: Final = re.compile(r"\(os error (\d+)\)")
 
@@ -84,7 +84,7 @@ def open_session(listen: str | None, connect: Sequence[str] = ()) -> zenoh.Sessi
     endpoints = (*([] if listen is None else [listen]), *connect)
     for each in endpoints:
         if fault := _fault_of(each):
-            raise LinkError("no endpoint", got=fault, expected=_EXPECTED)
+            raise LinkError("no endpoint", got=fault, expected=_EXPECTED_ENDPOINT)
     try:
         for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
@@ -127,7 +127,7 @@ def _link_error(where: str, error: zenoh.ZError) -> LinkError:
         )
     _log.debug("zenoh says: %s", error)
     got = _reason_in(str(error)) or "an endpoint that zenoh cannot open"
-    return LinkError("the bus cannot be opened", where=where, got=got, expected=_EXPECTED)
+    return LinkError("the bus cannot be opened", where=where, got=got, expected=_EXPECTED_ENDPOINT)
 
 
 def _short(error: zenoh.ZError) -> str:
@@ -138,9 +138,9 @@ def _short(error: zenoh.ZError) -> str:
 def _fault_of(endpoint: str) -> str:
     """Fault in the text of an endpoint; empty where there is none."""
     protocol, _, address = endpoint.partition("/")
-    if protocol not in (*_WITH_PORT, *_OTHERS):
+    if protocol not in (*_PROTOCOLS_WITH_PORT, *_PROTOCOLS_WITH_PATH):
         return f"{protocol!r} for a protocol" if address else repr(endpoint)
-    if protocol in _OTHERS:
+    if protocol in _PROTOCOLS_WITH_PATH:
         return "" if address else f"{endpoint!r}, without a path"
     host, _, port = re.split(r"[?#]", address, maxsplit=1)[0].rpartition(":")
     if not host:

@@ -34,7 +34,7 @@ LOG_FORMATS: Final = "{log formats}"
 MOST_SECONDS = 1e8
 """Three years: what a wait may last at most."""
 
-_EXPECTED = "ISO 8601 that ends with Z or an offset like +01:00, seconds, or nanoseconds since 1970"
+_EXPECTED_TIME = "ISO 8601 that ends with Z or an offset like +01:00, seconds, or nanoseconds since 1970"
 _LEAST_UNIX_S = 1e8  # 1973; anything below is seconds from a start
 _MOST_UNIX_S = 1e10  # 2286; milli- and microseconds are in between
 _LEAST_UNIX_NS = 1e17
@@ -160,9 +160,9 @@ def parse_utc(option: str, text: str) -> int:
         try:
             return iso_to_unix_ns(text)
         except ValueError:
-            raise UsageError(option, got=repr(text), expected=_EXPECTED) from None
+            raise UsageError(option, got=repr(text), expected=_EXPECTED_TIME) from None
     if not (_LEAST_UNIX_S <= number < _MOST_UNIX_S or _LEAST_UNIX_NS <= number < _MOST_UNIX_NS):
-        raise UsageError(option, got=repr(text), expected=_EXPECTED)
+        raise UsageError(option, got=repr(text), expected=_EXPECTED_TIME)
     return _unix_ns(text, number)
 
 

@@ -2,6 +2,8 @@
 
 Single precision: rays are off by at most 4e-7 rad, which is less than a thousandth of a pixel. A range is off by as
 much of itself, divided by the tangent of the angle between the ray and the ground.
+
+``GroundMap`` and ``ground_covariances`` are for pixels of any number and place at one pose, on level ground.
 """
 
 import math
@@ -48,7 +50,7 @@ _STD_BLOCK_SIZE = 1 << 17  # pixels per block of range derivatives: some 100 MB
 _UP = read_only([0.0, 0.0, 1.0])
 _MIN_COSINE = 1e-6  # of the incidence, so that sampling distances stay finite; rays are no better known
 
-_CACHED_BLOCK_SIZE = 1 << 12  # pixels per block, so that their derivatives stay in the cache
+_COVARIANCE_BLOCK_SIZE = 1 << 12  # pixels per block, so that their derivatives stay in the cache
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -388,8 +390,8 @@ def ground_covariances(
     shared_cov = shared_covariance(camera, pose, np.array(elevation_std_m))[None]
     cov = np.empty((len(flat), 3, 3))
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for first in range(0, len(flat), _CACHED_BLOCK_SIZE):
-            block = slice(first, first + _CACHED_BLOCK_SIZE)
+        for first in range(0, len(flat), _COVARIANCE_BLOCK_SIZE):
+            block = slice(first, first + _COVARIANCE_BLOCK_SIZE)
             points = project(camera, pose, flat[block], elevation_m, ProjectionModel.PINHOLE)
             count = len(points.status)
             variances = np.zeros(count), np.full(count, std_px**2)

@@ -315,14 +315,15 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
         >>> "width-a" in page.read_text()
         True
     """
-    from aerodft.reports import page, recording_plot, recording_series  # figures load slowly
+    from aerodft.reports import page, recording_plot, recording_series, style  # figures load slowly
 
     path = Path(path)
     if isinstance(what, str | Path) and is_river_folder(Path(what)):
         text = page.river_page(read_river_folder(Path(what)))
     else:
         opened = what if isinstance(what, StationRecording) else open_recording(what)
-        found, best = recording_series.read_series(opened.reader), best_image(opened.reader)
+        found = recording_series.read_series(opened.reader)
+        best = best_image(opened.reader, style.colours_of(each.name for each in found.probes.values()))
         lacks = opened.reader.left_out(images=True).sentence
         facts = page.RecordingFacts(
             path=opened.path,

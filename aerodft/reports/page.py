@@ -57,6 +57,7 @@ table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-
 th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px solid #ddd; vertical-align: top }
 td { overflow-wrap: break-word }
 td.n, th.n { text-align: right; white-space: nowrap } td.hash { font-family: monospace; overflow-wrap: anywhere }
+@media screen and (max-width: 50rem) { table { display: block; overflow-x: auto } }
 @page { size: A4; margin: 15mm }
 @media print { body { margin: 0; max-width: none; font-size: 10pt } thead { display: table-header-group }
   h2 { break-after: avoid } figure, tr { break-inside: avoid } figure svg { max-height: 24cm }

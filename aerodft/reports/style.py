@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from itertools import cycle
 from pathlib import Path
 from typing import Final
 
@@ -52,6 +53,14 @@ _LOOK: Final = {
     "svg.hashsalt": "aerodft",
     "text.parse_math": False,  # names are what they are
 }
+
+
+def colours_of(names: Iterable[str]) -> dict[str, tuple[int, int, int]]:
+    """RGB of each name, in the order in which things get their colours."""
+    return {
+        name: tuple(bytes.fromhex(colour.removeprefix("#")))  # type: ignore[misc]  # three of them
+        for name, colour in zip(names, cycle(COLOURS), strict=False)
+    }
 
 
 def second_utc(stamp_ns: int) -> str:

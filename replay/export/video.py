@@ -1,7 +1,7 @@
 """A recording's images as an H.264 video, with what was measured in each and at the pace at which they were taken."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
@@ -304,8 +304,14 @@ def measured_images(recording: Recording) -> Iterator[tuple[Image, list[Item]]]:
                 yield replace(image, pixels=pixels), measurements.of(image)
 
 
-def best_image(recording: Recording) -> tuple[Image, ImageArray] | None:
+def best_image(
+    recording: Recording, colours: Mapping[str, tuple[int, int, int]] | None = None
+) -> tuple[Image, ImageArray] | None:
     """The image in which most was measured, the later the better, with that drawn in; RGB.
+
+    Args:
+        recording: The recording.
+        colours: RGB by probe; those that are not named get some of their own.
 
     Returns:
         None where no image was recorded.
@@ -322,8 +328,9 @@ def best_image(recording: Recording) -> tuple[Image, ImageArray] | None:
         return None
     _, image, items = best
     pixels = best[1].pixels()
-    drawn = Overlay(pixels.shape[1], pixels.shape[0]).draw(pixels, items, image.stamp_ns, image.index)
-    return image, drawn
+    overlay = Overlay(pixels.shape[1], pixels.shape[0])
+    overlay.colours.update(colours or {})
+    return image, overlay.draw(pixels, items, image.stamp_ns, image.index)
 
 
 class _MeasurementsByImage:

@@ -10,7 +10,8 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodft.model import Image
-from replay.export import Overlay
+from aerodft.reports.style import colours_of
+from replay.export import COLOURS, Overlay, best_image
 from replay.export.video import label_of
 from replay.recordings import Recording, RecordingSource
 
@@ -150,6 +151,16 @@ def test_labels_leave_crosses_to_be_seen():
     for name, (u, v) in (("bank", (300, 360)), ("bank", (980, 340)), ("point", (639, 352))):
         assert (drawn[v, u] == overlay.colours[name]).all()
         assert (drawn[[v - 6, v + 6], u - 6] == 90).all()  # between its arms there is the image
+
+
+def test_a_picture_has_the_colours_of_its_page(flight_recording):
+    recording = Recording(flight_recording)
+    names = [orjson.loads(each)["name"] for each in recording.measurements()]
+    colours = colours_of(dict.fromkeys(names))
+    assert list(colours.values())[:2] == [(0, 114, 178), (213, 94, 0)]  # as matplotlib reads them
+    _, drawn = best_image(recording, colours)
+    assert any((drawn == colour).all(axis=2).sum() > 50 for colour in colours.values())
+    assert not any((drawn == colour).all(axis=2).any() for colour in COLOURS if colour not in colours.values())
 
 
 def test_no_image_is_no_answer(aerodft, flight_recording, tmp_path):

@@ -266,7 +266,7 @@ def _write_camera(
     draft: _Draft, images: Path | None, wanted: str | Path | None, path: Path, *, overwrite: bool
 ) -> tuple[int, int]:
     """Write the camera file, unless one is given, and return its image size in pixels."""
-    if wanted is not None and Path(wanted).is_file():
+    if wanted is not None and (Path(wanted).is_file() or Path(wanted).suffix == ".toml"):
         camera = load_camera(wanted)
         draft.taken.append(f"camera: {camera.name}, from {wanted}")
         return camera.width_px, camera.height_px

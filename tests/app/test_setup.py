@@ -68,6 +68,7 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_replaced(tmp_path):
     assert run_aerodft("init", LOG, LOG, "-o", tmp_path).code == 2
     assert run_aerodft("init", "nowhere.tlog", "-o", tmp_path).code == 3
     assert run_aerodft("init", LOG, "--camera", "Brownie", "-o", tmp_path).code == 4
+    assert "no such file" in run_aerodft("init", LOG, "--camera", "mine/camera.toml", "-o", tmp_path).last
     assert run_aerodft("init", LOG, "-o", tmp_path).code == 0
     before = (tmp_path / "station.toml").read_bytes()
     assert run_aerodft("init", LOG, "-o", tmp_path).code == 3

@@ -192,9 +192,11 @@ def test_recorded_input_comes_back_as_the_batches_it_was(tmp_path: Path) -> None
 
 def test_a_part_of_a_recording_can_be_read(tmp_path: Path) -> None:
     record(tmp_path / "r")
-    source = RecordingSource(Recording(tmp_path / "r"), from_ns=START_NS + 10 * TICK_NS, to_ns=START_NS + 20 * TICK_NS)
-    got = [int(batch.now_ns[0]) for batch in ticks_of(source)]
-    assert got == [START_NS + step * TICK_NS for step in range(11, 21)]
+    recording = Recording(tmp_path / "r")
+    first_ns, stop_ns = START_NS + 10 * TICK_NS, START_NS + 20 * TICK_NS
+    part = list(recording.messages(from_ns=first_ns, to_ns=stop_ns))
+    assert part == [message for message in recording.messages() if first_ns <= message.log_ns < stop_ns]
+    assert {int(message.log_ns) // TICK_NS - START_NS // TICK_NS for message in part} == set(range(10, 20))
 
 
 def test_segments_roll_over_and_read_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -391,7 +391,7 @@ class _TelemetryIntake:
         self._poses = poses
         self._decoded = Ticks((), (), 0)  # of the current batches
         self._first = 0  # first of these ticks not yet appended
-        self._tick_count = 1  # ticks to try at once: twice as many as the last success
+        self._refused = 0  # ticks from that one on which could not be appended at once; 0 if not tried
 
     @property
     def rejected(self) -> dict[str, int]:
@@ -412,14 +412,15 @@ class _TelemetryIntake:
                 return 1, self._take_senders(batches[:1])
             tracks = tuple(track for block in batches.raw for track in self._decoder.decode(block))
             self._decoded, self._first = Ticks.from_tracks(tracks, batches.now_ns), 0
-        count = min(self._tick_count, self._decoded.count - self._first) if self._poses.clock.is_settled else 1
+        count = max(self._refused // 2, 1) if self._refused else self._decoded.count - self._first
+        count = count if self._poses.clock.is_settled else 1
         while True:
             shift_ns = self._poses.append(self._decoded.between(self._first, self._first + count))
             if shift_ns is not None:
                 self._first += count
-                self._tick_count = 2 * count
+                self._refused = max(self._refused - count, 0)
                 return count, shift_ns
-            count //= 2
+            self._refused, count = count, count // 2
 
     def _take_senders(self, batches: Batches) -> int:
         """Append a tick, sender by sender; returns the change (ns) of UTC."""

@@ -6,7 +6,8 @@ recorded, and ``aerodft recompute`` makes a recording of it in a process of its 
 core, 500 MB); then another one of that, so that what is read holds measurements as well. Then come flights that differ
 in one thing, as multiples of the first one's processor time (goal: 1.5): heights of a rangefinder, heights above
 terrain, biases that landmarks tell in flight, a camera that zooms. ``--log`` adds an autopilot's own flight with ten
-distances, of which the farthest lie close to the horizon (goal: 80 times real time).
+distances, of which the farthest lie close to the horizon (goal: 80 times real time). ``--ticks`` takes the first flight
+tick by tick, as a live station does (goal: 10 ms).
 """
 
 import argparse
@@ -19,7 +20,9 @@ import runpy
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +31,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aerodft.adapters.config.station import load_station
 from aerodft.adapters.images import RateSource
 from aerodft.adapters.telemetry import TlogSource
-from aerodft.app.assembly import DelayedSource, build_recorder
+from aerodft.app.assembly import DelayedSource, build_pipeline, build_recorder, recorded_station
 from aerodft.app.recompute import recompute
 from aerodft.model import Camera, Observation
 from aerodft.service import MergedFeed, StepOutputs
@@ -38,10 +41,12 @@ from aerodft.sim.scenario import EPOCH_NS
 from aerodft.sim.telemetry import Datagram, write_tlog
 from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import DEFAULT_ORIGIN
+from replay.recordings import Recording, RecordingSource
 
 BENCH_IMPORT = runpy.run_path(str(Path(__file__).with_name("bench_import.py")))
 CAMERA, RATES_HZ = BENCH_IMPORT["CAMERA"], BENCH_IMPORT["RATES_HZ"]
-GOAL, GOAL_MB, GOAL_OF_HOME, GOAL_OF_LOG = 250.0, 500.0, 1.5, 80.0
+GOAL, GOAL_MB, GOAL_OF_HOME, GOAL_OF_LOG, GOAL_TICK_MS = 250.0, 500.0, 1.5, 80.0, 10.0
+TICKS, SETTLED_TICK = 3000, 800
 HOME = '[telemetry.height]\norder = ["home"]\n'
 VARIANTS = {
     "home": HOME,
@@ -241,12 +246,28 @@ def _flights(args: argparse.Namespace, kept: Path, folder: Path) -> None:
             print(f"{variant}: {cpu_s / home_s:.2f} of home's processor time; goal {GOAL_OF_HOME:g}", flush=True)
 
 
+def _ticks(folder: Path) -> None:
+    """Print what the pipeline takes for each tick in which the images and probes of a flight are measured."""
+    recording = Recording(folder)
+    station = recorded_station(recording)
+    pipeline, times_ms = build_pipeline(station), []
+    pipeline.warm_up()
+    feed = MergedFeed([RecordingSource(recording)], station.pipeline.tick_ns, longest_ns=0)
+    for batches in islice(feed.batches(), TICKS):
+        start_s = time.process_time()
+        outputs = pipeline.advance(batches)
+        times_ms.append((time.process_time() - start_s) * 1e3 if outputs.images else math.nan)
+    p50, p99 = np.nanpercentile(times_ms[SETTLED_TICK:], [50, 99])
+    print(f"a tick of one image with ten probes: p50 {p50:.1f} ms, p99 {p99:.1f} ms; the goal is {GOAL_TICK_MS:g} ms")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Print the multiples of real time, memory, and with ``--profile`` where the time goes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--rate", type=float, default=30.0)
     parser.add_argument("--log", type=Path, help="an autopilot's telemetry log")
+    parser.add_argument("--ticks", action="store_true", help="also tick by tick, as live")
     parser.add_argument("--profile", action="store_true")
     parser.add_argument("--only", choices=VARIANTS, help="one of the flights alone")
     parser.add_argument("--keep", type=Path, help="folder to work in; a flight that is there is used again")
@@ -263,6 +284,8 @@ def main(arguments: list[str] | None = None) -> None:
             f"{args.seconds:g} s, {sum(RATES_HZ.values()):g} messages/s, 10 probes at {args.rate:g}/s: {images} images"
         )
         _flights(args, kept, Path(name))
+        if args.ticks:
+            _ticks(kept / (args.only or "home"))
         if args.log:
             length_s = import_log(Path(name), args.log, args.rate)
             _timed(f"{args.log.name}, {length_s:.0f} s, recompute", length_s, Path(name) / "log", Path(name) / "logged")

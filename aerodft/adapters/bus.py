@@ -16,7 +16,7 @@ import zenoh
 from aerodft.adapters.images import encode_jpeg, is_due
 from aerodft.adapters.wire.events import encode_image
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
-from aerodft.adapters.wire.measurement import encode_batch, encode_measurements, split_measurements
+from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.wire.observations import parse_observation
 from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
 from aerodft.adapters.wire.requests import (
@@ -346,9 +346,9 @@ class ZenohBus:
             for order, payload in zip(block.order.tolist(), encode_poses(block.poses).each(), strict=True):
                 yield _Payload(order, None, self._keys.pose, payload)
         for _, places, batch in outputs.measured():
-            for order, payload in zip(places.tolist(), encode_batch(batch).each(), strict=True):
-                for name, measurement in split_measurements(payload):
-                    yield _Payload(order, name, self._keys.measurement(name), measurement)
+            for order, measurements in zip(places.tolist(), batch, strict=True):
+                for each in measurements:
+                    yield _Payload(order, each.name, self._keys.measurement(each.name), encode_measurement(each))
         for single in outputs.singles:
             match single.content:
                 case HeightSwitch():

@@ -29,7 +29,7 @@ from aerodft.adapters.telemetry.mavlink import (
     plausible_stamps,
 )
 from aerodft.adapters.telemetry.tracks import Rows, height_track, mount_track, no_height, position_track, vehicle_track
-from aerodft.jit import njit
+from aerodft.jit import njit, njit_inline
 from aerodft.model import (
     BoolArray,
     ClockTrack,
@@ -350,7 +350,7 @@ class DataflashDecoder:
         return track if track is not None and len(track.arrival_ns) else None
 
 
-@njit
+@njit_inline
 def _starts(data: Bytes, at: int) -> bool:
     """Whether the two bytes stand here that every message starts with."""
     return at + 1 < len(data) and data[at] == _FIRST and data[at + 1] == _SECOND

@@ -56,7 +56,7 @@ def test_rivers_of_another_painter():
     held = np.abs(width - true) <= 1.96 * std
     print(f"{len(rows)} of {len(SCENES)} rivers, {len(held)} widths: intervals hold {100 * held.mean():.1f} %")
     assert len(rows) >= 14
-    assert max(medians) < 0.01
+    assert np.all(np.array(medians) < 0.01)  # not so of NaN: a transect beside the river has no true width
     assert np.mean(held) > 0.9
 
 

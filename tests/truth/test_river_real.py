@@ -36,7 +36,7 @@ DRAWN = {
     ),
 }
 NEAR = 0.06  # of the river's width in the image: what a hand and grass that hangs over the water leave open
-LEAST = {"canuelas": 0.9, "juncal": 0.95, "geul": 0.9}  # shares of banks
+LEAST = {"canuelas": 1.0, "juncal": 1.0, "geul": 0.97}  # shares of banks
 
 
 def _canuelas(folder):

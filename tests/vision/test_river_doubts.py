@@ -38,24 +38,36 @@ class TwoMinds:
         return (8.0 * wet - 4.0)[None, None]
 
 
-def test_an_interval_reaches_to_the_banks_of_both_looks():
-    """An even path along the river, a tenth of its width: one look takes it for water, the other does not."""
-    scene = PaintedRiver(seed=3, water="sky", land="grass", tilt_deg=20.0, look={"path": 0.1})
-    image = scene.picture()
+def in_two_minds(scene, strip):
+    """Intervals and true widths where one look ends at ``strip`` of the width beyond the eastern bank, one at it."""
     u, v = np.meshgrid(np.arange(960.0), np.arange(540.0))
     places = WaterPlane(CAMERA, scene.pose).places_en_m(np.stack([u, v], axis=-1))
     beyond, _, across = scene.beyond_bank_m(places[..., 0], places[..., 1])
-    narrow, wide = beyond < 0, (beyond < 0) | ((beyond < 0.1 * scene.width_m) & (across > 0))
-    network = WaterNetwork(TwoMinds(narrow, wide), Path("two minds"))
-    found = find_river(image, Setup(camera=CAMERA), scene.pose, RiverQuestion(network=network))
+    other = beyond < np.where(across > 0, strip * scene.width_m, 0.0)
+    network = WaterNetwork(TwoMinds(beyond < 0, other), Path("two minds"))
+    found = find_river(scene.picture(), Setup(camera=CAMERA), scene.pose, RiverQuestion(network=network))
     assert isinstance(found, River)
-    low, high = found.widths.ci95_m[found.used].T
     left, right = np.moveaxis(WaterPlane(CAMERA, scene.pose).places_en_m(found.edges.pixels_px[found.rows]), 1, 0)
     unit = (left - right) / np.linalg.norm(left - right, axis=-1, keepdims=True)
     true = np.array([scene.crossing_m(*line) for line in zip((left + right) / 2, unit, strict=True)])[found.used]
+    return found, *found.widths.ci95_m[found.used].T, true
+
+
+def test_an_interval_reaches_to_the_banks_of_both_looks():
+    """An even path along the river, a tenth of its width: one look takes it for water, the other does not."""
+    scene = PaintedRiver(seed=3, water="sky", land="grass", tilt_deg=20.0, look={"path": 0.1})
+    found, low, high, true = in_two_minds(scene, 0.1)
     assert np.mean((low <= true) & (true <= high)) > 0.95
     assert np.mean((low <= 1.1 * true) & (1.1 * true <= high)) > 0.9
     assert any("two looks" in said for said in doubts([found.water])) == (found.water.agreement < 0.9)
+
+
+def test_where_the_looks_disagree_the_clearer_outline_is_the_bank():
+    """A bank that the water mirrors fades into it: one look takes the strip for land, the other for water."""
+    scene = PaintedRiver(seed=3, water="sky", land="grass", tilt_deg=40.0, look={"mirror": 0.2})
+    found, low, high, true = in_two_minds(scene, -0.2)
+    assert np.median(np.abs(found.widths.width_m[found.used] / true - 1)) < 0.002
+    assert np.mean((low <= 0.85 * true) & (true <= high)) > 0.9
 
 
 def test_an_arm_behind_a_long_island_is_said():

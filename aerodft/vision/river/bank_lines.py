@@ -5,16 +5,17 @@ across the outline, as a transect's ends are.
 """
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
-from aerodft.model import BoolArray, FloatArray, ImageArray
-from aerodft.vision.river.banks import locate_edges, widest_px, window_px
+from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray
+from aerodft.vision.river.banks import Edges, locate_edges, widest_px, window_px
 from aerodft.vision.river.centreline import Centreline, sample_mask
-from aerodft.vision.river.water import SmallCopy, WaterPlane
+from aerodft.vision.river.water import SmallCopy, WaterMask, WaterPlane, opened, piece_with
 
 _GAP_PX: Final = 9  # of the small copy: so short a piece at the image's border parts no bank
 _STONE: Final = 0.08  # of the longest bank: a shorter one would be a stone at the image's border
@@ -22,6 +23,8 @@ _SMOOTH: Final = 3.0  # outline points
 _EVERY: Final = 4  # of them
 _JUMP: Final = 5  # neighbours that say whether a point's offset stands out
 _BORDER_PX: Final = 3
+_BESIDE: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy: so near an outline is beside a piece
+_FEWEST: Final = 3  # points that tell how clear an outline is
 
 
 def bank_lines(image: ImageArray, copy: SmallCopy, water: BoolArray, ground: BoolArray) -> list[FloatArray]:
@@ -59,18 +62,69 @@ def _runs(outline: FloatArray, is_bank: BoolArray) -> list[FloatArray]:
 
 def _located(image: ImageArray, copy: SmallCopy, arc: FloatArray) -> FloatArray:
     """The points of a piece of outline, each moved to where its profile has the step."""
-    smooth = np.asarray(gaussian_filter1d(arc, _SMOOTH, axis=0, mode="nearest"))
-    along = np.gradient(smooth, axis=0)[::_EVERY]
+    near, edges = _steps(image, copy, arc, np.arange(0, len(arc), _EVERY))
+    moved = np.sum((edges.pixels_px - near) * edges.across_px, axis=-1)
+    steady = median_filter(moved, _JUMP, mode="nearest")
+    return np.asarray(near + steady[:, None] * edges.across_px)
+
+
+def _steps(image: ImageArray, copy: SmallCopy, outline: FloatArray, rows: IntArray) -> tuple[FloatArray, Edges]:
+    """The image's pixels ``(k, 2)`` at some points of an outline, smoothed, and the steps across it there."""
+    smooth = np.asarray(gaussian_filter1d(outline, _SMOOTH, axis=0, mode="nearest"))
+    along = np.gradient(smooth, axis=0)[rows]
     along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
-    near = copy.to_image(smooth[::_EVERY])
+    near = copy.to_image(smooth[rows])
     across = np.stack([along[:, 1], -along[:, 0]], axis=-1)  # OpenCV's outer outlines have the region to their left
     size = np.array([image.shape[1], image.shape[0]]) - 1
     room = np.min(np.minimum(near, size - near), axis=-1)
     window = np.minimum(window_px(room / 2), widest_px(copy.scale))
-    edges = locate_edges(image, near, across, along, window)
-    moved = np.sum((edges.pixels_px - near) * across, axis=-1)
-    steady = median_filter(moved, _JUMP, mode="nearest")
-    return np.asarray(near + steady[:, None] * across)
+    return near, locate_edges(image, near, across, along, window)
+
+
+def with_clearer_banks(image: ImageArray, copy: SmallCopy, water: WaterMask, wet: BoolArray) -> WaterMask:
+    """The water, where the network is in doubt as far as the clearer one of its two outlines.
+
+    What is in doubt lies between two outlines, of the water with it and of the water without. The bank is at one of
+    them by the network's odds, and by how closely the image tells the place of either: foam, shade and a bank that is
+    mirrored fade into the water, a bank does not.
+
+    Args:
+        image: ``(height, width, 3)`` BGR.
+        copy: The small copy.
+        water: The water as the network has it.
+        wet: ``(height, width)``: what a person says is water.
+    """
+    least, most = water.bounds
+    clearer = water.water.copy()
+    for within, beyond in ((least, water.water), (water.water, most)):
+        doubtful = opened(beyond & ~within)
+        count, labels, sizes, _ = cv2.connectedComponentsWithStats(doubtful.astype(np.uint8), connectivity=4)
+        pieces = np.asarray(labels, dtype=np.int64)
+        logit = np.bincount(pieces.ravel(), water.logit.ravel(), count) / sizes[:, cv2.CC_STAT_AREA]
+        inner, outer = (_spread_at(image, copy, outline, pieces, count) for outline in (within, beyond))
+        told = np.isfinite(inner) & np.isfinite(outer)
+        belongs = told & (logit + np.log(inner) - np.log(outer) > 0)
+        clearer = np.where((told & (np.arange(count) > 0))[pieces], belongs[pieces], clearer)
+    return replace(water, water=piece_with(clearer, wet if wet.any() else water.water))
+
+
+def _spread_at(image: ImageArray, copy: SmallCopy, region: BoolArray, pieces: IntArray, count: int) -> FloatArray:
+    """How well a region's outline is told beside each of ``count`` pieces, ``(count,)``: median std, px; NaN of few."""
+    spread = np.full(count, np.nan)
+    outlines, _ = cv2.findContours(region.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if count == 1 or not outlines:
+        return spread
+    outline = max(outlines, key=len)[:, 0]
+    beside = cv2.dilate(pieces.astype(np.float32), _BESIDE)[outline[:, 1], outline[:, 0]].astype(np.int64)
+    rows = np.flatnonzero(beside)[::_EVERY]
+    if len(rows) == 0 or len(outline) < 2 * _EVERY:
+        return spread
+    _, edges = _steps(image, copy, outline.astype(np.float64), rows)
+    seen = edges.contrast > 0
+    for piece in np.unique(beside[rows]).tolist():
+        stds = edges.std_px[seen & (beside[rows] == piece)]
+        spread[piece] = np.median(stds) if len(stds) >= _FEWEST else np.nan
+    return spread
 
 
 def by_side(plane: WaterPlane, arcs: list[FloatArray], line: Centreline) -> tuple[FloatArray, FloatArray]:

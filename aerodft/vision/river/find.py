@@ -9,7 +9,7 @@ import numpy as np
 
 from aerodft.dft import BankPair, RiverWidths, Setup, river_widths
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose
-from aerodft.vision.river.bank_lines import bank_lines, by_direction, by_side
+from aerodft.vision.river.bank_lines import bank_lines, by_direction, by_side, with_clearer_banks
 from aerodft.vision.river.banks import Edges, Islands, flag_outliers, islands_across, locate_banks
 from aerodft.vision.river.centreline import (
     MOST_TRANSECTS,
@@ -31,6 +31,7 @@ from aerodft.vision.river.water import (
     WaterPlane,
     find_water,
     ground_of,
+    hinted,
     what_stays,
     without_still,
 )
@@ -149,6 +150,7 @@ def _water_seen(
     water = find_water(copy, question.network, question.hints, ground)
     if (refusal := no_water(water, ground)) is not None:
         return refusal
+    water = with_clearer_banks(image, copy, water, hinted(copy, question.hints)[0])
     stayed = None if later is None else what_stays(image, plane, later, water.water, ground)
     if stayed is None:
         return water

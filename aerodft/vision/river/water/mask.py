@@ -12,6 +12,7 @@ from aerodft.vision.river.water.network import WaterNetwork
 from aerodft.vision.river.water.plane import Float32Image, SmallCopy
 
 _MARGIN: Final = 1.0  # of a logit: 73 %, and 27 %
+_SURE: Final = 2.0  # of a logit: 88 %
 _SPECK: Final = 3e-4  # of the image: what is drier and smaller is a wave, or a boat
 _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
@@ -27,6 +28,7 @@ class WaterMask:
         logit: ``(height, width)`` of water, in the mean of the network's looks.
         bounds: ``(height, width)`` each: where every look is sure of water, and where one at least may see some.
         agreement: The overlap of the looks, intersection over union.
+        sure: Of what either look takes for water, the share that both are sure of.
         apart: How large the largest other piece of water is, of its own area: another arm?
         stayed: ``(height, width)``: what was taken off because it did not move; None where nothing was.
     """
@@ -36,6 +38,7 @@ class WaterMask:
     logit: Float32Image
     bounds: tuple[BoolArray, BoolArray]
     agreement: float
+    sure: float = 1.0
     apart: float = 0.0
     stayed: BoolArray | None = None
 
@@ -61,10 +64,11 @@ def find_water(copy: SmallCopy, network: WaterNetwork, hints: RiverHints, ground
     mean = np.asarray(np.mean(logits, axis=0), dtype=np.float32)
     wet, _ = hinted(copy, hints)
     water, apart = _piece((mean > 0) & ground, wet & ground)
-    first, second = (_piece((each > 0) & ground, water)[0] for each in logits)
-    least = _piece((np.min(logits, axis=0) > _MARGIN) & ground, water)[0]
-    most = _piece((np.max(logits, axis=0) > -_MARGIN) & ground, water)[0]
-    return WaterMask(water, ground, mean, (least, most), overlap(first, second), apart)
+    first, second = (piece_with((each > 0) & ground, water) for each in logits)
+    low, high = np.min(logits, axis=0), np.max(logits, axis=0)
+    bounds = piece_with((low > _MARGIN) & ground, water), piece_with((high > -_MARGIN) & ground, water)
+    sure = np.count_nonzero(water & (low > _SURE)) / max(int(np.count_nonzero(first | second)), 1)
+    return WaterMask(water, ground, mean, bounds, overlap(first, second), sure, apart)
 
 
 def _piece(wet: BoolArray, hint: BoolArray) -> tuple[BoolArray, float]:
@@ -79,9 +83,9 @@ def _piece(wet: BoolArray, hint: BoolArray) -> tuple[BoolArray, float]:
     return without_specks(np.asarray(labels == chosen + 1)), float(others.max(initial=0) / areas[chosen])
 
 
-def largest_piece(wet: BoolArray) -> BoolArray:
-    """The largest piece of a region, without specks."""
-    return _piece(wet, wet)[0]
+def piece_with(wet: BoolArray, hint: BoolArray) -> BoolArray:
+    """The piece of a region that has most of ``hint (height, width)``, else the largest, without specks."""
+    return _piece(wet, hint)[0]
 
 
 def opened(region: BoolArray) -> BoolArray:

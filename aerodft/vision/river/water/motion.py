@@ -14,7 +14,7 @@ import numpy as np
 
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.common import local_contrast, spread_corners, track_lk
-from aerodft.vision.river.water.mask import WaterMask, largest_piece
+from aerodft.vision.river.water.mask import WaterMask, piece_with
 from aerodft.vision.river.water.plane import Float32Image, SmallCopy, WaterPlane
 
 STAYS: Final = 0.95
@@ -148,8 +148,8 @@ def without_still(found: WaterMask, copy: SmallCopy, still: BoolArray) -> WaterM
     if not taken.any():
         return found
     stayed = taken[candidates]
-    least, most = (largest_piece(bound & ~stayed) for bound in found.bounds)
-    return replace(found, water=largest_piece(found.water & ~stayed), bounds=(least, most), stayed=stayed)
+    least, most = (piece_with(bound & ~stayed, bound) for bound in found.bounds)
+    return replace(found, water=piece_with(found.water & ~stayed, found.water), bounds=(least, most), stayed=stayed)
 
 
 def _resized(mask: BoolArray, size: tuple[int, int]) -> BoolArray:

@@ -278,7 +278,7 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None) -> li
             hint=f"give a file name pattern such as {_EXAMPLE}",
         )
     if assumed := sum(still.assumed_utc for still in stills):
-        text = "%s: EXIF of %d stills states no offset from UTC, UTC assumed; utc_offset says otherwise"
+        text = "%s: EXIF of %d stills states no offset from UTC, UTC assumed; `utc_offset` says otherwise"
         _LOG.warning(text, folder, assumed)
     return sorted(stills, key=lambda still: (still.stamp_ns, still.path.name))
 

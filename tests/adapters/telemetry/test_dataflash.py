@@ -317,6 +317,24 @@ def test_damage_costs_no_more_than_with_pymavlink_and_invents_nothing(kind: str,
     assert invented <= 1e-3 * cuts  # a cut of one byte that the first of the next head fills cannot be told
 
 
+@pytest.mark.parametrize("is_noise", [False, True])
+def test_lost_sectors_of_a_card_invent_no_message(tmp_path: Path, *, is_noise: bool) -> None:
+    """A message that ends in a bad sector is none; one that ends where the sector begins cannot be told from it."""
+    path, sector, rng, messages = tmp_path / "sectors.bin", 512, np.random.default_rng(3), _flight(3)
+    data, ends = bytearray(b"".join(messages)), np.cumsum([len(message) for message in messages])
+    bad = rng.choice(np.arange(3, len(data) // sector), 40, replace=False)
+    for each in bad.tolist():
+        data[each * sector : (each + 1) * sector] = rng.bytes(sector) if is_noise else bytes(sector)
+    path.write_bytes(data)
+    is_whole = ~(np.isin((ends - 1) // sector, bad) | np.isin((ends - [len(m) for m in messages]) // sector, bad))
+    intact = Counter(message for message, whole in zip(messages, is_whole, strict=True) if whole)
+    found = _read(path)
+    assert (found - intact).total() == 0
+    is_at_edge = np.isin((ends + 1) // sector, bad) & ((ends + 1) % sector <= 1)
+    assert (intact - found).total() == np.count_nonzero(is_whole & is_at_edge)
+    assert (_read_by_pymavlink(path) - intact).total() > len(bad) / 2
+
+
 def test_angles_of_messages_cut_short_reach_no_track(tmp_path: Path) -> None:
     path, rng = tmp_path / "cut.bin", np.random.default_rng(8)
     messages = _flight(8)

@@ -27,7 +27,16 @@ from aerodft.dft.covariance import (
     standard_deviations,
     variance_budgets,
 )
-from aerodft.dft.monte_carlo import DrawInput, DrawResult, Interval, draw, draw_lengths, draw_ranges, linearity_errors
+from aerodft.dft.monte_carlo import (
+    DrawInput,
+    DrawResult,
+    Interval,
+    RangeLimits,
+    draw,
+    draw_lengths,
+    draw_ranges,
+    linearity_errors,
+)
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
 from aerodft.dft.projection import (
     ELEVATION,
@@ -315,8 +324,14 @@ class Answers:
     def _draw_intervals(self, images: IntArray, requests: IntArray) -> None:
         """Intervals from Monte-Carlo draws; refuse requests whose ranges are too uncertain by these."""
         first_m = self._ground.points_enu_m[images, requests, 0]
-        max_half_m = Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[images, requests]
-        found: DrawResult = draw(self._draw_input(images, requests), max_half_m, self.value[images, requests], first_m)
+        at = images, requests
+        limits = RangeLimits(
+            max_half_m=Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[at],
+            jac_shared=self._range_jac_shared[at],
+            jac_px=self._range_jac_px[at],
+            std_m=self._range_std_m[at],
+        )
+        found: DrawResult = draw(self._draw_input(*at), limits, self.value[at], first_m)
         half = np.full(self._range_m.shape, np.nan)
         half[images, requests] = found.ranges.half
         refused = np.zeros(self.code.shape, dtype=np.bool_)

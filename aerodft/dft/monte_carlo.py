@@ -18,7 +18,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft.covariance import CHI2_2D_95
+from aerodft.dft.covariance import CHI2_2D_95, Z95
 from aerodft.dft.probe_kinds import PROBE_KINDS
 from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION, PixelRays
 from aerodft.dft.quantities import RayGeometry
@@ -30,6 +30,8 @@ DRAWS: Final = 1024
 _SEED: Final = 10
 """Any would do: of sums of two errors of 20, 95 % intervals end off by 2.3 to 2.5 % of half of their length, root mean
 square, and 8 to 14 % at most, with each of 60 seeds; with this one by 2.4 and 10 %."""
+_DRAWN_WIDTH_NOISE: Final = 0.15
+"""More than any drawn interval's width is off by, as a share of it."""
 _RAYS_PER_CHUNK: Final = 32 * DRAWS
 """Ray draws that fit the cache together."""
 
@@ -113,6 +115,23 @@ class Interval:
         return (self.high - self.low) / 2
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RangeLimits:
+    """Limits of the slant ranges of ``p`` probes with ``k`` points on the ground, and first order of the ranges.
+
+    Attributes:
+        max_half_m: ``(p, k)`` half width of the widest acceptable interval.
+        jac_shared: ``(p, k, s)`` derivatives by the shared errors.
+        jac_px: ``(p, k, 2)`` derivatives by each point's own pixel.
+        std_m: ``(p, k)`` first-order standard deviations.
+    """
+
+    max_half_m: FloatArray
+    jac_shared: FloatArray
+    jac_px: FloatArray
+    std_m: FloatArray
+
+
 @dataclass(frozen=True, slots=True)
 class DrawResult:
     """Intervals and covariances of ``p`` probes from draws.
@@ -130,24 +149,24 @@ class DrawResult:
     cov_enu_m2: FloatArray
 
 
-def draw(probes: DrawInput, max_half_m: FloatArray, centre: FloatArray, first_enu_m: FloatArray) -> DrawResult:
+def draw(probes: DrawInput, limits: RangeLimits, centre: FloatArray, first_enu_m: FloatArray) -> DrawResult:
     """Intervals of values and ranges, and covariances, from all draws.
 
     Args:
         probes: The probes.
-        max_half_m: ``(p, k)`` half width of the widest acceptable interval of a slant range, of the first ``k`` points:
-            those on the ground.
+        limits: Of the slant ranges of the first ``k`` points: those on the ground.
         centre: ``(p,)`` values without errors; NaN for a position.
         first_enu_m: ``(p, 3)`` first points without errors.
     """
-    count, on_ground = max_half_m.shape
+    count, on_ground = limits.std_m.shape
     scalars, ranges = np.full((2, count), np.nan), np.empty((2, count, on_ground))
     cov, is_known = np.full((count, 3, 3), np.nan), np.empty(count, dtype=np.bool_)
     kind = PROBE_KINDS[probes.kind]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for chunk, draws in _draws(probes, DRAWS):
             ranges[:, chunk] = _central(_ranges(draws, on_ground))
-            is_known[chunk] = np.all(Interval(*ranges[:, chunk]).half <= max_half_m[chunk], axis=-1)
+            shares = _shares_of_limits(probes, limits, chunk, Interval(*ranges[:, chunk]))
+            is_known[chunk] = np.all(shares <= 1, axis=-1)
             known = np.flatnonzero(is_known[chunk])
             if not len(known):
                 continue
@@ -160,6 +179,24 @@ def draw(probes: DrawInput, max_half_m: FloatArray, centre: FloatArray, first_en
             if on_ground:
                 cov[rows] = _scaled_moments(np.ascontiguousarray(kept[-1][:, 0]), first_enu_m[rows])
     return DrawResult(Interval(*ranges), is_known, Interval(*scalars), cov)
+
+
+def _shares_of_limits(probes: DrawInput, limits: RangeLimits, chunk: slice, drawn: Interval) -> FloatArray:
+    """Half widths ``(m, k)`` of a chunk's slant ranges, as shares of what is acceptable.
+
+    Near the limits they are freed from the noise of the draws: by how much wider or narrower the same draws make the
+    intervals of ranges that are linear, whose widths are known (a control variate). What is refused would else be
+    accepted by chance when an error grows.
+    """
+    shares = drawn.half / limits.max_half_m[chunk]
+    near = np.flatnonzero(np.any(np.abs(shares - 1) < _DRAWN_WIDTH_NOISE, axis=-1))
+    if len(near):
+        rows, points = chunk.start + near, np.arange(shares.shape[1])
+        jac_px = np.zeros((len(rows), len(points), probes.rays.rays_cam.shape[1], 2))
+        jac_px[:, points, points] = limits.jac_px[rows]
+        linear = _linear_draws(probes, rows, limits.jac_shared[rows], jac_px, DRAWS)
+        shares[near] *= Z95 * limits.std_m[rows] / Interval(*_central(linear)).half
+    return shares
 
 
 def draw_ranges(probes: DrawInput, on_ground: int, count: int) -> Interval:
@@ -176,19 +213,36 @@ def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArr
         jac_px: ``(p, c, q, 2)`` derivatives by the pixels.
         first: ``(p, c)`` values without errors.
     """
-    kind, (roots, poses) = PROBE_KINDS[probes.kind], _covariance_roots(probes)
-    count = roots.shape[-1]
-    normal = standard_draws(count + 2 * jac_px.shape[2], _SAMPLE).T
-    by_enu_errors = jac_shared.copy()
-    by_enu_errors[..., ROTATION] = jac_shared[..., ROTATION] @ matrix(probes.pose.wxyz)[probes.image].swapaxes(-1, -2)
-    px = probes.std_px[:, None, None] * jac_px.reshape(*first.shape, -1)
-    linear = first[..., None] + (by_enu_errors @ roots[poses]) @ normal[:count] + px @ normal[count:]
+    kind = PROBE_KINDS[probes.kind]
+    linear = first[..., None] + _linear_draws(probes, np.arange(len(first)), jac_shared, jac_px, _SAMPLE)
     if kind.scalar is None:
         drawn = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, _SAMPLE)])
     else:
         values = _values(probes, _SAMPLE)
         drawn = (_unwrap_around(first, values) if kind.is_angle else values)[:, None]
     return np.where(np.isfinite(drawn), drawn - linear, np.inf)
+
+
+def _linear_draws(
+    probes: DrawInput, rows: IntArray, jac_shared: FloatArray, jac_px: FloatArray, size: int
+) -> FloatArray:
+    """Draws ``(m, c, d)`` of the errors of ``c`` first-order functions of probes by their indices ``rows (m,)``.
+
+    Args:
+        probes: The probes.
+        rows: Some of them.
+        jac_shared: ``(m, c, s)`` derivatives by the shared errors.
+        jac_px: ``(m, c, q, 2)`` derivatives by the pixels.
+        size: How many draws.
+    """
+    roots, poses = _covariance_roots(probes)
+    count = roots.shape[-1]
+    normal = standard_draws(count + 2 * jac_px.shape[2], size).T
+    enu_from_cam = matrix(probes.pose.wxyz)[probes.image[rows]]
+    jac_enu = jac_shared.copy()
+    jac_enu[..., ROTATION] = jac_shared[..., ROTATION] @ enu_from_cam.swapaxes(-1, -2)
+    px = probes.std_px[rows, None, None] * jac_px.reshape(*jac_px.shape[:2], -1)
+    return np.asarray((jac_enu @ roots[poses[rows]]) @ normal[:count] + px @ normal[count:])
 
 
 @dataclass(frozen=True, slots=True)

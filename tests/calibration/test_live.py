@@ -101,7 +101,7 @@ def refined_by(calibrator, given):
 
 
 def corrected(given, biases):
-    return model().biased(PoseBatch.from_samples([given])).row(0).corrected(biases)
+    return model().with_biases(PoseBatch.from_samples([given])).row(0).corrected(biases)
 
 
 def moved(of, given, biases):
@@ -131,7 +131,7 @@ def test_poses_depend_on_biases_as_finite_differences_say():
     follows[2, :2] = 0.2, -0.1  # a height that is counted from sloping ground goes with the place
     given = replace(given, pose=replace(given.pose, cov=follows @ given.pose.cov @ follows.T))
     step = 1e-6
-    by = model().biased(PoseBatch.from_samples([given])).row(0).by_biases(WRONG, corrected(given, WRONG).wxyz)
+    by = model().with_biases(PoseBatch.from_samples([given])).row(0).by_biases(WRONG, corrected(given, WRONG).wxyz)
     for column, unit in enumerate(np.eye(len(WRONG))):
         expected = (moved(WRONG, given, WRONG + step * unit) - moved(WRONG, given, WRONG - step * unit)) / (2 * step)
         assert_allclose(by[:, column], expected, atol=2e-5, err_msg=f"bias {column}")

@@ -116,6 +116,7 @@ def _parse_pairs(
 
 
 _LEAD_NS = SECOND_NS
+_INTERRUPTED = 130  # how typer exits on Ctrl-C
 _EXAMPLE = (
     "Examples: python -m aerodft.sim --out flight --duration 20    "
     "python -m aerodft.sim --out flight --live --mavlink udpout:127.0.0.1:14550 --video udp://127.0.0.1:5600 "
@@ -262,8 +263,10 @@ def main() -> None:
     except AerodftError as error:
         print(f"aerodft.sim: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except SystemExit as ending:
+        if ending.code == _INTERRUPTED:
+            print("aerodft.sim: stopped before the flight's end; its files may not be whole", file=sys.stderr)  # noqa: T201
+        raise
 
 
 if __name__ == "__main__":

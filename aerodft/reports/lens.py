@@ -26,7 +26,8 @@ from calibration.pose import coefficient_names
 _STYLE = """
 body { font-family: sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
 table { border-collapse: collapse; } td, th { padding: 0.2em 1em; text-align: right; border-bottom: 1px solid #ddd; }
-th:first-child, td:first-child { text-align: left; } img { max-width: 100%; } .missing { color: #a00; }
+th:first-child, td:first-child { text-align: left; } figure { margin: 2em 0; }
+img { max-width: 100%; } .missing { color: #a00; }
 """
 _CAPTIONS = {
     "coverage": "Where corners were seen. Outside of them the distortion is extrapolated.",
@@ -203,9 +204,9 @@ def _coverage(fit: LensFit) -> Figure:
     figure, axes = _image_axes(fit, f"Corners of {len(views)} views, and how many views have some in each cell")
     counts = covered_cells(views, fit.size_px)
     some = np.ma.masked_equal(counts, 0)
-    greens = ListedColormap(mpl.colormaps["Greens"](np.linspace(0.2, 0.9, 256)))
+    greys = ListedColormap(mpl.colormaps["Greys"](np.linspace(0.1, 0.6, 256)))
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-    shown = axes.imshow(some, cmap=greens, vmin=0, alpha=0.6, extent=extent)
+    shown = axes.imshow(some, cmap=greys, vmin=0, alpha=0.6, extent=extent)
     colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.95, len(views)))
     for view, colour in zip(views, colours, strict=True):
         axes.plot(*view.pixels_px.T, ".", markersize=3.5, color=colour)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from aerodft.errors import os_errors_as
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
-from aerodft.reports.recording_plot import digits_of, draw_recording, typical, unit_of
+from aerodft.reports.recording_plot import amounts, digits_of, draw_recording, typical, unit_of
 from aerodft.reports.recording_series import RecordingSeries, Series
 from aerodft.reports.river_folder import RiverFolder
 from aerodft.reports.style import (
@@ -237,17 +237,19 @@ def _drawing(figure: Figure, words: str) -> str:
 
 
 def _summary(probes: Iterable[Series]) -> str:
-    """One row for each probe: what it came to, in the median."""
+    """One row for each probe, of a place one for east and one for north: what it came to, in the median."""
     rows = []
     for each in probes:
-        value, half = typical(each)
-        known = each.numbers("value")[np.isfinite(each.numbers("value"))]
-        digits, unit = digits_of(half), unit_of(each) if len(known) else ""
-        shown = [f"{number:.{digits}f}" for number in (value, half)] if len(known) else ["", ""]
-        span = f"{known.min():.{digits}f} to {known.max():.{digits}f}" if len(known) else ""
         others = {name: each.statuses.count(name) for name in sorted({*each.statuses} - {Status.OK})}
         why = ", ".join(f"{count} {name}" for name, count in others.items())
-        rows.append((each.name, each.kind, f"{each.answered} of {len(each.stamps_ns)}", *shown, span, unit, why))
+        for axis, (value, half) in amounts(each).items():
+            known, middle = value[np.isfinite(value)], typical(value, half)
+            form = f"z.{digits_of(middle[1])}f"
+            shown = [format(number, form) for number in middle] if len(known) else ["", ""]
+            span = f"{known.min():{form}} to {known.max():{form}}" if len(known) else ""
+            unit = f"{unit_of(each)} {axis} of the origin" if axis else unit_of(each) if len(known) else ""
+            answered = f"{each.answered} of {len(each.stamps_ns)}"
+            rows.append((each.name, each.kind, answered, *shown, span, unit, why))
     head = ("quantity", "kind", "answered", "median", "± (95 %)", "least to largest", "unit", "without a value")
     return _table(head, rows, words=2, last_words=2)
 

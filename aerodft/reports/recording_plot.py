@@ -57,14 +57,22 @@ def digits_of(half: float) -> int:
     return 2 if not 0 < half < math.inf else int(np.clip(1 - math.floor(math.log10(half)), 0, 4))
 
 
-def typical(series: Series) -> tuple[float, float]:
-    """Median of the values and of half their 95 % intervals; NaN where there is none."""
+def amounts(series: Series) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """A probe's values with half their 95 % intervals, ``(n,)`` each, under ""; of a place its ``east`` and ``north``.
+
+    East and north are in metres from the station's origin; NaN where there is none.
+    """
     value, low, high = (series.numbers(name) for name in ("value", "ci95_low", "ci95_high"))
-    known = np.isfinite(value)
-    if not known.any():
-        return math.nan, math.nan
-    halves = (high - low)[np.isfinite(high - low)] / 2
-    return float(np.median(value[known])), float(np.median(halves)) if len(halves) else math.nan
+    if series.kind not in {ProbeKind.POSITION, ProbeKind.TRACK} or np.isfinite(value).any():
+        return {"": (value, (high - low) / 2)}
+    variances = {axis: np.maximum(series.numbers(f"cov_{axis}_m2"), 0.0) for axis in ("east", "north")}
+    return {axis: (series.numbers(f"{axis}_m"), NORMAL_95 * np.sqrt(each)) for axis, each in variances.items()}
+
+
+def typical(value: FloatArray, half: FloatArray) -> tuple[float, float]:
+    """Median of values and of half their 95 % intervals; NaN where there is none."""
+    known, halves = value[np.isfinite(value)], half[np.isfinite(half)]
+    return float(np.median(known)) if len(known) else math.nan, float(np.median(halves)) if len(halves) else math.nan
 
 
 def chosen_probes(found: RecordingSeries, names: Sequence[str]) -> list[Series]:
@@ -170,16 +178,16 @@ def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
     """One probe's values, or of a position its east and north from where it is in the median."""
     name, unit = f"{_short(series.name)} ({_short(series.kind)})", unit_of(series)
     known = f"{series.answered} of {len(series.stamps_ns)} answered"
-    if series.kind in {ProbeKind.POSITION, ProbeKind.TRACK} and not np.isfinite(series.numbers("value")).any():
-        for axis, colour in (("east", BLUE), ("north", RED)):
-            place, std = series.numbers(f"{axis}_m"), np.sqrt(np.maximum(series.numbers(f"cov_{axis}_m2"), 0.0))
-            off = place - np.nanmedian(place) if np.isfinite(place).any() else place
-            _draw_line(axes, clock.of(series.stamps), off, (off - NORMAL_95 * std, off + NORMAL_95 * std), colour)
+    found = amounts(series)
+    if "" not in found:
+        for (axis, (place, halves)), colour in zip(found.items(), (BLUE, RED), strict=True):
+            off = place - typical(place, halves)[0]
+            _draw_line(axes, clock.of(series.stamps), off, (off - halves, off + halves), colour)
             axes.plot([], [], ".", color=colour, label=axis)
         axes.legend(loc="upper right", ncols=2)
         axes.set(title=f"{name}: from its median place; {known}", ylabel="m")
         return
-    value, half = typical(series)
+    value, half = typical(*found[""])
     digits = digits_of(half)
     middle = (
         "" if math.isnan(value) else f"median {value:.{digits}f} {unit}, typically ± {half:.{digits}f} {unit} (95 %); "

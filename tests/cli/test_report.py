@@ -109,6 +109,10 @@ def test_a_page_says_what_was_measured_and_of_what(aerodft, tmp_path):
         if values:
             shown = float(re.search(rf"{name} \w+ {answered} of {len(own)} ([\d.]+)", page.text)[1])
             assert shown == pytest.approx(np.median(values), rel=0.02)
+        places = [row["enu_m"][0][:2] for row in own if row["kind"] == "position" and row["status"] == "ok"]
+        for centre, axis in zip(np.median(places, axis=0) if places else (), ("east", "north"), strict=False):
+            about = rf"{name} position {answered} of {len(own)} (\S+) \S+ \S+ to \S+ m {axis} of the origin"
+            assert float(re.search(about, page.text)[1]) == pytest.approx(centre, abs=0.05)
     for file in RECORDING.iterdir():
         assert hashlib.sha256(file.read_bytes()).hexdigest() in text
     assert "Measured by aerodft 0.1.0 (118 measurements)." in page.text

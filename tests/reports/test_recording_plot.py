@@ -13,7 +13,14 @@ from matplotlib.text import Text
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import ProbeKind, Status
-from aerodft.reports.recording_plot import MOST_PROBES, chosen_probes, draw_recording, typical, write_recording_plot
+from aerodft.reports.recording_plot import (
+    MOST_PROBES,
+    amounts,
+    chosen_probes,
+    draw_recording,
+    typical,
+    write_recording_plot,
+)
 from aerodft.reports.recording_series import Event, Series, read_series
 from aerodft.reports.style import COLOURS, with_gaps
 from replay.recordings import Recording
@@ -58,7 +65,7 @@ def test_times_without_a_value_are_spans_of_their_status(found):
 
 def test_the_heading_says_the_median_and_how_surely(found):
     (series,) = chosen_probes(found, ())
-    assert typical(series) == (21.0, 0.75)
+    assert typical(*amounts(series)[""]) == (21.0, 0.75)
     title = draw_recording(found, [series], "s").axes[0].get_title(loc="left")
     assert title == "w (distance): median 21.00 m, typically ± 0.75 m (95 %); 20 of 25 answered"
 

@@ -86,7 +86,7 @@ def demo(
 
 def _print_table(probes: dict[str, Any]) -> None:
     """Truth beside measurement, on stdout."""
-    table = Table("probe", "truth", "measured", "95 % interval", "inside?", "of all intervals", title="One image each")
+    table = Table("probe", "truth", "measured", "95 % interval", "inside?", "hold the truth", title="One image each")
     for name, row in probes.items():
         low, high = row["ci95_m"]
         table.add_row(
@@ -95,7 +95,7 @@ def _print_table(probes: dict[str, Any]) -> None:
             f"{row['measured_m']:.2f} m",
             f"{low:.2f} ... {high:.2f} m",
             "yes" if row["inside"] else "no",
-            f"{row['intervals_with_truth']} of {row['intervals']} hold the truth",
+            f"{row['intervals_with_truth']} of {row['intervals']}",
         )
     tables().print(table)
 

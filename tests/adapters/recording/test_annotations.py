@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
+from aerodft.adapters.wire.keys import Keys
 from aerodft.app.recordings import export, open_recording
 from replay.recordings import Recording
 
@@ -114,7 +115,9 @@ def test_the_file_is_the_same_recording_all_the_same(exported):
 
 def test_the_layout_names_topics_that_there_are():
     layout = json.loads(Path("configs/foxglove/river.json").read_text())
-    assert layout["configById"].keys() == {"Image!video", "map!way", "3D!camera", "Plot!width", "Plot!pose"}
-    image = layout["configById"]["Image!video"]["imageMode"]
-    assert image["imageTopic"] == "aerodft/demo/image/video"
-    assert "aerodft/demo/annotations" in image["annotations"]
+    panels, keys = layout["configById"], Keys("demo")
+    tabs = {tab["layout"] for tab in panels["Tab!pictures"]["tabs"]}
+    assert panels.keys() == {"Tab!pictures", *tabs, "map!way", "3D!camera", "Plot!width", "Plot!pose"}
+    images = [panels[tab]["imageMode"] for tab in tabs]
+    assert {image["imageTopic"] for image in images} == {keys.video, keys.jpeg}
+    assert all(keys.annotations in image["annotations"] for image in images)

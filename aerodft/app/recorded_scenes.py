@@ -91,11 +91,10 @@ class RecordedScenes:
             NoAnswerError: The time is outside the recording.
         """
         recording = self._recording
-        if not recording.start_ns - SECOND_NS <= stamp_ns <= recording.end_ns + SECOND_NS:
-            got, first, last = (
-                f"{(each - recording.zero_ns) / SECOND_NS:.1f}"
-                for each in (stamp_ns, recording.start_ns, recording.end_ns)
-            )
+        since_ns = stamp_ns - _zero_utc_ns(recording)
+        first_ns, last_ns = (each - recording.zero_ns for each in (recording.start_ns, recording.end_ns))
+        if not first_ns - SECOND_NS <= since_ns <= last_ns + SECOND_NS:
+            got, first, last = (f"{each / SECOND_NS:.1f}" for each in (since_ns, first_ns, last_ns))
             expected = f"{first} to {last} s from its first image"
             raise NoAnswerError("the time is outside the recording", where=self._path, got=got, expected=expected)
         recorded = self._recorded(pose_at, stamp_ns)
@@ -136,8 +135,13 @@ def recorded_setup(
         NoAnswerError: The time is outside the recording.
     """
     recording = open_recording(path, overrides.topics)
-    stamp_ns = at_ns if at_ns is not None else recording.zero_ns + round((at_s or 0.0) * SECOND_NS)
-    return RecordedScenes(path, recording, overrides).at(stamp_ns)
+    if at_ns is None:
+        at_ns = _zero_utc_ns(recording) + round((at_s or 0.0) * SECOND_NS)
+    return RecordedScenes(path, recording, overrides).at(at_ns)
+
+
+def _zero_utc_ns(recording: Recording | ForeignRecording) -> int:
+    return recording.zero_utc_ns if isinstance(recording, Recording) else recording.zero_ns
 
 
 def _station_of(recording: Recording | ForeignRecording, overrides: Overrides) -> StationConfig:

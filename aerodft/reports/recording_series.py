@@ -95,7 +95,7 @@ class RecordingSeries:
         softwares: What made the measurements, and how many.
         calibrations: What they were calibrated with, and how many; "" for none.
         origin_deg: Latitude and longitude of the station's origin; None where its place is not known.
-        zero_ns: What seconds count from: the stamp of the first image.
+        zero_ns: What seconds count from: the first image, UTC.
     """
 
     probes: dict[tuple[str, str], Series] = field(default_factory=dict)
@@ -119,7 +119,7 @@ def read_series(recording: Recording) -> RecordingSeries:
     Raises:
         InputError: The recording or something in it is damaged.
     """
-    found, reader = RecordingSeries(zero_ns=recording.zero_ns), _Reader()
+    found, reader = RecordingSeries(zero_ns=recording.zero_utc_ns), _Reader()
 
     def is_wanted(channel: Channel) -> bool:
         return channel.schema in _WANTED

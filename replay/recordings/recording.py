@@ -219,6 +219,19 @@ class Recording:
         with located(self.folder):
             return decode_image(first.data).stamp_ns
 
+    @cached_property
+    def zero_utc_ns(self) -> int:
+        """Zero of people's seconds for what is stamped in UTC: the first image by its pose, else ``zero_ns``.
+
+        Raises:
+            InputError: The pose's record is damaged.
+        """
+        first = next(_poses(self, None, None), None)
+        if first is None:
+            return self.zero_ns
+        with located(self.folder):
+            return decode_pose(first.data).stamp_ns
+
     def left_out(self, *, images: bool = False) -> LeftOut:
         """Known losses of the data so far; where asked, of the images too."""
         segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()

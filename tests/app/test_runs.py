@@ -3,7 +3,9 @@
 import pytest
 
 from aerodft import Station, import_flight, recompute
+from aerodft.app.recorded_scenes import recorded_setup
 from aerodft.errors import UsageError
+from aerodft.reports.recording_series import read_series
 from replay.recordings import Recording
 
 FIXED = """
@@ -62,10 +64,23 @@ def test_a_station_that_was_not_entered_has_no_result(station):
         _ = station.result
 
 
-def test_an_import_tells_its_progress(tmp_path):
-    seen = []
-    import_flight(LOG, station=STATION, output=tmp_path / "rec", progress=lambda *each: seen.append(each))
-    done, totals = zip(*seen, strict=True)
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """The sample as a recording, and the progress that was told."""
+    folder, seen = tmp_path_factory.mktemp("imported") / "rec", []
+    import_flight(LOG, station=STATION, output=folder, progress=lambda *each: seen.append(each))
+    return folder, seen
+
+
+def test_seconds_count_from_the_first_image_where_the_host_is_ahead_of_utc(imported):
+    recording = Recording(imported[0])
+    series = read_series(recording)
+    assert series.zero_ns == series.poses.stamps_ns[0] == recorded_setup(imported[0], at_s=0.0)[1].stamp_ns
+    assert recording.zero_ns - series.zero_ns == pytest.approx(1.2e9, abs=0.01e9)
+
+
+def test_an_import_tells_its_progress(imported):
+    done, totals = zip(*imported[1], strict=True)
     assert list(done) == sorted(done)
     assert (done[0], len(set(totals))) == (0, 1)
 

@@ -91,7 +91,7 @@ def test_attitude_sets_all_three_and_a_later_one_wins():
 
 def test_what_is_not_said_is_not_stated():
     stds = parse_stds("height=0.1")
-    assert (stds.pose_std().tilt_deg, stds.focal_px, stds.px) == (None, 0.0, None)
+    assert (stds.pose_std().tilt_deg, stds.focal_px, stds.px) == (None, None, None)
 
 
 @pytest.mark.parametrize(

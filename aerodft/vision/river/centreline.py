@@ -23,6 +23,7 @@ _FEWEST_CELLS: Final = 8.0  # across half of the channel: a narrower one gets a 
 _FINEST: Final = 4.0  # times as fine at most
 _PAD_CELLS: Final = 3
 _GAP_CELLS: Final = 5  # of an outline: so short a piece at the image's border parts no bank
+_STONE: Final = 0.08  # of the longest bank
 _FLANKS: Final = 4.0  # times the distance from the bank: so far apart along it are two flanks, a headland is not
 _FLANK_CELLS: Final = 4.0
 _BAY: Final = 0.5  # widths: a line between two flanks of one bank that is shorter ends in a bay, of a lake or the sea
@@ -182,7 +183,8 @@ def sample_mask(mask: BoolArray, at_px: FloatArray) -> BoolArray:
 def _shores(grid: WaterMap, outline: IntArray) -> tuple[IntArray, IntArray, FloatArray] | None:
     """Cells of the shores, rows and columns ``(k, 2)``, with the number of their bank and how far along it they are.
 
-    A bank is a piece of the water's outline with land on its other side. None where there is no bank.
+    A bank is a piece of the water's outline with land on its other side; one that is much shorter than the longest, and
+    would be a stone at the image's border, is left out. None where there is no bank.
     """
     land = (grid.seen & ~grid.water).astype(np.uint8)
     beside = cv2.dilate(land, np.ones((3, 3), dtype=np.uint8)) > 0
@@ -193,8 +195,10 @@ def _shores(grid: WaterMap, outline: IntArray) -> tuple[IntArray, IntArray, Floa
     outline, is_bank = np.roll(outline, -start, axis=0), np.roll(is_bank, -start)
     is_bank = cv2.morphologyEx(is_bank.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, _GAP_CELLS)))[0] > 0
     number = np.cumsum(np.diff(is_bank.astype(np.int8), prepend=0) == 1)
+    lengths = np.bincount(number[is_bank])
+    kept = is_bank & (lengths[np.where(is_bank, number, 0)] > _STONE * lengths.max())
     steps = np.linalg.norm(np.diff(outline, axis=0, prepend=outline[:1]), axis=-1)
-    return outline[is_bank], number[is_bank].astype(np.int64), np.cumsum(steps)[is_bank]
+    return outline[kept], number[kept].astype(np.int64), np.cumsum(steps)[kept]
 
 
 def _between(grid: WaterMap, shores: tuple[IntArray, IntArray, FloatArray]) -> tuple[FloatArray, BoolArray]:

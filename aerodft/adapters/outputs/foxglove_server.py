@@ -22,7 +22,7 @@ from aerodft.service import Batches, StepOutputs
 if TYPE_CHECKING:
     import foxglove
 
-_HOST: Final = "127.0.0.1"  # any page in a browser of this machine may read it: nothing leaves the machine
+_HOST: Final = "127.0.0.1"  # of this machine alone; any page in its browser can read it, as Foxglove's own does
 _QUEUED_TICKS, _QUEUED_IMAGES, _BACKLOG = 256, 2, 256
 _JPEG_QUALITY = 75
 

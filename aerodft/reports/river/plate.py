@@ -65,14 +65,15 @@ def _draw_image(
     height, width = image.shape[:2]
     for row in _with_room(banks_px, used, (_VALUE_SHARE[0] * width, _VALUE_SHARE[1] * height)):
         end = max(banks_px[row].tolist())  # the one that is farther to the right
+        aside, towards = (-6, "right") if end[0] > (1 - _VALUE_SHARE[0]) * width else (6, "left")
         box = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
         axes.annotate(
-            values[row], end, (6, 0), textcoords="offset points", color="white", fontsize=7, va="center", bbox=box,
-            annotation_clip=True,
+            values[row], end, (aside, 0), textcoords="offset points", color="white", fontsize=7, ha=towards, va="center",
+            bbox=box, annotation_clip=True,
         )  # fmt: skip
     axes.set_xlim(-0.5, image.shape[1] - 0.5)
     axes.set_ylim(image.shape[0] - 0.5, -0.5)
-    axes.legend(loc="upper right", fontsize="small")
+    axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.06), ncols=len(BANKS), fontsize="small")  # below the image
 
 
 def _with_room(banks_px: FloatArray, used: BoolArray, size_px: tuple[float, float]) -> list[int]:
@@ -157,7 +158,9 @@ def _from_above(axes: Axes, found: River, used: BoolArray, image: ImageArray, vi
             axes.plot(*banks[row].T, color=ACROSS, linewidth=0.5, alpha=0.8)
     for side, color in enumerate(BANKS):
         axes.plot(*banks[:, side].T, color=color, linewidth=1.2, path_effects=OUTLINED)
-    axes.plot(*found.line.places_en_m.T, color="white", linewidth=0.8, path_effects=OUTLINED)
+    line_en_m = found.line.places_en_m
+    is_seen = plane.in_view(line_en_m, plane.pixels_px(line_en_m))
+    axes.plot(*np.where(is_seen[:, None], line_en_m, np.nan).T, color="white", linewidth=0.8, path_effects=OUTLINED)
     as_map(axes, [banks.reshape(-1, 2), places])
     axes.set_title("from above, on the water's plane")
 

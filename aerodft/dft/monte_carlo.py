@@ -53,6 +53,8 @@ _MIN_DETERMINANT: Final = 1e-6
 _RayDraws: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """``d`` draws of ``m`` probes: cameras ``(m, 3, d)``, directions and ground points of pixels ``(m, q, 3, d)``; points
 are NaN where a ray misses."""
+_Roots: TypeAlias = tuple[FloatArray, IntArray]
+"""Roots ``(u, s, s + 1)`` of unique covariances of the shared errors, and each probe's index ``(p,)`` in them."""
 
 
 @lru_cache(maxsize=32)
@@ -163,9 +165,10 @@ def draw(probes: DrawInput, limits: RangeLimits, centre: FloatArray, first_enu_m
     cov, is_known = np.full((count, 3, 3), np.nan), np.empty(count, dtype=np.bool_)
     kind = PROBE_KINDS[probes.kind]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for chunk, draws in _draws(probes, DRAWS):
+        roots = _covariance_roots(probes)
+        for chunk, draws in _draws(probes, roots, DRAWS):
             ranges[:, chunk] = _central(_ranges(draws, on_ground))
-            shares = _shares_of_limits(probes, limits, chunk, Interval(*ranges[:, chunk]))
+            shares = _shares_of_limits(probes, roots, limits, chunk, Interval(*ranges[:, chunk]))
             is_known[chunk] = np.all(shares <= 1, axis=-1)
             known = np.flatnonzero(is_known[chunk])
             if not len(known):
@@ -181,7 +184,9 @@ def draw(probes: DrawInput, limits: RangeLimits, centre: FloatArray, first_enu_m
     return DrawResult(Interval(*ranges), is_known, Interval(*scalars), cov)
 
 
-def _shares_of_limits(probes: DrawInput, limits: RangeLimits, chunk: slice, drawn: Interval) -> FloatArray:
+def _shares_of_limits(
+    probes: DrawInput, roots: _Roots, limits: RangeLimits, chunk: slice, drawn: Interval
+) -> FloatArray:
     """Half widths ``(m, k)`` of a chunk's slant ranges, as shares of what is acceptable.
 
     Near the limits they are freed from the noise of the draws: by how much wider or narrower the same draws make the
@@ -194,14 +199,15 @@ def _shares_of_limits(probes: DrawInput, limits: RangeLimits, chunk: slice, draw
         rows, points = chunk.start + near, np.arange(shares.shape[1])
         jac_px = np.zeros((len(rows), len(points), probes.rays.rays_cam.shape[1], 2))
         jac_px[:, points, points] = limits.jac_px[rows]
-        linear = _linear_draws(probes, rows, limits.jac_shared[rows], jac_px, DRAWS)
+        linear = _linear_draws(probes, roots, rows, (limits.jac_shared[rows], jac_px), DRAWS)
         shares[near] *= Z95 * limits.std_m[rows] / Interval(*_central(linear)).half
     return shares
 
 
 def draw_ranges(probes: DrawInput, on_ground: int, count: int) -> Interval:
     """Intervals of slant ranges ``(p, k)`` from ``count`` draws."""
-    return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in _draws(probes, count)], axis=1))
+    drawn = _draws(probes, _covariance_roots(probes), count)
+    return Interval(*np.concatenate([_central(_ranges(seen, on_ground)) for _, seen in drawn], axis=1))
 
 
 def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArray, first: FloatArray) -> FloatArray:
@@ -213,36 +219,36 @@ def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArr
         jac_px: ``(p, c, q, 2)`` derivatives by the pixels.
         first: ``(p, c)`` values without errors.
     """
-    kind = PROBE_KINDS[probes.kind]
-    linear = first[..., None] + _linear_draws(probes, np.arange(len(first)), jac_shared, jac_px, _SAMPLE)
+    kind, roots = PROBE_KINDS[probes.kind], _covariance_roots(probes)
+    linear = first[..., None] + _linear_draws(probes, roots, np.arange(len(first)), (jac_shared, jac_px), _SAMPLE)
     if kind.scalar is None:
-        drawn = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, _SAMPLE)])
+        drawn = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, roots, _SAMPLE)])
     else:
-        values = _values(probes, _SAMPLE)
+        values = _values(probes, roots, _SAMPLE)
         drawn = (_unwrap_around(first, values) if kind.is_angle else values)[:, None]
     return np.where(np.isfinite(drawn), drawn - linear, np.inf)
 
 
 def _linear_draws(
-    probes: DrawInput, rows: IntArray, jac_shared: FloatArray, jac_px: FloatArray, size: int
+    probes: DrawInput, roots: _Roots, rows: IntArray, jac: tuple[FloatArray, FloatArray], size: int
 ) -> FloatArray:
     """Draws ``(m, c, d)`` of the errors of ``c`` first-order functions of probes by their indices ``rows (m,)``.
 
     Args:
         probes: The probes.
+        roots: Of their covariances.
         rows: Some of them.
-        jac_shared: ``(m, c, s)`` derivatives by the shared errors.
-        jac_px: ``(m, c, q, 2)`` derivatives by the pixels.
+        jac: Derivatives by the shared errors ``(m, c, s)`` and by the pixels ``(m, c, q, 2)``.
         size: How many draws.
     """
-    roots, poses = _covariance_roots(probes)
-    count = roots.shape[-1]
+    (jac_shared, jac_px), (factors, poses) = jac, roots
+    count = factors.shape[-1]
     normal = standard_draws(count + 2 * jac_px.shape[2], size).T
     enu_from_cam = matrix(probes.pose.wxyz)[probes.image[rows]]
     jac_enu = jac_shared.copy()
     jac_enu[..., ROTATION] = jac_shared[..., ROTATION] @ enu_from_cam.swapaxes(-1, -2)
     px = probes.std_px[rows, None, None] * jac_px.reshape(*jac_px.shape[:2], -1)
-    return np.asarray((jac_enu @ roots[poses[rows]]) @ normal[:count] + px @ normal[count:])
+    return np.asarray((jac_enu @ factors[poses[rows]]) @ normal[:count] + px @ normal[count:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,18 +275,22 @@ def draw_lengths(smooth: DrawInput) -> LengthBias:
     """
     no_noise = replace(smooth, std_px=np.zeros_like(smooth.std_px))
     exact = replace(no_noise, shared_cov=np.zeros_like(smooth.shared_cov), elevation_std_m=np.zeros_like(smooth.std_px))
-    noisy, shared = _values(smooth, DRAWS), _values(no_noise, DRAWS)
+    roots = _covariance_roots(smooth)
+    noisy, shared = (_values(each, roots, DRAWS) for each in (smooth, no_noise))
     bias_m = np.nanmean(noisy - shared, axis=-1)
-    return LengthBias(bias_m, Interval(*_central(noisy - _values(exact, _SAMPLE)[:, :1] - bias_m[:, None])))
+    return LengthBias(
+        bias_m, Interval(*_central(noisy - _values(exact, _covariance_roots(exact), _SAMPLE)[:, :1] - bias_m[:, None]))
+    )
 
 
-def _values(probes: DrawInput, count: int) -> FloatArray:
+def _values(probes: DrawInput, roots: _Roots, count: int) -> FloatArray:
     """Values ``(p, d)`` of draws, for a kind that has a scalar."""
     scalar, found = PROBE_KINDS[probes.kind].scalar, []
     assert scalar is not None  # noqa: S101 - the callers' own condition, for the type checker
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         found += [
-            scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in seen))) for _, seen in _draws(probes, count)
+            scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in seen)))
+            for _, seen in _draws(probes, roots, count)
         ]
     return np.concatenate(found)
 
@@ -290,8 +300,8 @@ def _unwrap_around(middle_rad: FloatArray, angles_rad: FloatArray) -> FloatArray
     return middle_rad + np.remainder(angles_rad - middle_rad + np.pi, 2 * np.pi) - np.pi
 
 
-def _covariance_roots(probes: DrawInput) -> tuple[FloatArray, IntArray]:
-    """Roots ``(u, s, s + 1)`` of unique covariances of the shared errors, and each probe's index ``(p,)`` in them.
+def _covariance_roots(probes: DrawInput) -> _Roots:
+    """Roots of the covariances of the shared errors of probes.
 
     Rotations are about east, north and up. Rotation about the vertical is last, and of that the heading, so that their
     variance leaves the draws of all other errors unchanged; the factorisation is in axes that turn with the camera,
@@ -349,11 +359,11 @@ def _semidefinite_roots(covs: FloatArray, min_pivot: FloatArray) -> FloatArray:
     return roots
 
 
-def _draws(probes: DrawInput, size: int) -> Iterator[tuple[slice, _RayDraws]]:
+def _draws(probes: DrawInput, roots: _Roots, size: int) -> Iterator[tuple[slice, _RayDraws]]:
     """Draws of probes, ``d = size`` of each, chunk by chunk."""
-    image, rays, (roots, poses) = probes.image, probes.rays, _covariance_roots(probes)
+    image, rays, (factors, poses) = probes.image, probes.rays, roots
     pixels = rays.rays_cam.shape[1]
-    draws = standard_draws(roots.shape[-1] + 2 * pixels, size).T
+    draws = standard_draws(factors.shape[-1] + 2 * pixels, size).T
     is_lens_uncertain = np.any(probes.shared_cov[:, INTRINSICS, INTRINSICS])
     jac_px = probes.std_px[:, None, None, None] * rays.jac_px
     jac_intrinsics = np.ascontiguousarray(rays.jac_intrinsics[..., slice(None if is_lens_uncertain else 0)])
@@ -363,7 +373,7 @@ def _draws(probes: DrawInput, size: int) -> Iterator[tuple[slice, _RayDraws]]:
     buffers = np.empty((batch, 3, size)), np.empty((batch, size)), *np.empty((2, batch, pixels, 3, size))
     for first in range(0, len(image), batch):
         chunk = slice(first, first + batch)
-        pose, place = (poses[chunk], roots, wxyz[chunk]), (cameras_m[chunk], probes.elevation_m[chunk])
+        pose, place = (poses[chunk], factors, wxyz[chunk]), (cameras_m[chunk], probes.elevation_m[chunk])
         pixel_rays = rays.rays_cam[chunk], jac_px[chunk], jac_intrinsics[chunk]
         cameras, elevations, directions, points = (part[: len(image) - first] for part in buffers)
         _draw_rays(pose, place, pixel_rays, draws, (cameras, elevations, directions, points))

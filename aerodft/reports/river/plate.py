@@ -68,8 +68,8 @@ def _draw_image(
         aside, towards = (-6, "right") if end[0] > (1 - _VALUE_SHARE[0]) * width else (6, "left")
         box = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
         axes.annotate(
-            values[row], end, (aside, 0), textcoords="offset points", color="white", fontsize=7, ha=towards, va="center",
-            bbox=box, annotation_clip=True,
+            values[row], end, (aside, 0), textcoords="offset points", color="white", fontsize=7, ha=towards,
+            va="center", bbox=box, annotation_clip=True,
         )  # fmt: skip
     axes.set_xlim(-0.5, image.shape[1] - 0.5)
     axes.set_ylim(image.shape[0] - 0.5, -0.5)

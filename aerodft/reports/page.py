@@ -417,7 +417,7 @@ def _river_map(river: RiverFolder) -> Figure:
 
 def _river_place(river: RiverFolder) -> str:
     place = _local_m(river)[1]
-    sides = "Left and right are as one looks downstream where the flow was stated, else as in the image."
+    sides = "Left and right are as one looks downstream where the flow was stated, else guessed."
     if place is None:
         return f"Metres from the camera's foot, whose place on Earth nobody said. {sides}"
     return f"Metres east and north of {place[0]:.6f}°, {place[1]:.6f}° (WGS84). {sides}"

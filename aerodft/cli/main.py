@@ -72,6 +72,7 @@ _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --p
 
 _CHOICES: Final = re.compile(r"'(?P<got>[^']*)' is not one of (?P<expected>.*?)\.?$", re.DOTALL)
 _OUTPUT: Final = ("-o", "--output")
+_FILE_TICK_S: Final = 0.02  # file systems stamp by a clock that lags by up to its last tick
 _BOUND: Final = re.compile(r"should be (?P<expected>[^,]+)")
 
 
@@ -254,7 +255,7 @@ def _left_by(arguments: list[str], began_s: float) -> str:
     if output is None:
         return "stopped"
     with suppress(OSError):
-        if any(each.stat().st_mtime >= began_s for each in (output, *output.rglob("*"))):
+        if any(each.stat().st_mtime >= began_s - _FILE_TICK_S for each in (output, *output.rglob("*"))):
             return f"stopped; {output} holds what was done so far"
     return "stopped; nothing was written"
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from aerodft.dft.covariance import (
     CHI2_2D_95,
-    STD_NAMES,
     Z95,
     Share,
     ellipses95,
@@ -58,6 +57,7 @@ from aerodft.geometry import matrix
 from aerodft.model import (
     CODE_OF,
     CODES,
+    STD_NAMES,
     BoolArray,
     FloatArray,
     IntArray,

@@ -6,7 +6,7 @@ Points of one measurement share the errors of pose, lens and elevation; each pix
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,7 +25,7 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient
 from aerodft.geometry import intrinsics_covariance, matrix, pose_covariance
-from aerodft.model import BoolArray, Camera, FloatArray, FloatLike, Pose, PoseBatch, PoseStd
+from aerodft.model import STD_NAMES, BoolArray, Camera, FloatArray, FloatLike, Pose, PoseBatch
 
 Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
@@ -60,7 +60,6 @@ _SLICES: Final = {
     "elevation": slice(ELEVATION, ELEVATION + 1),
 }
 _ROTATION_AXES: Final = np.arange(ROTATION.start, ROTATION.stop)
-STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
 _ATTITUDE_STDS: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _UNSETTLED_REMEDY: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
 

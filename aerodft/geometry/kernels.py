@@ -72,14 +72,15 @@ def meet_pinhole(pixels_px: FloatArray, ground_from_pixel: FloatArray, foot_m: F
         out_m: ``(n, 3)``; NaN for rays that do not go down.
     """
     m = ground_from_pixel
+    east_m, north_m, up_m = foot_m[0], foot_m[1], foot_m[2]  # in the loop, reading these would take a third of its time
     pixels, points = pixels_px.reshape(-1), out_m.reshape(-1)
     for k in range(len(pixels_px)):
         u, v = pixels[2 * k], pixels[2 * k + 1]
         up = m[2, 0] * u + m[2, 1] * v + m[2, 2]
         reach = -1.0 / up if up < 0.0 else math.nan
-        points[3 * k] = foot_m[0] + reach * (m[0, 0] * u + m[0, 1] * v + m[0, 2])
-        points[3 * k + 1] = foot_m[1] + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
-        points[3 * k + 2] = foot_m[2] if up < 0.0 else math.nan
+        points[3 * k] = east_m + reach * (m[0, 0] * u + m[0, 1] * v + m[0, 2])
+        points[3 * k + 1] = north_m + reach * (m[1, 0] * u + m[1, 1] * v + m[1, 2])
+        points[3 * k + 2] = up_m if up < 0.0 else math.nan
 
 
 @njit_fused

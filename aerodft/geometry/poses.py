@@ -1,7 +1,7 @@
 """Where a camera is: poses and their covariance from angles and stds, and WGS84 to the station's ENU frame by PROJ."""
 
 import math
-from dataclasses import astuple, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
@@ -18,16 +18,15 @@ UNKNOWN_HEADING_VAR: Final = (2 * math.pi) ** 2
 """Variance of an unknown heading, one turn of std: larger values would only drown the other errors numerically."""
 
 
-def pose_covariance(enu_wxyz_cam: FloatArray, std: PoseStd | FloatArray) -> FloatArray:
+def pose_covariance(enu_wxyz_cam: FloatArray, std: FloatArray) -> FloatArray:
     """Covariance ``(..., 6, 6)`` of poses (ENU position, small rotation in camera axes) from independent stds.
 
     Tilt, pan and roll are rotations about the camera's x, y and z; the heading's is about the vertical, a turn at most.
 
     Args:
         enu_wxyz_cam: ``(..., 4)``.
-        std: One for all poses, or ``(..., 7)`` in the order of the fields of ``PoseStd``; broadcast.
+        std: ``(..., 7)`` in the order of the fields of ``PoseStd``; broadcast.
     """
-    std = np.array(astuple(std)) if isinstance(std, PoseStd) else std
     # Python's square: numpy's differs in the last bit once in a thousand, and recomputing must give identical bytes.
     variances = np.array([each**2 for each in std.ravel().tolist()]).reshape(std.shape)
     height, horizontal, tilt, pan, roll, heading, _ = np.moveaxis(variances, -1, 0)
@@ -63,7 +62,7 @@ def camera_pose(
     return Pose(
         position_enu_m=np.array([east_m, north_m, height_agl_m]),
         wxyz=wxyz,
-        cov=pose_covariance(wxyz, std),
+        cov=pose_covariance(wxyz, std.values),
         time_std_s=std.time_s,
     )
 

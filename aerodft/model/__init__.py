@@ -47,6 +47,7 @@ from aerodft.model.image import (
 from aerodft.model.measurement import Ellipse95, GeoPoint, Measurement, PixelSource, Probe, ProbeKind, ProjectionModel
 from aerodft.model.pose import (
     HORIZONTAL,
+    STD_NAMES,
     TIME,
     GeoOrigin,
     GimbalSource,

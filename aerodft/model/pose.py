@@ -113,6 +113,11 @@ class PoseStd:
     heading_rad: float = 0.0
     time_s: float = 0.0
 
+    @property
+    def values(self) -> FloatArray:
+        """Standard deviations ``(7,)`` in the order of their names."""
+        return np.array([getattr(self, name) for name in STD_NAMES])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeoOrigin:
@@ -162,10 +167,10 @@ class PoseSample:
 
 _Key = TypeVar("_Key", bound=Hashable)
 
-_STDS: Final = tuple(each.name for each in fields(PoseStd))
-HORIZONTAL: Final = _STDS.index("horizontal_m")
+STD_NAMES: Final = tuple(each.name for each in fields(PoseStd))
+HORIZONTAL: Final = STD_NAMES.index("horizontal_m")
 """Column of ``PoseBatch.std`` that holds the position's standard deviation."""
-TIME: Final = _STDS.index("time_s")
+TIME: Final = STD_NAMES.index("time_s")
 """Column of ``PoseBatch.std`` that holds the stamp's standard deviation."""
 
 
@@ -206,7 +211,7 @@ class PoseBatch(Sequence[PoseSample]):
         return PoseBatch(
             stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
             pose=_stack_poses([sample.pose for sample in samples]),
-            std=np.array([[getattr(sample.std, name) for name in _STDS] for sample in samples]).reshape(-1, len(_STDS)),
+            std=np.array([sample.std.values for sample in samples]).reshape(-1, len(STD_NAMES)),
             lat_lon_alt=_nan_for_none([sample.lat_lon_alt for sample in samples]).reshape(-1, 3),
             height_age_s=_nan_for_none([sample.height_age_s for sample in samples]),
             telemetry_age_s=_nan_for_none([sample.telemetry_age_s for sample in samples]),
@@ -343,7 +348,7 @@ class PoseBatch(Sequence[PoseSample]):
             variant,
             stamp_ns=int(self.stamp_ns[row]),
             pose=None if np.isnan(self.pose.wxyz[row, 0]) else self.pose.rows(row),
-            std=PoseStd(**dict(zip(_STDS, self.std[row].tolist(), strict=True))),
+            std=PoseStd(**dict(zip(STD_NAMES, self.std[row].tolist(), strict=True))),
             lat_rad=lat,
             lon_rad=lon,
             alt_msl_m=alt,

@@ -7,7 +7,7 @@ never into less certainty than there was without one.
 """
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -91,8 +91,8 @@ class BiasModel:
             mean=mean,
             cov=cov,
             rate_per_s=_rates(np.diag(cov), live, len(heights)),
-            noise_std=np.array([astuple(each) for each in image_stds]),
-            stated_std=np.array([astuple(each) for each in stated_stds]),
+            noise_std=np.array([each.values for each in image_stds]),
+            stated_std=np.array([each.values for each in stated_stds]),
         )
 
     def height_column(self, sample: PoseSample) -> int:
@@ -322,8 +322,8 @@ class BiasCalibrator:
     def _with_covariance(self, biased: BiasedPoses, biases: FloatArray, pose: Pose, bias_cov: FloatArray) -> Pose:
         """Corrected poses with their covariance, including the calibration's."""
         by_bias = biased.by_biases_of_corrected_stamps(biases, pose.wxyz)
-        noise = np.array(astuple(self._calibration.noise))
-        cov = propagate_covariance(by_bias, bias_cov) + biased.noise_covariance(pose.wxyz, noise)
+        cov = propagate_covariance(by_bias, bias_cov)
+        cov += biased.noise_covariance(pose.wxyz, self._calibration.noise.values)
         if not bias_cov[EAST, EAST] + bias_cov[NORTH, NORTH]:
             place = by_bias[:, :3, [EAST, NORTH]]
             cov[:, :3, :3] += propagate_covariance(place, pose.cov[:, :2, :2])
@@ -340,5 +340,4 @@ class BiasCalibrator:
         std = np.tile(known, (len(before), 1))
         for column in (HORIZONTAL, TIME):
             std[:, column] = known[column] or before[:, column]
-        noise = replace(self._calibration.noise, time_s=0.0)
-        return np.hypot(std, astuple(noise))
+        return np.hypot(std, replace(self._calibration.noise, time_s=0.0).values)

@@ -51,7 +51,7 @@ def crossed(camera, scene, found):
 
 def wrongly_posed(pose, seed):
     """The pose as telemetry with errors of ``STD`` might tell it."""
-    cov = pose_covariance(pose.wxyz, STD)
+    cov = pose_covariance(pose.wxyz, STD.values)
     error = np.random.default_rng(seed).multivariate_normal(np.zeros(6), cov)
     turned = multiply(pose.wxyz, from_rotation_vector(error[3:]))
     return replace(pose, position_enu_m=pose.position_enu_m + error[:3], wxyz=turned, cov=cov)

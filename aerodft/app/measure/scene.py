@@ -1,7 +1,7 @@
 """Camera, ground and pose of one image, as users know them: in degrees and metres, or out of a calibration file."""
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -84,11 +84,11 @@ class PoseStd:
 
     def si(self, height_m: float) -> model.PoseStd:
         """All standard deviations at a height, in m and rad."""
-        known = {name: value or 0.0 for name, value in asdict(self.with_assumed(height_m)).items()}
+        angles = ("tilt", "pan", "roll", "heading")
         return model.PoseStd(
-            height_agl_m=known["height_m"],
-            horizontal_m=known["position_m"],
-            **{f"{name}_rad": math.radians(known[f"{name}_deg"]) for name in ("tilt", "pan", "roll", "heading")},
+            height_agl_m=self._of("height_m", height_m),
+            horizontal_m=self._of("position_m", height_m),
+            **{f"{name}_rad": math.radians(self._of(f"{name}_deg", height_m)) for name in angles},
         )
 
     def _of(self, name: str, height_m: float) -> float:

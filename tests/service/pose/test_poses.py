@@ -120,7 +120,7 @@ def test_the_covariance_is_that_of_the_stated_stds_and_the_height_used():
     poses = source(position(0, SECOND), gimbal(0, SECOND), vehicle(0, SECOND))
     sample = sample_at(poses, UTC0 + 450 * MS, final=False)
     assert (sample.std.height_agl_m, sample.std.tilt_rad, sample.std.time_s) == (1.0, 0.01, 0.02)
-    assert_allclose(sample.pose.cov, pose_covariance(sample.pose.wxyz, sample.std))
+    assert_allclose(sample.pose.cov, pose_covariance(sample.pose.wxyz, sample.std.values))
     assert sample.pose.time_std_s == 0.02
     assert sample.telemetry_age_s == pytest.approx(0.05)
 

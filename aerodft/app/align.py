@@ -14,8 +14,8 @@ from aerodft.adapters.config.station import StationConfig, Topics, VideoFile, lo
 from aerodft.adapters.images import VideoFileSource
 from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso
+from aerodft.app import Progress, no_progress
 from aerodft.app.assembly import check_size, open_telemetry_log
-from aerodft.app.progress import Progress, no_progress
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, NoAnswerError, UsageError
 from aerodft.model import Camera

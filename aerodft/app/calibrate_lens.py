@@ -14,7 +14,7 @@ from PIL import Image as PillowImage
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.files import write_whole
 from aerodft.adapters.images import NamedImage, common_mode, image_files, named_images
-from aerodft.app.progress import Progress, no_progress
+from aerodft.app import Progress, no_progress
 from aerodft.errors import InputError, NoAnswerError, os_errors_as
 from aerodft.model import Camera
 from aerodft.reports.lens import lens_document, lens_notes, parameter_names, write_lens_page

@@ -26,6 +26,7 @@ from aerodft.adapters.outputs import open_outputs
 from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.adapters.wire.observations import load_observations
+from aerodft.app import Progress, no_progress
 from aerodft.app.align import aligned_station
 from aerodft.app.assembly import (
     DEFAULT_RATE_HZ,
@@ -42,7 +43,6 @@ from aerodft.app.assembly import (
     run,
     size_checked,
 )
-from aerodft.app.progress import Progress, no_progress
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image

@@ -15,6 +15,7 @@ import tomli_w
 
 from aerodft.adapters.config.station import StationConfig, resolved_toml
 from aerodft.adapters.wire.measurement import encode_measurement
+from aerodft.app import Progress, no_progress
 from aerodft.app.assembly import (
     ImageObservers,
     MeasurementSink,
@@ -28,7 +29,6 @@ from aerodft.app.assembly import (
     run,
     stations_of,
 )
-from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.batch import Dataset, InputKey, Job, JobOutcome, JobState, input_key, jobs_of, recording_hash, run_batch

@@ -17,7 +17,7 @@ from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurements
 from aerodft.adapters.wire.requests import MeasureRequest
-from aerodft.app.progress import Progress, no_progress
+from aerodft.app import Progress, no_progress
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import Probe

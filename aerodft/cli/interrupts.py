@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-from aerodft.app.progress import Progress
+from aerodft.app import Progress
 
 _WAKE_S: Final = 0.5
 

@@ -16,7 +16,7 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from aerodft.app.progress import Progress
+from aerodft.app import Progress
 from aerodft.cli.options import as_typed
 from aerodft.errors import InputError, UsageError, printable
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_markers
 from aerodft.adapters.images import STILLS, NamedImage, check_mode, image_files, named_images, refuse_other_size
+from aerodft.app import Progress, no_progress
 from aerodft.app.calibrate.checks import check_unknowns
-from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import InputError, NotDetermined, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
 from calibration.markers import MIN_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary

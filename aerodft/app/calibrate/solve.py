@@ -13,10 +13,10 @@ import numpy as np
 from aerodft.adapters.config.camera import FixedPose, load_camera, write_calibration
 from aerodft.adapters.config.evidence import EvidenceFile, Flight, check_against, load_evidence
 from aerodft.adapters.images import check_mode
+from aerodft.app import Progress, no_progress
 from aerodft.app.calibrate.checks import check_unique, check_unknowns, not_determined, unstated_value, wrong_unknowns
 from aerodft.app.calibrate.image_poses import views_of
 from aerodft.app.calibrate.markers import detected_evidence
-from aerodft.app.progress import Progress, no_progress
 from aerodft.errors import AerodftError, UsageError
 from aerodft.model import BIASES, BiasValues, Calibration, Camera, FloatArray, PoseStd, ProjectionModel
 from aerodft.reports.calibration import (

@@ -12,9 +12,9 @@ import numpy as np
 from aerodft.adapters.config.station import StationConfig
 from aerodft.adapters.files import looks_like
 from aerodft.adapters.images import VideoFileSource, video_info
+from aerodft.app import Progress
 from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_of
 from aerodft.app.measure import MeasuredSurface
-from aerodft.app.progress import Progress
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError

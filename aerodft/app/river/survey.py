@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from aerodft.adapters.images import read_camera_image
+from aerodft.app import Progress, no_progress
 from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup
-from aerodft.app.progress import Progress, no_progress
 from aerodft.app.river.images import filmed_images, is_recording, recorded_images
 from aerodft.conventions import LARGEST
 from aerodft.dft import Setup

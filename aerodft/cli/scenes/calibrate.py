@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from aerodft.app.progress import no_progress
+from aerodft.app import no_progress
 from aerodft.cli.options import JsonOption, grouped
 from aerodft.cli.output import check_output, print_json, progress, say, tables
 from aerodft.errors import UsageError

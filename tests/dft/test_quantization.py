@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft.paper.recomputed import pixel_depth, quantization_column, quantization_error
+from aerodft.dft.paper.tables import pixel_depth, quantization_column, quantization_error
 from aerodft.model import Camera
 
 SMALL = Camera.from_fov(name="small", width_px=12, height_px=9, hfov_rad=0.9, vfov_rad=0.7)

@@ -10,8 +10,7 @@ from numpy.testing import assert_allclose
 from aerodft.adapters.config.camera import load_camera
 from aerodft.dft import equations as eq
 from aerodft.dft.paper import TABLE_1, figure_12, figure_14, figure_14_text_depth, table_1, table_2, table_3
-from aerodft.dft.paper.printed import TABLE_2, TABLE_3
-from aerodft.dft.paper.recomputed import sensitivity
+from aerodft.dft.paper.tables import TABLE_2, TABLE_3, sensitivity
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT.parent / "shared" / "paper" / "000_e041da3aab01ec20.txt"

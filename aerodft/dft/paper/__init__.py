@@ -1,8 +1,12 @@
 """The paper's tables and figures, recomputed from its printed inputs."""
 
-from aerodft.dft.paper.printed import FIGURE_14_ERROR_M, MAX_DEPTH_M, TABLE_1, TABLE_2_HEIGHT_M, TABLE_2_TILT_RAD
-from aerodft.dft.paper.recomputed import (
+from aerodft.dft.paper.tables import (
     CANON,
+    FIGURE_14_ERROR_M,
+    MAX_DEPTH_M,
+    TABLE_1,
+    TABLE_2_HEIGHT_M,
+    TABLE_2_TILT_RAD,
     CameraRow,
     DepthRow,
     ErrorCurve,

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from aerodft.adapters.images import STILLS, SeekableVideo, read_camera_image, refuse_other_size
 from aerodft.app.measure import MeasuredSurface, image_setup
-from aerodft.app.viewing.pose_finder import PoseFinder, Scene
-from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.app.viewing.view import Document, PoseFinder, Scene, View, ViewedImage
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError
 from aerodft.model import Camera, ImageArray

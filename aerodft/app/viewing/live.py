@@ -1,5 +1,6 @@
-"""The images of a station that measures, as they come."""
+"""The images of a station that measures, as they come; and what is wrong with it, while that lasts."""
 
+import math
 import shutil
 import threading
 import time
@@ -9,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import orjson
 
@@ -19,13 +20,20 @@ from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.adapters.wire.status import StationStatus, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.app.diagnose import diagnose_heard
-from aerodft.app.viewing.alerts import Alerts
-from aerodft.app.viewing.pose_finder import PoseFinder, Scene
-from aerodft.app.viewing.view import Document, View, ViewedImage, doctor_document
+from aerodft.app.viewing.view import Document, PoseFinder, Scene, View, ViewedImage, doctor_document
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import zoomed
 from aerodft.errors import AerodftError, NoAnswerError
-from aerodft.model import Camera, Image, ImageArray, Measurement, PoseSample, RawBlock
+from aerodft.model import (
+    Camera,
+    CameraMotionEstimate,
+    Image,
+    ImageArray,
+    Measurement,
+    MotionState,
+    PoseSample,
+    RawBlock,
+)
 from aerodft.service import Batches, StepOutputs
 
 if TYPE_CHECKING:
@@ -42,6 +50,82 @@ _KEPT_POSES: Final = 2000
 _KEPT_BLOCKS: Final = 500
 """Of telemetry, for doctor: of half a minute, or more."""
 _JPEG_QUALITY: Final = 85
+_LONGEST_S: Final = 3.0
+"""Without an image; and how long without telemetry."""
+_MOST_LOSS: Final = 0.1
+_LEAST_FREE_BYTES: Final = 2_000_000_000
+
+Sentences = Iterator[tuple[str, str]]
+
+
+class Alerts:
+    """What is wrong now; used by the station's thread and by others."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._since_ns: dict[str, int] = {}
+        self._sentences: dict[str, str] = {}
+        self._motion: CameraMotionEstimate | None = None
+        self._status: StationStatus | None = None
+        self._image_s = time.monotonic()
+
+    def take(self, batches: Batches, outputs: StepOutputs) -> None:
+        """Take what came and what was made of it."""
+        if len(batches.images):
+            self._image_s = time.monotonic()
+        for single in outputs.singles:
+            if isinstance(single.content, CameraMotionEstimate):
+                self._motion = single.content
+
+    def status(self, value: StationStatus) -> None:
+        """Take the station's state."""
+        with self._lock:
+            self._status = value
+
+    def now(self, free_bytes: int) -> list[dict[str, Any]]:
+        """What is wrong: a ``key``, ``since_ns`` (UTC, as text) and a ``text`` each.
+
+        Args:
+            free_bytes: On the disk of the recording.
+        """
+        with self._lock:
+            found = dict(self._found(free_bytes))
+            stamp_ns = 0 if self._status is None else self._status.stamp_ns
+            self._since_ns = {key: self._since_ns.get(key, stamp_ns) for key in found}
+            return [{"key": key, "since_ns": str(self._since_ns[key]), "text": text} for key, text in found.items()]
+
+    def _found(self, free_bytes: int) -> Sentences:
+        silent_s = time.monotonic() - self._image_s
+        if silent_s > _LONGEST_S:
+            yield "images", f"no image has come for {silent_s:.0f} s: is the stream still there?"
+        if self._motion is not None and self._motion.state not in {MotionState.STEADY, MotionState.UNCHECKED}:
+            turned_deg = math.degrees(math.hypot(*self._motion.turn_rad))
+            yield "camera", f"the camera has moved ({self._motion.state}), by {turned_deg:.2f} deg: calibrate it anew"
+        if free_bytes < _LEAST_FREE_BYTES:
+            yield "room", f"only {free_bytes / 1e9:.1f} GB are left on the disk of the recording: make room"
+        if self._status is not None:
+            yield from _of_status(self._status)
+
+
+def _of_status(status: StationStatus) -> Sentences:
+    counts, health = status.counts, status.health
+    gone = counts.get("shed_messages", 0) + counts.get("lost_messages", 0)
+    images = counts.get("shed_images", 0) + counts.get("lost_images", 0)
+    if gone or images:
+        yield "disk", f"{gone} messages and {images} images are not recorded: the disk is too slow, full or failing"
+    if dropped := counts.get("unmeasured_dropped", 0):
+        yield "load", f"{dropped} images were not measured: they come faster than this machine measures"
+    if health is None:
+        return
+    if health.heartbeat_age_s is None or health.heartbeat_age_s > _LONGEST_S:
+        since = "yet" if health.heartbeat_age_s is None else f"for {health.heartbeat_age_s:.0f} s"
+        yield "telemetry", f"the autopilot has not been heard {since}: check the link"
+    elif health.loss_share > _MOST_LOSS:
+        yield "link", f"{100 * health.loss_share:.0f} % of the telemetry is lost on its way"
+    stale = [name for name, age_s in health.ages_s.items() if math.isfinite(age_s) and age_s > _LONGEST_S]
+    if stale and health.heartbeat_age_s is not None and health.heartbeat_age_s <= _LONGEST_S:
+        named = ", ".join(f"{name} for {health.ages_s[name]:.0f} s" for name in sorted(stale))
+        yield "stale", f"telemetry has stopped: {named}"
 
 
 @dataclass(slots=True)

@@ -1,33 +1,40 @@
-"""Images with their poses, whatever they are of, and what is measured in them."""
+"""Images with their poses, whatever they are of; what is measured in them, and what is made of what people click."""
 
 import shlex
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
+import tomli_w
 
+from aerodft.adapters.config.station import parse_station
+from aerodft.adapters.files import whole_file
 from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.adapters.wire.pose import summary_payload
 from aerodft.app.diagnose import Diagnosis
 from aerodft.app.measure import Distance, ImageProbe, measured_document, requests_of, with_pixels_noted
 from aerodft.app.viewing.overlay import scene_overlay
-from aerodft.app.viewing.pose_finder import PoseFinder, Scene
-from aerodft.app.viewing.station_file import add_probe
-from aerodft.dft import Request, explain, measure
-from aerodft.errors import UsageError
+from aerodft.dft import Request, Setup, explain, measure
+from aerodft.errors import AerodftError, InputError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
-from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch
+from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
 from replay.export import MapCrs, geojson_text, map_features
 
+if TYPE_CHECKING:
+    from aerodft.app.calibrate import CalibrationResult
+    from aerodft.reports.calibration import Mark
+
 Document: TypeAlias = dict[str, Any]
+Scene: TypeAlias = tuple[Setup, PoseSample]
 
 _JPEG_QUALITY: Final = 95
 _VERTICAL_POINTS: Final = 33
-_SPACING_M: Final = 1.0
+_MARKED: Final = "what was marked"
 
 
 def doctor_document(found: Diagnosis) -> Document:
@@ -46,6 +53,75 @@ class ViewedImage:
 
     stamp_ns: int
     seconds: float
+
+
+class PoseFinder:
+    """Finds the pose of a camera that does not move, and keeps the one that people chose to measure with.
+
+    Args:
+        camera: The camera.
+        file: Where a calibration is written that is measured with.
+        scene_with: Camera, ground and pose with a calibration file.
+        scene: Those that are known before; None where they are not.
+
+    Attributes:
+        scene: Camera, ground and pose that are measured with.
+        used_file: The calibration file that they are of; None before one was chosen.
+    """
+
+    def __init__(
+        self, camera: Camera, file: Path, scene_with: Callable[[Path], Scene], scene: Scene | None = None
+    ) -> None:
+        self._camera = camera
+        self._file = file.absolute()
+        self._scene_with = scene_with
+        self.scene = scene
+        self.used_file: Path | None = None
+
+    def calibrate(
+        self, evidence: dict[str, Any], unknowns: Sequence[str], *, accept: bool, use: bool
+    ) -> dict[str, Any]:
+        """Find the pose; arguments, result and errors as those of ``View.calibrate``."""
+        from aerodft.reports.calibration import rows_of  # slow to load, see ``_found``
+
+        with TemporaryDirectory() as folder:
+            marked, file = Path(folder) / "evidence.toml", Path(folder) / "calibration.toml"
+            marked.write_bytes(tomli_w.dumps(evidence).encode())
+            found = self._found(marked, unknowns, accept=accept)
+            document = found.document(is_saved=True)
+            document["reasons"] = [each.replace(str(marked), _MARKED) for each in document["reasons"]]
+            document["marks"] = [_mark_document(row.mark) for row in rows_of(found.fit)]
+            if found.refusal(is_saved=True) is None:
+                found.save(file)
+                document |= {
+                    "file_text": file.read_text(encoding="utf-8"),
+                    "overlay": scene_overlay(*self._scene_with(file)),
+                }
+                if use:
+                    document["file"] = str(self._use(found))
+        return document
+
+    def _found(self, marked: Path, unknowns: Sequence[str], *, accept: bool) -> "CalibrationResult":
+        from aerodft.app.calibrate import calibrate  # slow to load, and most pages find no pose
+
+        try:
+            return calibrate(marked, self._camera, unknowns, accept_misfit=accept, check=False)
+        except AerodftError as error:
+            hint, got, expected = error.hint, error.got, error.expected
+            raise type(error)(error.what, where=_MARKED, got=got, expected=expected, hint=hint) from None
+
+    def _use(self, found: "CalibrationResult") -> Path:
+        """Write a calibration, and measure with it from now on."""
+        found.save(self._file)
+        self.scene, self.used_file = self._scene_with(self._file), self._file
+        return self._file
+
+
+def _mark_document(mark: "Mark") -> dict[str, Any]:
+    """An observation by its name, with its pixels and where the calibrated camera sees them, None where it does not."""
+    pixels = {"seen_px": mark.seen_px, "expected_px": mark.expected_px}
+    found = {key: [None if np.isnan(each).any() else each.tolist() for each in rows] for key, rows in pixels.items()}
+    return {"name": mark.name, "kind": mark.kind, **found}
 
 
 class View(ABC):
@@ -260,3 +336,33 @@ def _geojson(measurement: Measurement) -> str | None:
     if measurement.geo is None:
         return None
     return "".join(geojson_text(map_features([encode_measurement(measurement)]), MapCrs.wgs84()))
+
+
+def add_probe(path: Path, probe: ImageProbe, *, at_ns: int | None) -> None:
+    """Add a probe at the end of a station's file, which stays as it is otherwise.
+
+    Args:
+        path: The file.
+        probe: What to measure.
+        at_ns: Stamp (UTC) of the image that its pixels are of, from which they are followed over the ground; None where
+            they are fixed in the image.
+
+    Raises:
+        UsageError: The probe has no name.
+        InputError: The file cannot be read or written.
+        ConfigError: It cannot take the probe: it has one of that name, or the name is none for a key.
+    """
+    if probe.name is None:
+        raise UsageError("a probe of a station", got="no name", expected="a name of its own")
+    pixels = np.asarray(probe.pixels, dtype=np.float64).tolist()
+    table: dict[str, object] = {"name": probe.name, "kind": str(probe.kind), "pixels": pixels}
+    if at_ns is not None:
+        table |= {"tracked": True, "at": str(at_ns)}
+    try:
+        before = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError("the station's file cannot be read", where=path, got=error.strerror) from error
+    after = f"{before.rstrip()}\n\n{tomli_w.dumps({'probe': [table]})}"
+    parse_station(after.encode(), where=str(path), folder=path.parent)
+    with whole_file(path, overwrite=True) as partial:
+        partial.write_text(after, encoding="utf-8")

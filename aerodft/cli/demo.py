@@ -1,10 +1,18 @@
-"""``aerodft demo``: simulator, service, subscriber, replay and recompute as real processes, and what came of it."""
+"""``aerodft demo``: simulator, service, subscriber, replay and recompute as real processes, and what came of it.
 
+These end with it, also where it is killed: their standard input ends then. ``python -m aerodft.cli.demo -m MODULE
+ARGUMENTS`` runs a module so, with a pipe that only the demo holds the other end of; ``... listen ENDPOINT STATION
+FILE`` writes a station's measurements from the bus as JSON lines.
+"""
+
+import os
+import runpy
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -162,7 +170,7 @@ def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
         *("--zenoh", ports.endpoint, "--station", _STATION),
     ]
     service = ("-m", "aerodft", "serve", output / "station.toml", "-o", output / "recording")
-    listener = ("-m", "aerodft.cli.demo_process", "listen", ports.endpoint, _STATION, output / "received.jsonl")
+    listener = ("-m", "aerodft.cli.demo", "listen", ports.endpoint, _STATION, output / "received.jsonl")
     with _process(output, "listener", listener):
         with _process(output, "serve", service) as serving:
             _wait_until_recording(output / "serve.log", serving)
@@ -187,7 +195,7 @@ def _wait_until_recording(log: Path, service: subprocess.Popen[bytes]) -> None:
 def _replay(output: Path, recording: Path) -> list[str]:
     """Publish the recording at full speed to a subscriber of its own; returns what that received."""
     endpoint = _free_ports().endpoint
-    listener = ("-m", "aerodft.cli.demo_process", "listen", endpoint, _STATION, output / "replayed.jsonl")
+    listener = ("-m", "aerodft.cli.demo", "listen", endpoint, _STATION, output / "replayed.jsonl")
     with _process(output, "replay-listener", listener):
         _command("replay", recording, "--rate", "max", "--listen", endpoint, "--wait", 20)
         time.sleep(0.5)  # what is under way arrives
@@ -204,7 +212,7 @@ def _process(
     """
     with (output / f"{name}.log").open("wb") as log:
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and modules
-            [sys.executable, "-m", "aerodft.cli.demo_process", *map(str, arguments)],
+            [sys.executable, "-m", "aerodft.cli.demo", *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=log,
             stderr=log,
@@ -240,3 +248,47 @@ def _command(*arguments: object) -> None:
 
 def _lines(path: Path) -> list[str]:
     return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+
+
+def listen(endpoint: str, station: str, path: Path) -> int:
+    """Write every measurement that comes until SIGTERM; returns how many there were."""
+    import zenoh
+
+    from aerodft.adapters.bus import session_on
+    from aerodft.cli.interrupts import wait_in_main_thread
+
+    done = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: done.set())
+    received = 0
+    with path.open("wb") as out, session_on(None, [endpoint]) as session:
+
+        def write(sample: zenoh.Sample) -> None:
+            nonlocal received
+            received += 1
+            out.write(sample.payload.to_bytes() + b"\n")
+
+        subscriber = session.declare_subscriber(f"aerodft/{station}/measurement/*", write)
+        wait_in_main_thread(done)
+        subscriber.undeclare()
+    return received
+
+
+def _end_with_parent() -> None:
+    while os.read(0, 1024):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)  # which all of the demo's processes take as the end
+
+
+def main() -> None:
+    """Listen, or run the module that the arguments name as if it had been started itself."""
+    if sys.argv[1] == "listen":
+        listen(sys.argv[2], sys.argv[3], Path(sys.argv[4]))
+        return
+    module = sys.argv[2]
+    sys.argv = sys.argv[2:]
+    threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main()

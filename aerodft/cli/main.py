@@ -61,12 +61,25 @@ COMMANDS: Final = {
 }
 """Every command with its line of help."""
 
-_FOLDERS: Final = {
-    "flights": {"serve", "init", "import", "sync", "doctor"},
-    "recordings": {"replay", "recompute", "recover", "compare", "export", "plot", "report", "frames"},
-    "scenes": {"measure", "explain", "depth-map", "view", "calibrate-lens", "cameras", "river", "calibrate"},
+_MODULES: Final = {
+    "demo": {"demo"},
+    "paper": {"paper"},
+    "setup": {"init", "cameras"},
+    "flights.doctor": {"doctor"},
+    "flights.import_": {"import"},
+    "flights.serve": {"serve"},
+    "flights.sync": {"sync"},
+    "recordings.compare": {"compare"},
+    "recordings.export": {"export", "plot", "report", "frames"},
+    "recordings.recompute": {"recompute"},
+    "recordings.recover": {"recover"},
+    "recordings.replay": {"replay"},
+    "scenes.calibrate": {"calibrate", "calibrate-lens"},
+    "scenes.measure": {"measure", "explain", "depth-map"},
+    "scenes.river": {"river"},
+    "scenes.view": {"view"},
 }
-"""Where commands are that are not beside this module; a command's module and function bear its name."""
+"""Where commands are; a command's function bears its name."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
@@ -164,9 +177,9 @@ class _GroupedCommand(TyperCommand):
 def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
+        module = next(module for module, names in _MODULES.items() if name in names)
         word = name.replace("-", "_") + "_" * iskeyword(name)
-        folder = next((f"{folder}." for folder, names in _FOLDERS.items() if name in names), "")
-        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{folder}{word}"), word)
+        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{module}"), word)
         return function
     return lambda: None
 

@@ -39,7 +39,6 @@ _AROUND_S = 5.0  # of the log beside what could be of the video, for a lag and f
 _MIN_SCORE = 30.0
 _MAX_RATIO = 0.7  # of the second peak's score to the best one's
 _LAG_DETERMINED = 0.6  # of the prior's standard deviation: what is left when the data tell the lag
-_SIGMAS_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

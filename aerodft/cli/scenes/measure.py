@@ -1,4 +1,4 @@
-"""``aerodft measure``: one pose, some pixels, measurements; what ``explain`` and ``depth-map`` make of them too."""
+"""``aerodft measure``, ``explain`` and ``depth-map``: one pose, some pixels or all of them, measurements."""
 
 import logging
 import math
@@ -116,6 +116,58 @@ def measure(
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
     measure_image(ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
+
+
+@grouped
+def explain(
+    ground: GroundOptions,
+    scene: SurfaceOptions,
+    recorded: RecordedOptions,
+    *,
+    model: ModelOption = None,
+    probe: ProbeOption = None,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare",
+            rich_help_panel="Uncertainty and model",
+            help="Both projection models side by side, and what lies between.",
+        ),
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    r"""Say where the uncertainty of a measurement comes from, and what would make it smaller.
+
+    \b
+    Examples:
+      aerodft explain --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
+        --probe "range 1944,493"
+      aerodft explain --recording demo/recording --at 5 --probe "distance 200,300 500,300" --compare
+    """
+    measure_image(ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)
+
+
+@grouped
+def depth_map(
+    ground: GroundOptions,
+    scene: SurfaceOptions,
+    recorded: RecordedOptions,
+    *,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write to.")],
+    model: ModelOption = None,
+    image: Annotated[Path | None, typer.Option(help="The image, to be seen from straight above.")] = None,
+    step: Annotated[float | None, typer.Option(help="With --image: step of the view from above, m.")] = None,
+    json: JsonOption = False,
+) -> None:
+    r"""Write range, ground point and sampling distance of every pixel, to 100 heights away, and the image's outline.
+
+    \b
+    Example:
+      aerodft depth-map --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 75 \
+        --lat 48.1 --lon 11.5 -o depth
+    """
+    mapped = DepthOptions(depth_map=output, image=image, step=step)
+    measure_image(ground, scene, recorded, model, None, mapped, compare=False, explain=False, as_json=json)
 
 
 def measure_image(

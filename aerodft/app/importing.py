@@ -26,23 +26,8 @@ from aerodft.adapters.outputs import open_outputs
 from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.adapters.wire.observations import load_observations
-from aerodft.app import Progress, no_progress
+from aerodft.app import Progress, assembly, no_progress
 from aerodft.app.align import aligned_station
-from aerodft.app.assembly import (
-    DEFAULT_RATE_HZ,
-    DelayedSource,
-    RecordedTelemetry,
-    RunResult,
-    RunStatistics,
-    build_observers,
-    build_pipeline,
-    build_recorder,
-    closing_recorder,
-    open_telemetry_log,
-    outputs_run,
-    run,
-    size_checked,
-)
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
@@ -77,7 +62,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     sync: bool | None = None,
     topics: Topics | None = None,
     progress: Progress = no_progress,
-) -> RunResult:
+) -> assembly.RunResult:
     """Turn a flight's log, and video or stills, into a recording with measurements.
 
     Args:
@@ -138,26 +123,28 @@ def _checked_log(station: StationConfig, log: str | Path | None, where: str) -> 
 
 def _recorded(
     station: StationConfig, log: Path | None, files: Sequence[Path], output: Path, where: str, progress: Progress
-) -> RunResult:
+) -> assembly.RunResult:
     """Run a station over its log and images into a recording; ``where`` names its file."""
     with named_in(Path(where)):
-        statistics, pipeline = RunStatistics(), build_pipeline(station)
-        observers = build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
+        statistics, pipeline = assembly.RunStatistics(), assembly.build_pipeline(station)
+        observers = assembly.build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
         flight = open_flight(station, log, files, observers.schedules)
-    recorder = build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
-    run_outputs = open_outputs(station.outputs, outputs_run(station, pipeline))
-    with closing_recorder(recorder, output), run_outputs as outputs:
+    recorder = assembly.build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
+    run_outputs = open_outputs(station.outputs, assembly.outputs_run(station, pipeline))
+    with assembly.closing_recorder(recorder, output), run_outputs as outputs:
         first_ns, span_ns = flight.first_ns, flight.last_ns - flight.first_ns
         progress(0, span_ns)
         feed = MergedFeed(flight.sources, station.pipeline.tick_ns)
-        run(feed, pipeline, (*outputs, recorder, statistics), lambda now_ns: progress(now_ns - first_ns, span_ns))
-    return RunResult(
+        assembly.run(
+            feed, pipeline, (*outputs, recorder, statistics), lambda now_ns: progress(now_ns - first_ns, span_ns)
+        )
+    return assembly.RunResult(
         totals=recorder.totals,
         statistics=statistics,
         counts=pipeline.counts,
         observers=observers.report(flight.observed.counts),
         warnings=() if flight.log is None else flight.log.warnings(),
-        left_out=flight.log.left_out() if isinstance(flight.log, RecordedTelemetry) else LeftOut(),
+        left_out=flight.log.left_out() if isinstance(flight.log, assembly.RecordedTelemetry) else LeftOut(),
     )
 
 
@@ -246,7 +233,7 @@ def open_flight(
     if log is not None and telemetry is None:
         recording = ForeignRecording(log, station.topics)
     elif log is not None and telemetry is not None:
-        source, recording = open_telemetry_log(log, station.topics)
+        source, recording = assembly.open_telemetry_log(log, station.topics)
         sources.append(source)
         with _quiet():
             span = survey_span(source, decoder_of(telemetry))
@@ -259,10 +246,10 @@ def open_flight(
     offset_ns = round(station.observations.time_offset_s * SECOND_NS)
     by_host = isinstance(images, RateSource) or _has_own_images(station, recording)
     lateness_ns = span.jitter_ns if by_host else span.lateness_at
-    late: Source = DelayedSource(images, lateness_ns=lateness_ns)
+    late: Source = assembly.DelayedSource(images, lateness_ns=lateness_ns)
     observed = ObservedImages(late if schedules else ThinnedPixels(late, station.record.image_hz), schedules)
     sources.append(observed)
-    sources += [DelayedSource(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
+    sources += [assembly.DelayedSource(file, lateness_ns=span.lateness_at, offset_ns=offset_ns) for file in files]
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
     if stamps:
         ends += [stamp_ns + span.lateness_at(stamp_ns) for stamp_ns in (min(stamps.values()), max(stamps.values()))]
@@ -292,16 +279,16 @@ def _images(
     elif not span.arrivals_ns:
         raise InputError("a fixed camera's import needs images", expected="`video` or `images`")
     else:
-        rate_hz = configured.rate_hz if isinstance(configured, Rate) else DEFAULT_RATE_HZ
+        rate_hz = configured.rate_hz if isinstance(configured, Rate) else assembly.DEFAULT_RATE_HZ
         return RateSource(span.arrivals_ns, rate_hz), {}
-    images = size_checked(MappedToUtc(open_images(decode=decode), clock), camera, where)
+    images = assembly.size_checked(MappedToUtc(open_images(decode=decode), clock), camera, where)
     with _quiet():
         return images, _stamps(MappedToUtc(open_images(decode=False), clock), camera, where)
 
 
 def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:
     """The stamps of all images by index; refuses a wrong size here, before anything is written."""
-    images = (event for event in size_checked(source, camera, where).events() if isinstance(event, Image))
+    images = (event for event in assembly.size_checked(source, camera, where).events() if isinstance(event, Image))
     stamps = {image.index: image.stamp_ns for image in images}
     if not stamps:
         raise InputError("holds no image", where=where, expected="at least one", hint="it is cut or damaged")

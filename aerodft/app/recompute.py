@@ -15,20 +15,7 @@ import tomli_w
 
 from aerodft.adapters.config.station import StationConfig, resolved_toml
 from aerodft.adapters.wire.measurement import encode_measurement
-from aerodft.app import Progress, no_progress
-from aerodft.app.assembly import (
-    ImageObservers,
-    MeasurementSink,
-    RunResult,
-    RunStatistics,
-    build_observers,
-    build_pipeline,
-    build_recorder,
-    closing_recorder,
-    reoffset,
-    run,
-    stations_of,
-)
+from aerodft.app import Progress, assembly, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.batch import Dataset, InputKey, Job, JobOutcome, JobState, input_key, jobs_of, recording_hash, run_batch
@@ -40,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecomputeResult(RunResult):
+class RecomputeResult(assembly.RunResult):
     """Result of a recording computed anew, compared with what it was computed from.
 
     Attributes:
@@ -98,13 +85,17 @@ def recompute(
 
 def _recorded(job: "Recomputation", output: Path, progress: Progress) -> RecomputeResult:
     """Run a recomputation into a new recording."""
-    old, statistics, provenance = job.recording, RunStatistics(), _provenance_of(job)
+    old, statistics, provenance = job.recording, assembly.RunStatistics(), _provenance_of(job)
     texts = {PROVENANCE_NAME: tomli_w.dumps(provenance, multiline_strings=True)}
-    recorder = build_recorder(job.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts)
-    with closing_recorder(recorder, output):
+    recorder = assembly.build_recorder(
+        job.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts
+    )
+    with assembly.closing_recorder(recorder, output):
         span_ns = old.end_ns - old.start_ns
         progress(0, span_ns)
-        run(job.feed, job.pipeline, (recorder, statistics), lambda now_ns: progress(now_ns - old.start_ns, span_ns))
+        assembly.run(
+            job.feed, job.pipeline, (recorder, statistics), lambda now_ns: progress(now_ns - old.start_ns, span_ns)
+        )
     image_segments = _copy_images(old, output) if next(old.image_messages(), None) is not None else 0
     redetection = job.redetection
     return RecomputeResult(
@@ -140,7 +131,7 @@ class Recomputation:
     pipeline: Pipeline
     feed: Feed
     redetection: Redetection | None = None
-    observers: ImageObservers = field(default_factory=ImageObservers)
+    observers: assembly.ImageObservers = field(default_factory=assembly.ImageObservers)
 
 
 def open_recomputation(
@@ -158,12 +149,12 @@ def open_recomputation(
         AerodftError: As for ``recompute``.
     """
     recording = Recording(folder)
-    recorded, station = stations_of(recording, config, calibration)
-    pipeline = build_pipeline(station)
-    source = reoffset(RecordingSource(recording, pixels=redetect), recorded, station)
-    redetection, observers = None, ImageObservers()
+    recorded, station = assembly.stations_of(recording, config, calibration)
+    pipeline = assembly.build_pipeline(station)
+    source = assembly.reoffset(RecordingSource(recording, pixels=redetect), recorded, station)
+    redetection, observers = None, assembly.ImageObservers()
     if redetect:
-        observers = build_observers(station, pipeline, config or folder, may_record=True)
+        observers = assembly.build_observers(station, pipeline, config or folder, may_record=True)
         source = redetection = _redetection(source, recording, observers)
     return Recomputation(
         recording=recording,
@@ -176,7 +167,7 @@ def open_recomputation(
     )
 
 
-def _redetection(source: Source, recording: Recording, observers: ImageObservers) -> Redetection:
+def _redetection(source: Source, recording: Recording, observers: assembly.ImageObservers) -> Redetection:
     if not observers.schedules:
         got = "a configuration without [markers], [camera_motion], [objects], [river] and tracked probes"
         raise UsageError("`redetect`", got=got, expected="one of them: else aerodft looks for nothing itself")
@@ -319,7 +310,7 @@ def recompute_rows(
         done = dataset.done(job.recording, key)
         if done is not None:
             return _outcome(job, JobState.SKIPPED, done, dataset.left_out(job.recording, key))
-        statistics, recorded = RunStatistics(), opened.recorded_station
+        statistics, recorded = assembly.RunStatistics(), opened.recorded_station
         with dataset.part(job.recording, key, overwrite=overwrite) as part:
             constants = {
                 "recording_folder": str(job.folder),
@@ -328,8 +319,8 @@ def recompute_rows(
                 "recorded_calibration": None if recorded.calibration is None else recorded.calibration.id,
             }
             with ParquetRows(part.path, constants=constants, metadata=part.metadata) as rows:
-                sink = MeasurementSink(lambda measurement: rows.add([encode_measurement(measurement)]))
-                run(opened.feed, opened.pipeline, (sink, statistics))
+                sink = assembly.MeasurementSink(lambda measurement: rows.add([encode_measurement(measurement)]))
+                assembly.run(opened.feed, opened.pipeline, (sink, statistics))
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")
                 left_out = opened.recording.left_out().sentence

@@ -16,19 +16,7 @@ from aerodft.adapters.outputs import Output, open_outputs
 from aerodft.adapters.telemetry import opened_signing, signing_sentences
 from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
 from aerodft.adapters.wire.status import StationStatus
-from aerodft.app.assembly import (
-    DEFAULT_RATE_HZ,
-    ImageObservers,
-    MeasurementSink,
-    RunResult,
-    RunStatistics,
-    build_observers,
-    build_pipeline,
-    build_recorder,
-    check_size,
-    outputs_run,
-    run,
-)
+from aerodft.app import assembly
 from aerodft.app.recordings import recovering_beside
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, named_in
@@ -94,12 +82,12 @@ class Station:
             raise ConfigError("images", where=where, got="recorded images", expected=expected, hint="use import")
         self._where = where
         self._clock = WallClock()
-        self._statistics = RunStatistics()
+        self._statistics = assembly.RunStatistics()
         self._sinks: list[Sink] = [self._statistics]
-        self._pipeline = build_pipeline(station)
+        self._pipeline = assembly.build_pipeline(station)
         self._inbox = Inbox(self._clock)
         self._feed = LiveFeed(self._inbox, self._clock, station.pipeline.tick_ns)
-        self._observers = ImageObservers()
+        self._observers = assembly.ImageObservers()
         self._live_observers = LiveObservers((), self._inbox.put_observations)
         self._outputs: tuple[Output, ...] = ()
         self._added: list[Output] = []
@@ -123,7 +111,7 @@ class Station:
             callback: Called with each measurement in order; while it takes long, answers wait. What it raises ends the
                 station.
         """
-        self._sinks.append(MeasurementSink(callback))
+        self._sinks.append(assembly.MeasurementSink(callback))
 
     @property
     def file(self) -> Path | None:
@@ -163,7 +151,7 @@ class Station:
         return tuple(sentence for output in self._outputs for sentence in output.warnings())
 
     @property
-    def result(self) -> RunResult:
+    def result(self) -> assembly.RunResult:
         """Totals of the run so far; complete once the ``with`` block was left.
 
         Raises:
@@ -172,7 +160,7 @@ class Station:
         if self._recorder is None:
             raise ValueError("the station has not been entered: there is no recording")
         signing = None if self._link is None else self._link.signing
-        return RunResult(
+        return assembly.RunResult(
             totals=self._recorder.totals,
             statistics=self._statistics,
             counts=self._pipeline.counts,
@@ -191,10 +179,12 @@ class Station:
         self._pipeline.warm_up()
         warm_up(self._config)
         with ExitStack() as stack, named_in(Path(self._where)):
-            self._observers = build_observers(self._config, self._pipeline, self._where)
+            self._observers = assembly.build_observers(self._config, self._pipeline, self._where)
             started_ns = self._clock.now_ns()
             stack.enter_context(recovering_beside(self._config.record.folder))  # what a power cut left unfinished
-            outputs = open_outputs(self._config.outputs, outputs_run(self._config, self._pipeline, self._inbox))
+            outputs = open_outputs(
+                self._config.outputs, assembly.outputs_run(self._config, self._pipeline, self._inbox)
+            )
             for each in self._added:
                 stack.callback(each.close)
             self._outputs = (*stack.enter_context(outputs), *self._added)
@@ -203,7 +193,9 @@ class Station:
             self._open_images(stack)
             self._open_link(stack)
             # Once nothing else can fail: packets that came before are not recorded.
-            self._recorder = build_recorder(self._config, self.recording, started_ns=started_ns, lossless=False)
+            self._recorder = assembly.build_recorder(
+                self._config, self.recording, started_ns=started_ns, lossless=False
+            )
             stack.callback(self._recorder.close)
             self._receivers = (*self._outputs, self._recorder)
             self._sinks[:0] = self._receivers
@@ -225,7 +217,7 @@ class Station:
 
     def _run(self) -> None:
         try:
-            run(self._feed, self._pipeline, self._sinks, self._tell_status)
+            assembly.run(self._feed, self._pipeline, self._sinks, self._tell_status)
         except BaseException as error:  # noqa: BLE001 - raised where the station is left
             self._error = error
 
@@ -241,7 +233,7 @@ class Station:
             )
             self._stream = stack.enter_context(reader)
         else:
-            rate_hz = source.rate_hz if isinstance(source, Rate) else DEFAULT_RATE_HZ
+            rate_hz = source.rate_hz if isinstance(source, Rate) else assembly.DEFAULT_RATE_HZ
             rate = LiveRate(rate_hz, self._inbox.put_image, self._clock)
             rate.start()
             stack.callback(rate.stop)
@@ -260,7 +252,7 @@ class Station:
     def _take_image(self, image: Image) -> None:
         """Pass an image to the inbox and the observers; one of another size than the camera's ends the station."""
         try:
-            check_size(image, self._config.pipeline.camera, "image stream")
+            assembly.check_size(image, self._config.pipeline.camera, "image stream")
         except InputError as refusal:
             self._error = refusal
             self.stop()
@@ -333,7 +325,7 @@ def warm_up(station: StationConfig) -> None:
     if telemetry is None:
         return
     any_vehicle = replace(telemetry, system=None, component=None, gimbal=None)
-    pipeline = build_pipeline(replace(station, pipeline=replace(station.pipeline, telemetry=any_vehicle)))
+    pipeline = assembly.build_pipeline(replace(station, pipeline=replace(station.pipeline, telemetry=any_vehicle)))
     for batch in _flight():
         pipeline.advance(batch)
     pipeline.finish()

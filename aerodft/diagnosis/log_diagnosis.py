@@ -9,21 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry import CompositeDecoder, DataflashDecoder, SigningCounts
-from aerodft.adapters.telemetry.mavlink import (
-    OF_POSES,
-    SIGNED,
-    STAMP_SIZE,
-    UNKNOWN,
-    V1,
-    V2,
-    FollowedIds,
-    FrameCounts,
-    MavlinkDecoder,
-    frame_table,
-    measure,
-    message_name,
-)
+from aerodft.adapters.telemetry import CompositeDecoder, DataflashDecoder, SigningCounts, mavlink
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.flight_checks import HeightPairs, PoseAvailability, PoseSampler
 from aerodft.diagnosis.message_requests import MessageRequest, missing_camera_messages, missing_messages
@@ -48,7 +34,7 @@ from aerodft.service.attitude import FrameEvidence
 from aerodft.service.clocks import JUMP_NS, ClockHealth, Ticks
 from aerodft.service.pose import PoseSource
 
-USED: Final = frozenset(map(message_name, OF_POSES)) | {"ATT", "GPS", "MNT", "POS", "RFND", "TERR"}
+USED: Final = frozenset(map(mavlink.message_name, mavlink.OF_POSES)) | {"ATT", "GPS", "MNT", "POS", "RFND", "TERR"}
 """Messages that poses are made of; only their gaps matter."""
 _NO_UTC_YET: Final = frozenset({"SYSTEM_TIME: no UTC yet", "GPS: no UTC yet"})
 _SLOW_PERIODS: Final = 3
@@ -166,7 +152,7 @@ class DiagnosisReport:
     component: int | None
     systems: tuple[int, ...]
     rejected: dict[str, int]
-    counts: FrameCounts
+    counts: mavlink.FrameCounts
     rangefinder: SourceSummary | None = None
     warnings: tuple[str, ...] = ()
     signing: SigningCounts | None = None
@@ -270,17 +256,17 @@ def unknown_ids(block: RawBlock) -> Counter[int]:
     found: Counter[int] = Counter()
     if block.protocol != WireProtocol.MAVLINK or len(block.offset) < 2:  # noqa: PLR2004 - two frames have a gap
         return found
-    data, table = np.frombuffer(block.data, dtype=np.uint8), frame_table()
-    ends, starts = (block.offset + block.length)[:-1], block.offset[1:] - STAMP_SIZE
+    data, table = np.frombuffer(block.data, dtype=np.uint8), mavlink.frame_table()
+    ends, starts = (block.offset + block.length)[:-1], block.offset[1:] - mavlink.STAMP_SIZE
     for k in np.flatnonzero(starts > ends).tolist():
-        at, stop = int(ends[k]) + STAMP_SIZE, int(starts[k])
+        at, stop = int(ends[k]) + mavlink.STAMP_SIZE, int(starts[k])
         while at < stop:
-            verdict, size, _ = measure(data, at, stop, table)
-            if verdict != UNKNOWN or at + size > stop:
+            verdict, size, _ = mavlink.measure(data, at, stop, table)
+            if verdict != mavlink.UNKNOWN or at + size > stop:
                 break
             head = data[at : at + 10].tolist()
-            found[head[5] if head[0] == V1 else head[7] | head[8] << 8 | head[9] << 16] += 1
-            at += size + STAMP_SIZE
+            found[head[5] if head[0] == mavlink.V1 else head[7] | head[8] << 8 | head[9] << 16] += 1
+            at += size + mavlink.STAMP_SIZE
     return found
 
 
@@ -294,13 +280,13 @@ class LogDiagnosis:
     """
 
     def __init__(
-        self, target: str, *, followed: FollowedIds | None = None, settings: TelemetrySettings | None = None
+        self, target: str, *, followed: mavlink.FollowedIds | None = None, settings: TelemetrySettings | None = None
     ) -> None:
         self._target = target
         self._settings = settings
-        self._followed = followed or FollowedIds()
+        self._followed = followed or mavlink.FollowedIds()
         self._decoder = CompositeDecoder(followed)
-        self._mavlink = self._decoder.of_type(MavlinkDecoder)
+        self._mavlink = self._decoder.of_type(mavlink.MavlinkDecoder)
         self._formats = self._decoder.of_type(DataflashDecoder).formats
         self._table = StreamTable()
         self._parameters = ParameterTable()
@@ -364,7 +350,7 @@ class LogDiagnosis:
                 self._heights.setdefault(name, SourceSummary(name, "m")).add(track.value_m)
 
     def report(
-        self, *, counts: FrameCounts, warnings: tuple[str, ...] = (), signing: SigningCounts | None = None
+        self, *, counts: mavlink.FrameCounts, warnings: tuple[str, ...] = (), signing: SigningCounts | None = None
     ) -> DiagnosisReport:
         """Report on the log so far.
 
@@ -447,7 +433,7 @@ def _signed_count(block: RawBlock) -> int:
     if block.protocol != WireProtocol.MAVLINK:
         return 0
     data = np.frombuffer(block.data, dtype=np.uint8)
-    return int(np.count_nonzero((data[block.offset] == V2) & (data[block.offset + 2] & SIGNED != 0)))
+    return int(np.count_nonzero((data[block.offset] == mavlink.V2) & (data[block.offset + 2] & mavlink.SIGNED != 0)))
 
 
 def _pitch_deg(wxyz: FloatArray) -> FloatArray:

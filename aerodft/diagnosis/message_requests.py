@@ -7,31 +7,7 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from aerodft.adapters.telemetry import MOST_ATTACHED
-from aerodft.adapters.telemetry.mavlink import (
-    ALTITUDE,
-    ATTITUDE,
-    CAMERA_FOV_STATUS,
-    CAMERA_SETTINGS,
-    DISTANCE_SENSOR,
-    EKF_STATUS_REPORT,
-    ESTIMATOR_STATUS,
-    GIMBAL_DEVICE_ATTITUDE_STATUS,
-    GLOBAL_POSITION_INT,
-    GPS_RAW_INT,
-    MOUNT_STATUS,
-    OF_AUTOPILOT,
-    OWN_COMPONENT,
-    OWN_SYSTEM,
-    SYSTEM_TIME,
-    TERRAIN_REPORT,
-    VIDEO_STREAM_INFORMATION,
-    MavlinkLink,
-    headers,
-    message_name,
-    payload_dtype,
-    payload_rows,
-)
+from aerodft.adapters.telemetry import MOST_ATTACHED, mavlink
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.streams import Parameters, Stream
 from aerodft.model import IntArray, RawBlock, ZoomSource
@@ -42,7 +18,7 @@ PX4: Final = dialect.MAV_AUTOPILOT_PX4
 _SLOW: Final = 0.8  # of the wanted rate
 _SECOND_US: Final = 1_000_000
 _WAYS: Final = {"ardupilot": "for ArduPilot set", "px4": "for PX4 put"}
-_OF_AUTOPILOT: Final = frozenset(map(message_name, OF_AUTOPILOT))
+_OF_AUTOPILOT: Final = frozenset(map(mavlink.message_name, mavlink.OF_AUTOPILOT))
 _GIMBALS: Final = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"})
 _PORTS: Final = {"SR0": "USB", "SR1": "TELEM1", "SR2": "TELEM2"}
 # What a vehicle without it has set to 0, by message: the type of every instance, by its names of all versions.
@@ -56,16 +32,16 @@ _OLD_MOUNT: Final = "MNT_TYPE"  # MNT1_TYPE since the firmware knows GIMBAL_DEVI
 _CAMERA_RATE_HZ: Final = 1.0
 _CAMERA_COMPONENTS: Final = range(dialect.MAV_COMP_ID_CAMERA, dialect.MAV_COMP_ID_CAMERA6 + 1)
 _CAMERA_IDS: Final = {
-    ZoomSource.CAMERA_SETTINGS: CAMERA_SETTINGS,
-    ZoomSource.CAMERA_FOV_STATUS: CAMERA_FOV_STATUS,
-    ZoomSource.VIDEO_STREAM_INFORMATION: VIDEO_STREAM_INFORMATION,
+    ZoomSource.CAMERA_SETTINGS: mavlink.CAMERA_SETTINGS,
+    ZoomSource.CAMERA_FOV_STATUS: mavlink.CAMERA_FOV_STATUS,
+    ZoomSource.VIDEO_STREAM_INFORMATION: mavlink.VIDEO_STREAM_INFORMATION,
 }
 _CAMERA_MESSAGES: Final = frozenset(map(str, _CAMERA_IDS))
 _CAMERA_MESSAGES_OF_ARDUPILOT: Final = (ZoomSource.CAMERA_SETTINGS, ZoomSource.CAMERA_FOV_STATUS)
 _ATTEMPTS: Final = 3
 _PATIENCE_NS: Final = SECOND_NS
 _COMMAND_ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
-_ACK: Final = payload_dtype(_COMMAND_ACK)
+_ACK: Final = mavlink.payload_dtype(_COMMAND_ACK)
 _ANSWERS: Final = {
     dialect.MAV_RESULT_ACCEPTED: "accepted",
     dialect.MAV_RESULT_TEMPORARILY_REJECTED: "denied for now",
@@ -90,27 +66,29 @@ class _CatalogueEntry:
     @property
     def name(self) -> str:
         """The message's name."""
-        return message_name(self.message_id)
+        return mavlink.message_name(self.message_id)
 
 
 # ArduPilot's groups are the STREAM_*_msgs of its GCS_MAVLink_Parameters.cpp: SRn_ of port n counted from 0, from 4.7 on
 # MAVn_ counted from 1 (early 4.7-dev still had SRn_), read at start-up. PX4's names of streams are those of its
 # mavlink_main.cpp; system_startup.md describes extras.txt, module.yaml MAV_0_MODE and MAV_0_RATE.
 _CATALOGUE: Final = (
-    _CatalogueEntry(SYSTEM_TIME, 1, "EXTRA3"),
-    _CatalogueEntry(ATTITUDE, 10, "EXTRA1"),
-    _CatalogueEntry(GLOBAL_POSITION_INT, 5, "POSITION"),
-    _CatalogueEntry(GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
-    _CatalogueEntry(DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"),
-    _CatalogueEntry(TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
-    _CatalogueEntry(ALTITUDE, 5, "", (PX4,)),
-    _CatalogueEntry(GPS_RAW_INT, 1, "EXT_STAT"),
-    _CatalogueEntry(EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
-    _CatalogueEntry(ESTIMATOR_STATUS, 1, "", (PX4,)),
+    _CatalogueEntry(mavlink.SYSTEM_TIME, 1, "EXTRA3"),
+    _CatalogueEntry(mavlink.ATTITUDE, 10, "EXTRA1"),
+    _CatalogueEntry(mavlink.GLOBAL_POSITION_INT, 5, "POSITION"),
+    _CatalogueEntry(mavlink.GIMBAL_DEVICE_ATTITUDE_STATUS, 10, "EXTRA3", needs="MNT1_TYPE set to the gimbal's"),
+    _CatalogueEntry(
+        mavlink.DISTANCE_SENSOR, 5, "EXTRA3", needs="RNGFND1_TYPE set to the sensor's and RNGFND1_ORIENT = 25"
+    ),
+    _CatalogueEntry(mavlink.TERRAIN_REPORT, 1, "EXTRA3", (ARDUPILOT,), needs="TERRAIN_ENABLE = 1"),
+    _CatalogueEntry(mavlink.ALTITUDE, 5, "", (PX4,)),
+    _CatalogueEntry(mavlink.GPS_RAW_INT, 1, "EXT_STAT"),
+    _CatalogueEntry(mavlink.EKF_STATUS_REPORT, 1, "EXTRA3", (ARDUPILOT,)),
+    _CatalogueEntry(mavlink.ESTIMATOR_STATUS, 1, "", (PX4,)),
 )
 # Which of them tell a port by its rates: what autopilots send of a group whatever is fitted.
-_OF_PORT: Final = frozenset({SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, GPS_RAW_INT})
-_MOUNT_STATUS: Final = message_name(MOUNT_STATUS)
+_OF_PORT: Final = frozenset({mavlink.SYSTEM_TIME, mavlink.ATTITUDE, mavlink.GLOBAL_POSITION_INT, mavlink.GPS_RAW_INT})
+_MOUNT_STATUS: Final = mavlink.message_name(mavlink.MOUNT_STATUS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,7 +122,7 @@ class MessageRequest:
     @property
     def name(self) -> str:
         """The message's name."""
-        return message_name(self.message_id)
+        return mavlink.message_name(self.message_id)
 
     @property
     def interval_us(self) -> int | None:
@@ -235,7 +213,9 @@ class MessageRequest:
             self.interval_us or 0,  # asked for once: 0 for all video streams
             *(0.0,) * 5,
         )
-        return bytes(message.pack(dialect.MAVLink(None, srcSystem=OWN_SYSTEM, srcComponent=OWN_COMPONENT)))
+        return bytes(
+            message.pack(dialect.MAVLink(None, srcSystem=mavlink.OWN_SYSTEM, srcComponent=mavlink.OWN_COMPONENT))
+        )
 
 
 def missing_messages(
@@ -284,10 +264,10 @@ def missing_messages(
 def _catalogue(own: dict[str, Stream], parameters: Parameters) -> Iterator[_CatalogueEntry]:
     """Messages that this vehicle can send: none that is switched off, of an old firmware the old gimbal message."""
     for each in _CATALOGUE:
-        is_gimbal = each.message_id == GIMBAL_DEVICE_ATTITUDE_STATUS
+        is_gimbal = each.message_id == mavlink.GIMBAL_DEVICE_ATTITUDE_STATUS
         is_old = is_gimbal and each.name not in own and (_OLD_MOUNT in parameters.values or _MOUNT_STATUS in own)
         if not parameters.switch_off(*SWITCHED_OFF_BY.get(each.name, ())):
-            yield replace(each, message_id=MOUNT_STATUS, needs="") if is_old else each
+            yield replace(each, message_id=mavlink.MOUNT_STATUS, needs="") if is_old else each
 
 
 def _heard(streams: Sequence[Stream], system: int, autopilot: int) -> dict[str, Stream]:
@@ -390,7 +370,7 @@ class RequestOutcome:
 
 
 def request_messages(
-    link: MavlinkLink, batches: Iterator[Batches], requests: Iterable[MessageRequest]
+    link: mavlink.MavlinkLink, batches: Iterator[Batches], requests: Iterable[MessageRequest]
 ) -> tuple[RequestOutcome, ...]:
     """Send each request to who shall fulfil it, and wait for the answer; up to three times.
 
@@ -405,13 +385,15 @@ def request_messages(
     return tuple(RequestOutcome(request, _answer_to(link, batches, request, senders)) for request in requests)
 
 
-def _answer_to(link: MavlinkLink, batches: Iterator[Batches], request: MessageRequest, senders: _Senders) -> str:
+def _answer_to(
+    link: mavlink.MavlinkLink, batches: Iterator[Batches], request: MessageRequest, senders: _Senders
+) -> str:
     attempts, due_ns, first_ns = 0, 0, None
     for batch in batches:
         now_ns = int(batch.now_ns[-1])
         first_ns = now_ns if first_ns is None else first_ns
         for block in batch.raw:
-            heads = headers(block)
+            heads = mavlink.headers(block)
             senders |= dict.fromkeys(map(tuple, np.unique(heads[1:3, heads[0] >= 0], axis=1).T.tolist()), block.sender)
             answer = _answer(block, heads, request) if attempts else None
             if answer is not None:
@@ -432,7 +414,9 @@ def _answer_to(link: MavlinkLink, batches: Iterator[Batches], request: MessageRe
 def _answer(block: RawBlock, heads: IntArray, request: MessageRequest) -> str | None:
     """Answer to a request in a block's frames; None where there is none, or the request is in progress."""
     sender = (heads[1] == request.system) & (heads[2] == request.component)
-    acknowledged = payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
-    is_ours = np.isin(acknowledged["target_system"], (0, OWN_SYSTEM)) & (acknowledged["command"] == request.command_id)
+    acknowledged = mavlink.payload_rows(block, heads[3:, (heads[0] == _COMMAND_ACK) & sender], _ACK)
+    is_ours = np.isin(acknowledged["target_system"], (0, mavlink.OWN_SYSTEM)) & (
+        acknowledged["command"] == request.command_id
+    )
     results = acknowledged["result"][is_ours & (acknowledged["result"] != dialect.MAV_RESULT_IN_PROGRESS)].tolist()
     return _ANSWERS.get(results[0], f"refused (result {results[0]})") if results else None

@@ -18,23 +18,10 @@ from matplotlib.figure import Figure
 from aerodft.errors import os_errors_as
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
+from aerodft.reports import style
 from aerodft.reports.recording_plot import amounts, digits_of, draw_recording, typical, unit_of
 from aerodft.reports.recording_series import RecordingSeries, Series
 from aerodft.reports.river_folder import RiverFolder
-from aerodft.reports.style import (
-    BAND,
-    BANKS,
-    BLACK,
-    BLUE,
-    COLOURS,
-    GREY,
-    OUTLINED,
-    SKY,
-    as_map,
-    draw_band,
-    second_utc,
-    styled,
-)
 from aerodft.version import SOFTWARE
 from replay.export import time_utc
 
@@ -105,7 +92,7 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
     Raises:
         InputError: One of its files cannot be read.
     """
-    start, end = (second_utc(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
+    start, end = (style.second_utc(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
     posed = found.poses.answered
     quantities = "1 quantity" if len(found.probes) == 1 else f"{len(found.probes)} quantities"
     lead = f"{quantities} in {found.images} images; for {posed} of these the camera's pose is known."
@@ -169,11 +156,8 @@ def river_page(river: RiverFolder) -> str:
         parts.append(_section("The plate", _picture(_read(plate), "png", words)))
     parts.append(_section("The map", _drawing(_river_map(river), _river_place(river))))
     if used:
-        parts.append(
-            _section(
-                "Along the river", _drawing(_profile(document["transects"]), f"The band is the {BAND} of each width.")
-            )
-        )
+        words = f"The band is the {style.BAND} of each width."
+        parts.append(_section("Along the river", _drawing(_profile(document["transects"]), words)))
     parts += [
         _section("Transects", _transects(document["transects"])),
         _section("What was assumed and what to know", _bullets(notes)),
@@ -224,7 +208,7 @@ def _picture(data: bytes, kind: str, words: str) -> str:
     return f'<figure><img src="{source}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
 
 
-@styled()
+@style.styled()
 def _drawing(figure: Figure, words: str) -> str:
     """A figure as SVG in the page: without what names addresses, which HTML does not need."""
     file = io.StringIO()
@@ -273,7 +257,7 @@ def _values(probes: Iterable[Series]) -> str:
 
 
 def _events(found: RecordingSeries) -> str:
-    rows = [(second_utc(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
+    rows = [(style.second_utc(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
     return _table(("UTC", "of", "what"), rows, words=3)
 
 
@@ -328,7 +312,7 @@ def _thin(things: Sequence[FloatArray]) -> list[FloatArray]:
     ]
 
 
-@styled()
+@style.styled()
 def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure | None:
     """Map of the camera's way and of what was measured, in metres; None where nothing has a place."""
     poses = np.stack([found.poses.numbers("east_m"), found.poses.numbers("north_m")], axis=-1)
@@ -343,7 +327,7 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
         return None
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.add_subplot()
-    axes.plot(*track.T, ".-", color=GREY, markersize=3, linewidth=0.8, label="camera")
+    axes.plot(*track.T, ".-", color=style.GREY, markersize=3, linewidth=0.8, label="camera")
     kinds = {each.name: each.kind for each in probes}
     for row, (name, lines) in enumerate(shown.items()):
         for number, points in enumerate(lines):
@@ -351,9 +335,15 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
             for piece in pieces:
                 closed = np.vstack([piece, piece[:1]]) if kinds[name] == ProbeKind.AREA else piece
                 label = name[:40] if not number and piece is pieces[0] else None
-                style = "." if len(closed) < _ENDS else "-"
-                axes.plot(*closed.T, style, color=COLOURS[row % len(COLOURS)], markersize=3, alpha=0.6, label=label)
-    as_map(axes, everything)
+                axes.plot(
+                    *closed.T,
+                    "." if len(closed) < _ENDS else "-",
+                    color=style.COLOURS[row % len(style.COLOURS)],
+                    markersize=3,
+                    alpha=0.6,
+                    label=label,
+                )
+    style.as_map(axes, everything)
     axes.legend(loc="upper left")
     return figure
 
@@ -387,30 +377,30 @@ def _local_m(river: RiverFolder) -> tuple[list[_Shape], tuple[float, float] | No
     return moved, (float(middle[1]), float(middle[0]))
 
 
-@styled()
+@style.styled()
 def _river_map(river: RiverFolder) -> Figure:
     """Water, banks, transects and centreline."""
     figure = Figure(figsize=(9, 6), layout="constrained")
     axes, shapes = figure.add_subplot(), _local_m(river)[0]
     looks: dict[str, dict[str, Any]] = {
-        "centreline": {"color": BLACK, "linestyle": "--", "linewidth": 0.9},
-        "transects": {"color": GREY, "linewidth": 0.6},
-        "left bank": {"color": BANKS[0], "linewidth": 1.3, "path_effects": OUTLINED},
-        "right bank": {"color": BANKS[1], "linewidth": 1.3, "path_effects": OUTLINED},
+        "centreline": {"color": style.BLACK, "linestyle": "--", "linewidth": 0.9},
+        "transects": {"color": style.GREY, "linewidth": 0.6},
+        "left bank": {"color": style.BANKS[0], "linewidth": 1.3, "path_effects": style.OUTLINED},
+        "right bank": {"color": style.BANKS[1], "linewidth": 1.3, "path_effects": style.OUTLINED},
     }
     said = set()
     for layer, properties, parts in shapes:
         name = f"{properties.get('side')} bank" if layer == "banks" else layer
         if layer == "water":
-            axes.fill(*parts[0].T, color=SKY, alpha=0.25, linewidth=0, label=name)
+            axes.fill(*parts[0].T, color=style.SKY, alpha=0.25, linewidth=0, label=name)
             for hole in parts[1:]:
                 axes.fill(*hole.T, color="white")
             continue
         for part in parts:
-            axes.plot(*part.T, label=None if name in said else name, **looks.get(name, {"color": GREY}))
+            axes.plot(*part.T, label=None if name in said else name, **looks.get(name, {"color": style.GREY}))
             said.add(name)
     if shapes:
-        as_map(axes, [part for _, _, parts in shapes for part in parts])
+        style.as_map(axes, [part for _, _, parts in shapes for part in parts])
         axes.legend(loc="upper left")
     return figure
 
@@ -423,7 +413,7 @@ def _river_place(river: RiverFolder) -> str:
     return f"Metres east and north of {place[0]:.6f}°, {place[1]:.6f}° (WGS84). {sides}"
 
 
-@styled()
+@style.styled()
 def _profile(transects: Sequence[Mapping[str, Any]]) -> Figure:
     """Widths along the river with their 95 % intervals, with gaps where a transect has none."""
     figure = Figure(figsize=(9, 3.2), layout="constrained")
@@ -431,10 +421,10 @@ def _profile(transects: Sequence[Mapping[str, Any]]) -> Figure:
     columns = ("station_m", "width_m", "wetted_m")
     at, width, wetted = np.array([[each[name] for each in transects] for name in columns], dtype=np.float64)
     low, high = np.array([each["ci95"] or (None, None) for each in transects], dtype=np.float64).T
-    draw_band(axes, at, low, high, BLUE, label=BAND)
-    axes.plot(at, width, ".-", color=BLUE, markersize=3, linewidth=0.8, label="width")
+    style.draw_band(axes, at, low, high, style.BLUE, label=style.BAND)
+    axes.plot(at, width, ".-", color=style.BLUE, markersize=3, linewidth=0.8, label="width")
     if any((each["channels"] or 1) > 1 for each in transects):
-        axes.plot(at, wetted, ":", color=BLACK, label="wetted, without islands")
+        axes.plot(at, wetted, ":", color=style.BLACK, label="wetted, without islands")
     axes.set(xlabel="along the river (m)", ylabel="width (m)")
     axes.legend(loc="best")
     return figure

@@ -10,26 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aerodft.adapters.files import output_folder
-from aerodft.dft.paper import (
-    CANON,
-    FIGURE_14_ERROR_M,
-    MAX_DEPTH_M,
-    TABLE_1,
-    TABLE_2_HEIGHT_M,
-    TABLE_2_TILT_RAD,
-    CameraRow,
-    DepthRow,
-    ErrorCurve,
-    Percent,
-    Sensitivity,
-    SensitivityRow,
-    figure_12,
-    figure_14,
-    figure_14_text_depth,
-    table_1,
-    table_2,
-    table_3,
-)
+from aerodft.dft import paper
 from aerodft.reports.style import save_figure, styled
 
 _SCHEMA: Final = "aerodft.paper/1"
@@ -50,8 +31,8 @@ def reproduce_paper(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: The folder cannot be written to.
     """
-    cameras, depths, sensitivities = table_1(), table_2(), table_3()
-    curves, canon = figure_12(), figure_14()
+    cameras, depths, sensitivities = paper.table_1(), paper.table_2(), paper.table_3()
+    curves, canon = paper.figure_12(), paper.figure_14()
     pngs = folder / "figure-12.png", folder / "figure-14.png"
     with output_folder(folder, "the figures"):
         _draw_figure_12(curves, cameras, pngs[0])
@@ -75,7 +56,7 @@ def reproduce_paper(folder: Path) -> dict[str, Any]:
     }
 
 
-def _camera(row: CameraRow) -> dict[str, Any]:
+def _camera(row: paper.CameraRow) -> dict[str, Any]:
     camera, text = row.printed.camera, row.printed.text_error_m
     return {
         "label": row.printed.label,
@@ -94,7 +75,7 @@ def _camera(row: CameraRow) -> dict[str, Any]:
     }
 
 
-def _depth(row: DepthRow) -> dict[str, Any]:
+def _depth(row: paper.DepthRow) -> dict[str, Any]:
     printed = row.printed
     return {
         "case": printed.case,
@@ -116,7 +97,7 @@ def _depth(row: DepthRow) -> dict[str, Any]:
     }
 
 
-def _sensitivity(row: SensitivityRow) -> dict[str, Any]:
+def _sensitivity(row: paper.SensitivityRow) -> dict[str, Any]:
     printed = row.printed
     return {
         "input": printed.input,
@@ -131,7 +112,7 @@ def _sensitivity(row: SensitivityRow) -> dict[str, Any]:
     }
 
 
-def _direction(at: Sensitivity) -> dict[str, Any]:
+def _direction(at: paper.Sensitivity) -> dict[str, Any]:
     return {
         "psi_deg": round(math.degrees(at.psi_rad), 6),
         "phi_deg": round(math.degrees(at.phi_rad), 6),
@@ -140,19 +121,19 @@ def _direction(at: Sensitivity) -> dict[str, Any]:
     }
 
 
-def _xyz(percent: Percent) -> dict[str, float]:
+def _xyz(percent: paper.Percent) -> dict[str, float]:
     return dict(zip("XYZ", percent, strict=True))
 
 
-def _curve(curve: ErrorCurve) -> dict[str, Any]:
+def _curve(curve: paper.ErrorCurve) -> dict[str, Any]:
     return {"label": curve.label, "depth_m": list(_DEPTHS_M), "error_m": [curve.at(depth) for depth in _DEPTHS_M]}
 
 
-def _point(row: DepthRow) -> dict[str, float]:
+def _point(row: paper.DepthRow) -> dict[str, float]:
     return {"truth_m": row.printed.truth_m, "error_m": row.printed.error_m, "quantization_m": row.quantization_m}
 
 
-def _table_1_notes(rows: Sequence[CameraRow]) -> list[str]:
+def _table_1_notes(rows: Sequence[paper.CameraRow]) -> list[str]:
     """Table 1: pitches, and the quantization errors that Section 5.1 states in its text."""
     by_label = {row.printed.label: row for row in rows}
     canon, nao = by_label["Cam1"], by_label["Cam7"]
@@ -175,7 +156,7 @@ def _table_1_notes(rows: Sequence[CameraRow]) -> list[str]:
     return [pitch, cam1, *_text_error_notes(rows, by_label)]
 
 
-def _text_error_notes(rows: Sequence[CameraRow], by_label: dict[str, CameraRow]) -> list[str]:
+def _text_error_notes(rows: Sequence[paper.CameraRow], by_label: dict[str, paper.CameraRow]) -> list[str]:
     sdz, snb, dlink, nao = (by_label[label] for label in ("Cam2", "Cam3", "Cam4", "Cam7"))
     nearer = ", ".join(_text_depth(row) for row in rows if row.printed.text_error_m)
     definition = (
@@ -195,7 +176,7 @@ def _text_error_notes(rows: Sequence[CameraRow], by_label: dict[str, CameraRow])
     return [definition, samsung, resolution]
 
 
-def _table_2_notes(rows: Sequence[DepthRow]) -> list[str]:
+def _table_2_notes(rows: Sequence[paper.DepthRow]) -> list[str]:
     """Table 2: what had to be assumed, its arithmetic, and what its errors look like."""
     off = [str(row.printed.case) for row in rows if abs(row.error_m - row.printed.error_m) > _HALF_DIGIT]
     percent = max(abs(row.error_percent - row.printed.error_percent) for row in rows)
@@ -208,9 +189,9 @@ def _table_2_notes(rows: Sequence[DepthRow]) -> list[str]:
     one_sided = (
         f"All ten estimates are short, by {min(pixels):.0f} to {max(pixels):.0f} pixels: errors of picking, as Section"
         f" 5.2 has it, would fall on both sides. A pitch {min(tilts):.2f} to {max(tilts):.2f} deg above the printed"
-        f" {_deg(TABLE_2_TILT_RAD):.1f} deg (column 'pitch') makes each estimate meet its truth."
+        f" {_deg(paper.TABLE_2_TILT_RAD):.1f} deg (column 'pitch') makes each estimate meet its truth."
     )
-    linear = max(abs(_deg(row.psi_rad - math.acos(TABLE_2_HEIGHT_M / row.pinhole_m))) for row in rows)
+    linear = max(abs(_deg(row.psi_rad - math.acos(paper.TABLE_2_HEIGHT_M / row.pinhole_m))) for row in rows)
     pinhole = (
         "Linear angles: a pinhole with the same field of view sees the same rows at other angles, by up to"
         f" {linear:.2f} deg; its depths stand in the column 'pinhole'."
@@ -218,17 +199,17 @@ def _table_2_notes(rows: Sequence[DepthRow]) -> list[str]:
     return [*_recovery_notes(rows), arithmetic, one_sided, pinhole]
 
 
-def _recovery_notes(rows: Sequence[DepthRow]) -> list[str]:
+def _recovery_notes(rows: Sequence[paper.DepthRow]) -> list[str]:
     near, far = rows[0], rows[-1]
     recovered = (
         "The paper prints no pixels. psi is recovered from its estimated depth, psi = acos(h / Z) with"
-        f" h = {TABLE_2_HEIGHT_M} m, as if the point lay in the middle column (X = 0); the row follows from Eq. 3 with"
-        f" theta = {_deg(TABLE_2_TILT_RAD):.1f} deg. At the image's left or right border psi would be"
+        f" h = {paper.TABLE_2_HEIGHT_M} m, as if the point lay in the middle column (X = 0); the row follows from Eq. 3"
+        f" with theta = {_deg(paper.TABLE_2_TILT_RAD):.1f} deg. At the image's left or right border psi would be"
         f" {_deg(near.psi_rad - near.psi_at_border_rad):.1f} (case 1) to"
         f" {_deg(far.psi_rad - far.psi_at_border_rad):.1f} deg (case 10) smaller."
     )
     between = sum(abs(row.row_px - round(row.row_px)) > row.row_half_digit_px for row in rows)
-    theta_px = _HALF_PITCH_DIGIT_DEG / (_deg(CANON.vfov_rad) / CANON.height_px)
+    theta_px = _HALF_PITCH_DIGIT_DEG / (_deg(paper.CANON.vfov_rad) / paper.CANON.height_px)
     digits = (
         f"Depths printed to 0.01 m fix the row to {near.row_half_digit_px:.2f} px (case 1) to"
         f" {far.row_half_digit_px:.2f} px (case 10); theta printed to 0.1 deg may shift all rows together by"
@@ -239,7 +220,7 @@ def _recovery_notes(rows: Sequence[DepthRow]) -> list[str]:
     return [recovered, digits]
 
 
-def _table_3_notes(rows: Sequence[SensitivityRow]) -> list[str]:
+def _table_3_notes(rows: Sequence[paper.SensitivityRow]) -> list[str]:
     """Table 3: how each percentage arises, and where it holds."""
     pitch, height, x_axis, y_axis = rows
     angles = (
@@ -263,9 +244,9 @@ def _table_3_notes(rows: Sequence[SensitivityRow]) -> list[str]:
     return [angles, mixed, bound, *_size_notes(pitch)]
 
 
-def _size_notes(pitch: SensitivityRow) -> list[str]:
-    across = [_deg(printed.camera.hfov_rad) / 100 for printed in TABLE_1]
-    up = [_deg(printed.camera.vfov_rad) / 100 for printed in TABLE_1]
+def _size_notes(pitch: paper.SensitivityRow) -> list[str]:
+    across = [_deg(printed.camera.hfov_rad) / 100 for printed in paper.TABLE_1]
+    up = [_deg(printed.camera.vfov_rad) / 100 for printed in paper.TABLE_1]
     worst = max(true.derivative_percent[1] for true in pitch.true)
     percent = (
         "1 % of the image is taken for 2.0 deg; with the fields of view of Table 1 it is"
@@ -279,26 +260,26 @@ def _size_notes(pitch: SensitivityRow) -> list[str]:
     return [percent, not_a_maximum]
 
 
-def _figure_12_notes(curves: Sequence[ErrorCurve]) -> list[str]:
+def _figure_12_notes(curves: Sequence[paper.ErrorCurve]) -> list[str]:
     """Figure 12: what is drawn."""
     nearest = [curve.depth_m.min() for curve in curves]
     return [
         (
-            f"Middle column, 10.0 m high, at the pitch with which each camera reaches {MAX_DEPTH_M:.0f} m. A curve"
-            f" begins at the image's bottom row, {min(nearest):.1f} to {max(nearest):.1f} m away, and ends flat: the"
-            " top row has no neighbour above it. Crosses and bars: what the text of Section 5.1 says."
+            f"Middle column, 10.0 m high, at the pitch with which each camera reaches {paper.MAX_DEPTH_M:.0f} m. A"
+            f" curve begins at the image's bottom row, {min(nearest):.1f} to {max(nearest):.1f} m away, and ends flat:"
+            " the top row has no neighbour above it. Crosses and bars: what the text of Section 5.1 says."
         )
     ]
 
 
-def _figure_14_notes(rows: Sequence[DepthRow]) -> list[str]:
+def _figure_14_notes(rows: Sequence[paper.DepthRow]) -> list[str]:
     """Figure 14: the text's figures beside the table's."""
     far = rows[-1]
     return [
         (
             f"Section 5.2 speaks of 3.6 m 'at a distance of 150 m' with a quantization error of 0.5 m; by Table 2 the"
             f" point is {far.printed.truth_m} m away, and the quantization error at its estimated depth is"
-            f" {far.quantization_m:.2f} m. 0.5 m is reached at {figure_14_text_depth():.0f} m."
+            f" {far.quantization_m:.2f} m. 0.5 m is reached at {paper.figure_14_text_depth():.0f} m."
         )
     ]
 
@@ -307,18 +288,18 @@ def _deg(angle_rad: float) -> float:
     return math.degrees(angle_rad)
 
 
-def _off_deg(row: CameraRow) -> float:
+def _off_deg(row: paper.CameraRow) -> float:
     return abs(_deg(row.tilt_for_depth_rad - row.printed.tilt_rad))
 
 
-def _rounded(rows: Sequence[CameraRow], tilt_rad: Callable[[CameraRow], float]) -> list[str]:
+def _rounded(rows: Sequence[paper.CameraRow], tilt_rad: Callable[[paper.CameraRow], float]) -> list[str]:
     """Labels of the cameras whose printed pitch is the computed one, rounded as printed."""
     return [
         row.printed.label for row in rows if abs(_deg(tilt_rad(row) - row.printed.tilt_rad)) <= _HALF_PITCH_DIGIT_DEG
     ]
 
 
-def _text_depth(row: CameraRow) -> str:
+def _text_depth(row: paper.CameraRow) -> str:
     highest = (row.printed.text_error_m or (math.nan, math.nan))[1]
     if row.depth_of_text_error_m is None:
         return f"{row.printed.label} never has {highest} m"
@@ -326,7 +307,7 @@ def _text_depth(row: CameraRow) -> str:
 
 
 @styled()
-def _draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], path: Path) -> None:
+def _draw_figure_12(curves: Sequence[paper.ErrorCurve], cameras: Sequence[paper.CameraRow], path: Path) -> None:
     """Quantization error over depth, one curve a camera, and what the paper's text says of 150 m."""
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
     axes = figure.subplots()
@@ -336,7 +317,7 @@ def _draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], 
         text = row.printed.text_error_m
         if text is not None:
             middle, half = (text[0] + text[1]) / 2, (text[1] - text[0]) / 2
-            axes.errorbar(MAX_DEPTH_M + 2, middle, yerr=half, fmt="x", capsize=4, color=line.get_color())
+            axes.errorbar(paper.MAX_DEPTH_M + 2, middle, yerr=half, fmt="x", capsize=4, color=line.get_color())
     axes.plot([], [], "kx", label="the paper's text, at 150 m")
     axes.set(xlim=(10, 155), ylim=(0, None), xlabel="depth Z (m)", ylabel="quantization error (m)")
     axes.set_title("Figure 12: quantization error, camera 10 m high")
@@ -344,14 +325,19 @@ def _draw_figure_12(curves: Sequence[ErrorCurve], cameras: Sequence[CameraRow], 
 
 
 @styled()
-def _draw_figure_14(curve: ErrorCurve, rows: Sequence[DepthRow], path: Path) -> None:
+def _draw_figure_14(curve: paper.ErrorCurve, rows: Sequence[paper.DepthRow], path: Path) -> None:
     """Errors of Table 2 and the Canon's quantization error over depth."""
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
     axes = figure.subplots()
     axes.plot([row.printed.truth_m for row in rows], [row.printed.error_m for row in rows], "o-", label="Table 2")
-    seen = curve.depth_m <= MAX_DEPTH_M + 1
+    seen = curve.depth_m <= paper.MAX_DEPTH_M + 1
     axes.plot(curve.depth_m[seen], curve.error_m[seen], label="quantization error, computed")
-    axes.plot([MAX_DEPTH_M], [FIGURE_14_ERROR_M], "kx", label=f"the paper's text: {FIGURE_14_ERROR_M} m at 150 m")
+    axes.plot(
+        [paper.MAX_DEPTH_M],
+        [paper.FIGURE_14_ERROR_M],
+        "kx",
+        label=f"the paper's text: {paper.FIGURE_14_ERROR_M} m at 150 m",
+    )
     axes.set(xlim=(10, 155), ylim=(0, None), xlabel="depth Z (m)", ylabel="error (m)")
     axes.set_title("Figure 14: error of Table 2, Canon 1000D 10.48 m high at 67.0 deg")
     _save(figure, axes, path)

@@ -15,23 +15,8 @@ from matplotlib.patches import Patch
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import FloatArray, IntArray, ProbeKind, Status
+from aerodft.reports import style
 from aerodft.reports.recording_series import Event, RecordingSeries, Series, runs
-from aerodft.reports.style import (
-    BAND,
-    BLACK,
-    BLUE,
-    COLOURS,
-    GREEN,
-    GREY,
-    NORMAL_95,
-    RED,
-    draw_band,
-    save_figure,
-    second_utc,
-    set_visible_range,
-    styled,
-    with_gaps,
-)
 
 MOST_PROBES: Final = 12
 """More have no room in a figure."""
@@ -66,7 +51,7 @@ def amounts(series: Series) -> dict[str, tuple[FloatArray, FloatArray]]:
     if series.kind not in {ProbeKind.POSITION, ProbeKind.TRACK} or np.isfinite(value).any():
         return {"": (value, (high - low) / 2)}
     variances = {axis: np.maximum(series.numbers(f"cov_{axis}_m2"), 0.0) for axis in ("east", "north")}
-    return {axis: (series.numbers(f"{axis}_m"), NORMAL_95 * np.sqrt(each)) for axis, each in variances.items()}
+    return {axis: (series.numbers(f"{axis}_m"), style.NORMAL_95 * np.sqrt(each)) for axis, each in variances.items()}
 
 
 def typical(value: FloatArray, half: FloatArray) -> tuple[float, float]:
@@ -103,14 +88,14 @@ class _Clock:
         length_s = (end_ns - start_ns) / SECOND_NS
         _, self._unit_s, name = next(each for each in _TIMES if length_s >= each[0])
         self._zero_ns = zero_ns
-        zero, start, end = map(second_utc, (zero_ns, start_ns, end_ns))
+        zero, start, end = map(style.second_utc, (zero_ns, start_ns, end_ns))
         self.label, self.span = f"{name} since {zero} UTC", f"{start} to {end} UTC"
 
     def of(self, stamps_ns: IntArray) -> FloatArray:
         return np.asarray((stamps_ns - self._zero_ns) / (SECOND_NS * self._unit_s), dtype=np.float64)
 
 
-@styled()
+@style.styled()
 def draw_recording(found: RecordingSeries, probes: Sequence[Series], station: str) -> Figure:
     """Draw values with their 95 % intervals, heights by source, tilt, statuses as coloured spans, and events.
 
@@ -154,8 +139,8 @@ def draw_recording(found: RecordingSeries, probes: Sequence[Series], station: st
         _draw_along(figure.add_subplot(grid[row]), series)
     figure.align_ylabels(axes)
     handles = [
-        Line2D([], [], color=BLUE, marker=".", linestyle="", label="measured"),
-        Patch(color=GREY, alpha=0.5, label=BAND),
+        Line2D([], [], color=style.BLUE, marker=".", linestyle="", label="measured"),
+        Patch(color=style.GREY, alpha=0.5, label=style.BAND),
         *(Line2D([], [], color=colour, label=f"height: {name}") for name, colour in sources.items()),
         *spans.handles(),
     ]
@@ -171,7 +156,7 @@ def write_recording_plot(found: RecordingSeries, probes: Sequence[Series], stati
     Raises:
         OSError: It cannot be written.
     """
-    save_figure(draw_recording(found, probes, station), path, form)
+    style.save_figure(draw_recording(found, probes, station), path, form)
 
 
 def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
@@ -180,7 +165,7 @@ def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
     known = f"{series.answered} of {len(series.stamps_ns)} answered"
     found = amounts(series)
     if "" not in found:
-        for (axis, (place, halves)), colour in zip(found.items(), (BLUE, RED), strict=True):
+        for (axis, (place, halves)), colour in zip(found.items(), (style.BLUE, style.RED), strict=True):
             off = place - typical(place, halves)[0]
             _draw_line(axes, clock.of(series.stamps), off, (off - halves, off + halves), colour)
             axes.plot([], [], ".", color=colour, label=axis)
@@ -193,17 +178,17 @@ def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
         "" if math.isnan(value) else f"median {value:.{digits}f} {unit}, typically ± {half:.{digits}f} {unit} (95 %); "
     )
     ends = series.numbers("ci95_low"), series.numbers("ci95_high")
-    beyond = _draw_line(axes, clock.of(series.stamps), series.numbers("value"), ends, BLUE)
+    beyond = _draw_line(axes, clock.of(series.stamps), series.numbers("value"), ends, style.BLUE)
     axes.set(title=f"{name}: {middle}{known}{_cut(beyond)}", ylabel=unit)
 
 
 def _draw_line(axes: Axes, x: FloatArray, value: FloatArray, ends: tuple[FloatArray, FloatArray], colour: str) -> int:
     """Values with their interval; how many intervals leave the panel."""
     rows = _thinned(value)
-    x, value, low, high = with_gaps(x[rows], value[rows], ends[0][rows], ends[1][rows])
-    draw_band(axes, x, low, high, colour)
+    x, value, low, high = style.with_gaps(x[rows], value[rows], ends[0][rows], ends[1][rows])
+    style.draw_band(axes, x, low, high, colour)
     axes.plot(x, value, ".", color=colour, markersize=3)
-    return set_visible_range(axes, *ends)
+    return style.set_visible_range(axes, *ends)
 
 
 def _short(name: str) -> str:
@@ -228,9 +213,9 @@ def _thinned(value: FloatArray) -> IntArray:
 
 def _draw_height(axes: Axes, poses: Series, clock: _Clock) -> dict[str, str]:
     """Heights above what is measured, by source; the sources' colours."""
-    height, half = poses.numbers("height_m"), NORMAL_95 * poses.numbers("height_std_m")
+    height, half = poses.numbers("height_m"), style.NORMAL_95 * poses.numbers("height_std_m")
     names = poses.texts["height_source"]
-    sources = dict(zip(sorted({*names} - {""}), (GREEN, RED, BLUE, *COLOURS[3:]), strict=False))
+    sources = dict(zip(sorted({*names} - {""}), (style.GREEN, style.RED, style.BLUE, *style.COLOURS[3:]), strict=False))
     x = clock.of(poses.stamps)
     beyond = 0
     for name, colour in sources.items():
@@ -241,8 +226,8 @@ def _draw_height(axes: Axes, poses: Series, clock: _Clock) -> dict[str, str]:
 
 
 def _draw_tilt(axes: Axes, poses: Series, clock: _Clock) -> None:
-    tilt, half = poses.numbers("tilt_deg"), NORMAL_95 * poses.numbers("tilt_std_deg")
-    beyond = _draw_line(axes, clock.of(poses.stamps), tilt, (tilt - half, tilt + half), BLACK)
+    tilt, half = poses.numbers("tilt_deg"), style.NORMAL_95 * poses.numbers("tilt_std_deg")
+    beyond = _draw_line(axes, clock.of(poses.stamps), tilt, (tilt - half, tilt + half), style.BLACK)
     axes.set(title=f"camera's tilt: 0 straight down, 90 to the horizon{_cut(beyond)}", ylabel="degrees")
 
 
@@ -290,12 +275,12 @@ def _draw_events(axes: Axes, events: Sequence[Event], clock: _Clock, panels: Seq
     low, high = panels[0].get_xlim()
     for panel in panels:
         for x in at[:_MOST_SPANS]:
-            panel.axvline(x, color=BLACK, linewidth=0.7, linestyle=":", alpha=0.6)
+            panel.axvline(x, color=style.BLACK, linewidth=0.7, linestyle=":", alpha=0.6)
     for row, kind in enumerate(kinds):
         own = [(x, event.text) for x, event in zip(at.tolist(), events, strict=True) if event.kind == kind]
         free = low  # to the left of what comes next
         for (x, words), following in zip(own, [*(x for x, _ in own[1:]), high], strict=True):
-            axes.plot(x, row, "|", color=BLACK, markersize=9)
+            axes.plot(x, row, "|", color=style.BLACK, markersize=9)
             text = _short(words)
             width = (len(text) + 2) * _LETTER_SHARE * (high - low)
             is_right = x + width <= following
@@ -323,7 +308,7 @@ def _draw_along(axes: Axes, series: Series) -> None:
     along = np.linalg.svd(middles - middles.mean(axis=0), full_matrices=False)[2][0]
     stations = (middles - middles.mean(axis=0)) @ along
     stations -= stations.min()
-    axes.plot(stations, widths, ".", color=BLUE, markersize=2, alpha=0.5)
+    axes.plot(stations, widths, ".", color=style.BLUE, markersize=2, alpha=0.5)
     edges = np.linspace(0.0, max(float(stations.max()), 1e-9), int(np.clip(len(stations) // 20, 1, 60)) + 1)
     bins = np.clip(np.digitize(stations, edges) - 1, 0, len(edges) - 2)
     rows = [
@@ -331,8 +316,8 @@ def _draw_along(axes: Axes, series: Series) -> None:
         for row in np.unique(bins)
     ]
     at, low, middle, high = np.array(rows).T
-    draw_band(axes, at, low, high, BLUE)
-    axes.plot(at, middle, color=BLUE, linewidth=1)
+    style.draw_band(axes, at, low, high, style.BLUE)
+    axes.plot(at, middle, color=style.BLUE, linewidth=1)
     axes.set(
         title=f"{series.name} along the river: transects of {len(ends)} looks; the band holds 95 % of them",
         xlabel="along the river (m)",

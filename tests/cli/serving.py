@@ -6,11 +6,11 @@ from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
-from aerodft.app import station
+from aerodft.app import assembly
 from aerodft.cli.main import main
 
 WORD = "late:"
-_run, _before = station.run, set[str]()
+_run, _before = assembly.run, set[str]()
 
 
 def compiled() -> set[str]:
@@ -33,6 +33,6 @@ def say() -> None:
 
 
 if __name__ == "__main__":
-    station.run = run
+    assembly.run = run
     atexit.register(say)
     main()

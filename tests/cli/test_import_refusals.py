@@ -208,7 +208,7 @@ def test_what_ends_halfway_says_that_it_did(aerodft, desk, monkeypatch, ending):
             sink.take(step[:20], StepOutputs())
         raise ending
 
-    monkeypatch.setattr("aerodft.app.importing.run", interrupted)
+    monkeypatch.setattr("aerodft.app.assembly.run", interrupted)
     out = desk.folder / "out"
     found = aerodft("import", desk.log, "-c", desk.config, "-o", out)
     assert found.code == (3 if isinstance(ending, InputError) else 130)

@@ -1,10 +1,8 @@
 """A lens calibration as JSON and as a page: what it is based on, how well it fits, what is missing, and figures."""
 
-import base64
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,17 +16,12 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.files import output_folder
 from aerodft.model import Camera, FloatArray, LensModel
 from aerodft.reports.calibration import decimals
+from aerodft.reports.page import bullets, heading, page, paragraph, picture, table
 from aerodft.reports.style import BLUE, RED, styled
 from aerodft.version import SOFTWARE
 from calibration.lens import LensChoice, LensFit, covered_cells, distortion_px, intrinsics_of, missing, ray_std_px
 from calibration.pose import coefficient_names
 
-_STYLE = """
-body { font-family: sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
-table { border-collapse: collapse; } td, th { padding: 0.2em 1em; text-align: right; border-bottom: 1px solid #ddd; }
-th:first-child, td:first-child { text-align: left; } figure { margin: 2em 0; }
-img { max-width: 100%; } .missing { color: #a00; }
-"""
 _CAPTIONS = {
     "coverage": "Where corners were seen. Outside of them the distortion is extrapolated.",
     "residuals": "Arrows that point the same way in a region say that the lens model does not fit there.",
@@ -158,35 +151,21 @@ def write_lens_page(fit: LensFit, folder: Path) -> list[Path]:
 
 def _page(fit: LensFit, figures: dict[str, Path]) -> str:
     solution, (width, height) = fit.solution, fit.size_px
-    title = escape(f"Lens calibration: {solution.camera.name}")
+    title = f"Lens calibration: {solution.camera.name}"
     head = (
         f"{len(solution.views)} views of {fit.images} images of {width} x {height} px, {fit.board}:"
         f" {len(solution.off_px)} corners, {solution.rms_px:.3f} px rms."
         f" {SOFTWARE}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
     )
-    lacking = missing(solution)
-    remarks = [f'<p class="missing">Missing: {escape(sentence)}.</p>' for sentence in lacking]
-    if not lacking:
-        remarks = ["<p>Nothing is missing: corners all over the image, tilted and near boards.</p>"]
-    listed = "".join(f"<li>{escape(note)}</li>" for note in lens_notes(fit))
-    pictures = "".join(
-        f'<figure><img alt="{name}" src="data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}">'
-        f"<figcaption>{escape(_CAPTIONS[name])}</figcaption></figure>\n"
-        for name, path in figures.items()
-    )
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{_STYLE}</style></head>\n<body><h1>{title}</h1>\n<p>{escape(head)}</p>\n{''.join(remarks)}\n"
-        f"{_table(fit)}\n<ul>{listed}</ul>\n{pictures}</body></html>\n"
-    )
-
-
-def _table(fit: LensFit) -> str:
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{value}</td><td>{std}</td></tr>"
-        for name, value, std in parameter_rows(fit.solution.camera)
-    )
-    return f"<table><tr><th>parameter</th><th>value</th><th>std</th></tr>{rows}</table>"
+    lacking = [f"Missing: {sentence}." for sentence in missing(solution)]
+    parts = [
+        heading(title, head),
+        *map(paragraph, lacking or ["Nothing is missing: corners all over the image, tilted and near boards."]),
+        table(("parameter", "value", "std"), parameter_rows(solution.camera)),
+        bullets(lens_notes(fit)),
+        *(picture(path.read_bytes(), "png", _CAPTIONS[name]) for name, path in figures.items()),
+    ]
+    return page(title, parts)
 
 
 def _image_axes(fit: LensFit, title: str) -> tuple[Figure, Axes]:

@@ -97,17 +97,17 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
     quantities = "1 quantity" if len(found.probes) == 1 else f"{len(found.probes)} quantities"
     lead = f"{quantities} in {found.images} images; for {posed} of these the camera's pose is known."
     parts = [
-        _heading(f"Measurements of {facts.station or facts.path.name}", f"{start} to {end} UTC"),
+        heading(f"Measurements of {facts.station or facts.path.name}", f"{start} to {end} UTC"),
         f'<p class="lead">{lead}</p>',
         *(f"<p><strong>{escape(each)}</strong></p>" for each in facts.lacks),
-        _section("What was measured", _summary(found.probes.values()), _paragraph(_COVERS)),
+        _section("What was measured", _summary(found.probes.values()), paragraph(_COVERS)),
     ]
     if facts.best is not None:
         index, pixels = facts.best
         bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
         data = bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
         words = f"Image {index}, in which most was measured; behind each value its 95 % interval."
-        parts.append(_section("The image", _picture(data, "jpeg", words)))
+        parts.append(_section("The image", picture(data, "jpeg", words)))
     drawn = _recording_map(found, list(found.probes.values()))
     if drawn is not None:
         parts.append(_section("The map", _drawing(drawn, _place_words(found))))
@@ -120,7 +120,7 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
         _section("What was stated and assumed", *_settings(facts.settings), _remarks(found)),
         _section("Provenance", _provenance(facts.path, found)),
     ]
-    return _page(f"Measurements of {facts.station}", parts)
+    return page(f"Measurements of {facts.station}", parts)
 
 
 def river_page(river: RiverFolder) -> str:
@@ -146,27 +146,28 @@ def river_page(river: RiverFolder) -> str:
     sure = f"Confidence in the water's outline: {100 * document['confidence']:.0f} %.{seen}"
     notes = document["reasons"] or ["Nothing more than its inputs' stated uncertainties was said of this answer."]
     parts = [
-        _heading("Width of a river", river.path.name),
+        heading("Width of a river", river.path.name),
         f'<p class="lead">{escape(lead)}</p>',
-        _paragraph(f"{sure} {_COVERS}"),
+        paragraph(f"{sure} {_COVERS}"),
     ]
     plate = river.path / "plate.png"
     if plate.is_file():
         words = "Banks and transects in the image and from above, and the widths along the river."
-        parts.append(_section("The plate", _picture(_read(plate), "png", words)))
+        parts.append(_section("The plate", picture(_read(plate), "png", words)))
     parts.append(_section("The map", _drawing(_river_map(river), _river_place(river))))
     if used:
         words = f"The band is the {style.BAND} of each width."
         parts.append(_section("Along the river", _drawing(_profile(document["transects"]), words)))
     parts += [
         _section("Transects", _transects(document["transects"])),
-        _section("What was assumed and what to know", _bullets(notes)),
+        _section("What was assumed and what to know", bullets(notes)),
         _section("Provenance", _files(river.path), _made_by()),
     ]
-    return _page(f"Width of a river: {river.path.name}", parts)
+    return page(f"Width of a river: {river.path.name}", parts)
 
 
-def _page(title: str, parts: Iterable[str]) -> str:
+def page(title: str, parts: Iterable[str]) -> str:
+    """A whole page that needs no other file, of parts of HTML; empty ones are left out."""
     head = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
@@ -176,7 +177,8 @@ def _page(title: str, parts: Iterable[str]) -> str:
     return "\n".join([head, *filter(None, parts), "</body></html>\n"])
 
 
-def _heading(title: str, below: str) -> str:
+def heading(title: str, below: str) -> str:
+    """The page's title, and what stands small below it."""
     return f'<h1>{escape(title)}</h1><p class="small">{escape(below)}</p>'
 
 
@@ -184,15 +186,17 @@ def _section(title: str, *parts: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{''.join(parts)}</section>"
 
 
-def _paragraph(text: str) -> str:
+def paragraph(text: str) -> str:
+    """A text of its own."""
     return f"<p>{escape(text)}</p>"
 
 
-def _bullets(sentences: Iterable[str]) -> str:
+def bullets(sentences: Iterable[str]) -> str:
+    """A list of sentences."""
     return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in sentences)}</ul>"
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1, last_words: int = 0) -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1, last_words: int = 0) -> str:
     """A table whose first columns, and some of the last, are words, the others numbers."""
     looks = [""] * words + [' class="n"'] * (len(head) - words - last_words) + [""] * last_words
 
@@ -203,7 +207,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1
     return f"<table><thead><tr>{line('th', head)}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _picture(data: bytes, kind: str, words: str) -> str:
+def picture(data: bytes, kind: str, words: str) -> str:
+    """An image file's bytes, ``png`` or ``jpeg``, with words below."""
     source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
     return f'<figure><img src="{source}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
 
@@ -235,7 +240,7 @@ def _summary(probes: Iterable[Series]) -> str:
             answered = f"{each.answered} of {len(each.stamps_ns)}"
             rows.append((each.name, each.kind, answered, *shown, span, unit, why))
     head = ("quantity", "kind", "answered", "median", "± (95 %)", "least to largest", "unit", "without a value")
-    return _table(head, rows, words=2, last_words=2)
+    return table(head, rows, words=2, last_words=2)
 
 
 def _values(probes: Iterable[Series]) -> str:
@@ -253,12 +258,12 @@ def _values(probes: Iterable[Series]) -> str:
         return ""
     note = f"At most {_MOST_ROWS} of each quantity, evenly spread; aerodft export writes all." if thinned else ""
     head = ("quantity", "UTC", "value", "95 % interval", "unit")
-    return _section("Values", _paragraph(note) * bool(note) + _table(head, rows, words=2, last_words=1))
+    return _section("Values", paragraph(note) * bool(note) + table(head, rows, words=2, last_words=1))
 
 
 def _events(found: RecordingSeries) -> str:
     rows = [(style.second_utc(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
-    return _table(("UTC", "of", "what"), rows, words=3)
+    return table(("UTC", "of", "what"), rows, words=3)
 
 
 def _settings(settings: Sequence[tuple[str, str, bool]]) -> Iterator[str]:
@@ -266,14 +271,14 @@ def _settings(settings: Sequence[tuple[str, str, bool]]) -> Iterator[str]:
     for title, is_default in (("Stated in the station file", False), ("Assumed: defaults of the software", True)):
         rows = [(key, value) for key, value, own in settings if own is is_default]
         if rows:
-            yield f"<h3>{title}</h3>{_table(('key, with its unit', 'value'), rows)}"
+            yield f"<h3>{title}</h3>{table(('key, with its unit', 'value'), rows)}"
 
 
 def _remarks(found: RecordingSeries) -> str:
     if not found.remarks:
         return ""
     said = [f"{text} ({count} values)" for text, count in found.remarks.most_common(_MOST_ROWS)]
-    return f"<h3>What values say of themselves</h3>{_bullets(said)}"
+    return f"<h3>What values say of themselves</h3>{bullets(said)}"
 
 
 def _provenance(path: Path, found: RecordingSeries) -> str:
@@ -281,11 +286,11 @@ def _provenance(path: Path, found: RecordingSeries) -> str:
     calibrations = [name for name in found.calibrations if name]
     lines = [f"Measured by {made}."] if made else []
     lines += [f"Calibrations: {', '.join(sorted(calibrations))}."] if calibrations else []
-    return _bullets(lines) * bool(lines) + _files(path) + _made_by()
+    return bullets(lines) * bool(lines) + _files(path) + _made_by()
 
 
 def _made_by() -> str:
-    return _paragraph(f"Page written by {SOFTWARE} at {datetime.now(UTC).isoformat(timespec='seconds')}.")
+    return paragraph(f"Page written by {SOFTWARE} at {datetime.now(UTC).isoformat(timespec='seconds')}.")
 
 
 def _files(path: Path) -> str:
@@ -296,8 +301,8 @@ def _files(path: Path) -> str:
             with os_errors_as("the file cannot be read", where=each), each.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
                 rows.append((each.name, digest, f"{each.stat().st_size:,}"))
-    table = _table(("file", "SHA-256", "bytes"), rows, words=2)
-    return re.sub(r"<td>([0-9a-f]{64})</td>", r'<td class="hash">\1</td>', table)
+    shown = table(("file", "SHA-256", "bytes"), rows, words=2)
+    return re.sub(r"<td>([0-9a-f]{64})</td>", r'<td class="hash">\1</td>', shown)
 
 
 def _read(path: Path) -> bytes:
@@ -442,4 +447,4 @@ def _transects(transects: Sequence[Mapping[str, Any]]) -> str:
         bound = "at least" if each["bound"] else ""
         rows.append((each["status"], f"{each['station_m']:.1f}", bound, *numbers, f"{each['wetted_m']:.{digits}f}"))
     head = ("status", "along the river (m)", "bound", "width (m)", "95 % interval (m)", "wetted (m)")
-    return _table(head, rows)
+    return table(head, rows)

@@ -125,7 +125,8 @@ def test_the_report_is_one_page_with_its_pictures_in_it(calibrated):
     folder, found = calibrated
     page = (folder / "report" / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 5
-    assert "http" not in page
+    assert "http:" not in page
+    assert "https:" not in page
     assert all(part in page for part in ("fx_px", "14 views of 16 images", "blurred0.png"))
     for name in ("coverage", "residuals", "views", "distortion", "known"):
         path = folder / "report" / f"{name}.png"

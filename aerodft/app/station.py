@@ -3,12 +3,15 @@
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
 
 from aerodft.adapters.config.station import Device, Rate, StationConfig, Stills, StreamInput, VideoFile, load_station
 from aerodft.adapters.images import LiveRate, StreamReader
@@ -20,21 +23,13 @@ from aerodft.app import assembly
 from aerodft.app.recordings import recovering_beside
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError, named_in
-from aerodft.model import Image, Measurement, VideoPacket
-from aerodft.service import Inbox, LiveFeed, LiveObservers, Sink
+from aerodft.model import GeoOrigin, Image, Measurement, StampClock, VideoPacket, WireProtocol
+from aerodft.service import Batches, Inbox, LiveFeed, LiveObservers, Sink, block_of
 from aerodft.service.clocks import WallClock
+from aerodft.sim import DEFAULT_RATES_HZ, Autopilot, Waypoint, datagrams, fly
 
 if TYPE_CHECKING:
     from aerodft.adapters.recording.write import McapRecorder
-
-from collections.abc import Iterator
-from dataclasses import replace
-
-import numpy as np
-
-from aerodft.model import GeoOrigin, StampClock, WireProtocol
-from aerodft.service import Batches, block_of
-from aerodft.sim import DEFAULT_RATES_HZ, Autopilot, Waypoint, datagrams, fly
 
 _WAKE_S: Final = 0.5  # Python handles a signal when the main thread runs: one that came just before a wait is not lost
 

@@ -152,7 +152,7 @@ def test_a_video_of_another_size_than_the_camera(aerodft, desk):
     found = aerodft(
         "import", desk.log, "-c", desk.config, "-o", desk.folder / "out", "--video", video, "--video-start", START
     )
-    refused(found, 3, f"{video}: images are of another size", "got 128 x 96 px, expected 64 x 48 px of 'small'")
+    refused(found, 3, f"{video}: the image is not of this camera's mode", "got 128 x 96 px, expected 64 x 48 px")
     untouched(desk.folder / "out")
 
 
@@ -170,7 +170,7 @@ def test_a_still_of_another_size_is_found_before_anything_is_written(aerodft, de
     cv2.imwrite(str(folder / f"{UTC0_NS // MS + 1300}.png"), np.zeros((10, 20, 3), dtype=np.uint8))
     config = desk.station(desk.config.read_text().replace("[images]\nrate_hz = 5", STILLS))
     found = aerodft("import", desk.log, "-c", config, "-o", desk.folder / "out")
-    refused(found, 3, "got 20 x 10 px, expected 64 x 48 px of 'small'")
+    refused(found, 3, "got 20 x 10 px, expected 64 x 48 px, the size of camera")
     untouched(desk.folder / "out")
 
 

@@ -185,7 +185,7 @@ def test_a_hover_with_a_locked_gimbal_is_refused(aerodft, tmp_path):
         ((), 2, "no camera: expected --camera FILE or --config FILE"),
         (("--camera", "camera.toml", "--max-offset", "0"), 2, "--max-offset: got 0, expected above 0"),
         (("--camera", "camera.toml", "--video-start", "2020-01-01T00:00:00Z"), 4, "do not overlap in time"),
-        (("--camera", "other.toml"), 3, "images are of another size than the camera file"),
+        (("--camera", "other.toml"), 3, "the image is not of this camera's mode"),
     ],
 )
 def test_what_cannot_be_aligned_is_refused_in_a_sentence(desk, aerodft, options, code, says):

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.station import StationConfig, Topics, load_station, parse_station, with_calibration
+from aerodft.adapters.images import refuse_other_size
 from aerodft.adapters.outputs import Run
 from aerodft.adapters.telemetry import LogSource, open_log
 from aerodft.adapters.telemetry.mavlink import FrameCounts
@@ -81,15 +82,8 @@ def check_size(image: Image, camera: Camera, where: object) -> None:
     Raises:
         InputError: The sizes differ.
     """
-    if image.width_px is None or (image.width_px, image.height_px) == (camera.width_px, camera.height_px):
-        return
-    raise InputError(
-        "images are of another size than the camera file",
-        where=where,
-        got=f"{image.width_px} x {image.height_px} px",
-        expected=f"{camera.width_px} x {camera.height_px} px of {camera.name!r}",
-        hint="a camera file belongs to one mode (size, crop, zoom)",
-    )
+    if image.width_px is not None and image.height_px is not None:
+        refuse_other_size((image.width_px, image.height_px), camera, where)
 
 
 def reoffset(source: Source, old: StationConfig, new: StationConfig) -> Source:

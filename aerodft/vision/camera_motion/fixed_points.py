@@ -58,18 +58,8 @@ _DECIMALS: Final = 3  # of a pixel; trackers have not two
 
 _Pairs = tuple[FloatArray, FloatArray]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Features:
-    """Points with descriptors.
-
-    Attributes:
-        pixels_px: ``(n, 2)``.
-        descriptors: ``(n, 32)``.
-    """
-
-    pixels_px: FloatArray
-    descriptors: ImageArray
+Features = tuple[FloatArray, ImageArray]
+"""Pixels ``(n, 2)`` and their descriptors ``(n, 32)``."""
 
 
 def features_of(local_contrast: ImageArray, allowed: BoolArray | None = None) -> Features:
@@ -80,19 +70,20 @@ def features_of(local_contrast: ImageArray, allowed: BoolArray | None = None) ->
         mask = cv2.resize(allowed.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     found, descriptors = cv2.ORB.create(nfeatures=_FEATURES, fastThreshold=10).detectAndCompute(small, mask)
     if descriptors is None:
-        return Features(np.zeros((0, 2)), np.zeros((0, 32), dtype=np.uint8))
+        return np.zeros((0, 2)), np.zeros((0, 32), dtype=np.uint8)
     pixels = np.array([point.pt for point in found])
-    return Features((pixels + 0.5) / _HALF - 0.5, np.asarray(descriptors, dtype=np.uint8))
+    return (pixels + 0.5) / _HALF - 0.5, np.asarray(descriptors, dtype=np.uint8)
 
 
 def match_features(old: Features, new: Features) -> tuple[FloatArray, FloatArray]:
     """Pixels ``(n, 2)`` of what is likely the same in both, old and new."""
-    if min(len(old.descriptors), len(new.descriptors)) < 2:  # noqa: PLR2004 - a best and a second best
+    (old_px, old_descriptors), (new_px, new_descriptors) = old, new
+    if min(len(old_px), len(new_px)) < 2:  # noqa: PLR2004 - a best and a second best
         return np.zeros((0, 2)), np.zeros((0, 2))
-    nearest = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(old.descriptors, new.descriptors, k=2)
+    nearest = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(old_descriptors, new_descriptors, k=2)
     pairs = [(best.queryIdx, best.trainIdx) for best, second in nearest if best.distance < _DISTINCT * second.distance]
     indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    return old.pixels_px[indices[:, 0]], new.pixels_px[indices[:, 1]]
+    return old_px[indices[:, 0]], new_px[indices[:, 1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,15 +113,10 @@ class Reference:
         """For recognition after a large turn."""
         return features_of(self.local_contrast, self.allowed)
 
-    @property
-    def is_rich(self) -> bool:
-        """Whether there is enough to be found again."""
-        return len(self.points_px) >= LEAST_CORNERS
-
-
-def reference_of(pixels: ImageArray, allowed: BoolArray) -> Reference:
-    """An image ``(height, width, 3)`` BGR as a reference."""
-    return Reference(grey_of(pixels), allowed)
+    def shows(self, other: "Reference") -> bool:
+        """Whether two images show the same: neither of them is broken, dark or blurred then."""
+        found = track_lk(self.local_contrast, other.local_contrast, self.points_px, self.points_px)[1]
+        return bool(np.count_nonzero(found) >= _FOUND_AGAIN * len(found))
 
 
 def allowed_outside(polygons: tuple[Polygon, ...], width_px: int, height_px: int) -> BoolArray:
@@ -138,60 +124,6 @@ def allowed_outside(polygons: tuple[Polygon, ...], width_px: int, height_px: int
     mask = np.ones((height_px, width_px), dtype=np.uint8)
     corners = [np.round(np.array(polygon)).astype(np.int32) for polygon in polygons]
     return np.asarray(cv2.fillPoly(mask, corners, 0) > 0)
-
-
-class FirstGoodImage:
-    """Waits for two images in a row that show the same; broken, dark and blurred ones are passed over."""
-
-    def __init__(self, allowed: BoolArray) -> None:
-        self._allowed = allowed
-        self._candidate: Reference | None = None
-
-    def offer(self, pixels: ImageArray) -> Reference | None:
-        """The reference, once there is one; images ``(height, width, 3)`` BGR in their order."""
-        new = reference_of(pixels, self._allowed)
-        old, self._candidate = self._candidate, new if new.is_rich else None
-        if old is None or self._candidate is None:
-            return None
-        found = track_lk(old.local_contrast, new.local_contrast, old.points_px, old.points_px)[1]
-        return old if np.count_nonzero(found) >= _FOUND_AGAIN * len(found) else None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TurnedReference:
-    """A reference as it is seen after a turn.
-
-    Attributes:
-        wxyz: ``(4,)`` ``now_SO3_reference``.
-        local_contrast: ``(height, width)``.
-        points_px: ``(n, 2)``: where the reference's points are in it.
-        inside: ``(n,)``: which of them are far enough from its edges.
-    """
-
-    wxyz: FloatArray
-    local_contrast: ImageArray
-    points_px: FloatArray
-    inside: BoolArray
-
-
-def view_after(camera: Camera, reference: ImageArray, points_px: FloatArray, wxyz: FloatArray) -> TurnedReference:
-    """The view of a camera that has turned since it took the reference.
-
-    Args:
-        camera: The camera.
-        reference: ``(height, width)`` grey.
-        points_px: ``(n, 2)`` points of the reference.
-        wxyz: ``(4,)`` ``now_SO3_reference``.
-    """
-    if np.linalg.norm(to_rotation_vector(wxyz)) < _SAME_RAD:
-        return TurnedReference(wxyz, local_contrast(reference), points_px, well_inside(camera, points_px, _MARGIN_PX))
-    size = camera.width_px, camera.height_px
-    rays = rays_from_pixels(camera, nodes_px(*size, _NODE_PX)) @ matrix(inverse(wxyz)).T
-    columns_px, rows_px = between_nodes(pixels_from_rays(camera, rays), *size, _NODE_PX)
-    seen = cv2.remap(reference, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
-    points_now_px = rotated_pixels(camera, wxyz, points_px)
-    inside = well_inside(camera, points_now_px, _MARGIN_PX)
-    return TurnedReference(wxyz, local_contrast(np.asarray(seen, dtype=np.uint8)), points_now_px, inside)
 
 
 class SteadyPoints:
@@ -208,16 +140,16 @@ class SteadyPoints:
 
     def __init__(self, camera: Camera, ignore: tuple[Polygon, ...] = (), reference: ImageArray | None = None) -> None:
         self._camera = camera
-        allowed = allowed_outside(ignore, camera.width_px, camera.height_px)
-        self._first = FirstGoodImage(allowed)
+        self._allowed = allowed_outside(ignore, camera.width_px, camera.height_px)
+        self._candidate: Reference | None = None
         self._held: _HeldReference | None = None
         if reference is not None:
-            self._held = _HeldReference(camera, reference_of(reference, allowed))
+            self._held = _HeldReference(camera, Reference(grey_of(reference), self._allowed))
 
     @property
     def corners(self) -> int | None:
         """Number of the reference's points; None before there is one."""
-        return None if self._held is None else self._held.corners
+        return None if self._held is None else len(self._held.reference.points_px)
 
     def observe(self, image: Image) -> tuple[Observation, ...]:
         """Pairs of pixels: where a point is in the reference, and where it is in this image.
@@ -228,41 +160,61 @@ class SteadyPoints:
         if image.pixels is None:
             return ()
         pixels = image.pixels()
-        if self._held is None and (reference := self._first.offer(pixels)) is not None:
-            self._held = _HeldReference(self._camera, reference)
+        if self._held is None:
+            self._offer(Reference(grey_of(pixels), self._allowed))
         then_px, now_px = self._held.look(local_contrast(pixels)) if self._held is not None else [np.zeros((0, 2))] * 2
         flat = np.round(np.stack([then_px, now_px], axis=1).reshape(-1, 2), _DECIMALS).tolist()
         return (Observation.in_image(image, FIXED_POINTS, tuple((u, v) for u, v in flat)),)
 
+    def _offer(self, new: Reference) -> None:
+        """Hold on to the first of two images in a row that show the same; others are passed over."""
+        old, self._candidate = self._candidate, new if len(new.points_px) >= LEAST_CORNERS else None
+        if old is not None and self._candidate is not None and old.shows(new):
+            self._held = _HeldReference(self._camera, old)
+
 
 class _HeldReference:
-    """A reference, and how the camera has turned since."""
+    """A reference, how the camera has turned since, and the view of it after about that turn.
+
+    Of that view ``_view_wxyz`` is ``now_SO3_reference (4,)``, ``_view`` the local contrast ``(height, width)``,
+    ``_view_px (n, 2)`` where the reference's points are in it, ``_inside (n,)`` which of them are far enough from its
+    edges.
+    """
 
     def __init__(self, camera: Camera, reference: Reference) -> None:
         self._camera = camera
-        self._reference = reference
+        self.reference = reference
         self._points_px = reference.points_px
-        self._wxyz = _NO_TURN
-        self._view = self._view_after(_NO_TURN)
+        self._turn_to(_NO_TURN)
         self._last_off_px = np.full_like(self._points_px, np.nan)
         self._flicker = np.zeros(len(self._points_px))
 
-    @property
-    def corners(self) -> int:
-        return len(self._points_px)
+    def _turn_to(self, wxyz: FloatArray) -> None:
+        """Have the view of a camera that has turned so since it took the reference."""
+        camera, grey = self._camera, self.reference.grey
+        self._wxyz = self._view_wxyz = wxyz
+        self._view_px = self._points_px
+        if np.linalg.norm(to_rotation_vector(wxyz)) >= _SAME_RAD:
+            size = camera.width_px, camera.height_px
+            rays = rays_from_pixels(camera, nodes_px(*size, _NODE_PX)) @ matrix(inverse(wxyz)).T
+            columns_px, rows_px = between_nodes(pixels_from_rays(camera, rays), *size, _NODE_PX)
+            seen = cv2.remap(grey, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
+            grey, self._view_px = np.asarray(seen, dtype=np.uint8), rotated_pixels(camera, wxyz, self._points_px)
+        self._view = local_contrast(grey)
+        self._inside = well_inside(camera, self._view_px, _MARGIN_PX)
 
     def look(self, now: ImageArray) -> _Pairs:
         """Pixels ``(n, 2)`` then and now of what is found of the reference in an image's local contrast."""
         found, now_px, turn = self._follow(now)
         if turn is None or np.count_nonzero(turn.inliers) < self._least_agreeing():
-            then_px, new_px = match_features(self._reference.features, features_of(now))
+            then_px, new_px = match_features(self.reference.features, features_of(now))
             known = find_rotation(self._camera, then_px, new_px, tolerance_px=_RECOGNISED_PX)
             if known is None or np.count_nonzero(known.inliers) < _LEAST_RECOGNISED:
                 return then_px[:_MOST_MATCHES], new_px[:_MOST_MATCHES]
-            self._wxyz, self._view = known.wxyz, self._view_after(known.wxyz)
+            self._turn_to(known.wxyz)
             found, now_px, turn = self._follow(now)
         elif self._is_another_view(turn):
-            self._wxyz, self._view = turn.wxyz, self._view_after(turn.wxyz)
+            self._turn_to(turn.wxyz)
             found, now_px, turn = self._follow(now)
         if turn is not None:
             self._learn(found, turn)
@@ -270,14 +222,14 @@ class _HeldReference:
         return self._points_px[found][is_stable], now_px[is_stable]
 
     def _least_agreeing(self) -> float:
-        in_view = np.count_nonzero(self._view.inside & (self._flicker < _MOST_FLICKER))
+        in_view = np.count_nonzero(self._inside & (self._flicker < _MOST_FLICKER))
         return max(_LOST * in_view, MIN_POINTS)
 
     def _follow(self, now: ImageArray) -> tuple[IntArray, FloatArray, RelativeRotation | None]:
         """Indices ``(k,)`` of the points that were found, where, and the turn that most of them agree on."""
         guess_px = rotated_pixels(self._camera, self._wxyz, self._points_px)
-        tried = np.flatnonzero(self._view.inside & np.isfinite(guess_px[:, 0]))
-        there_px, ok = track_lk(self._view.local_contrast, now, self._view.points_px[tried], guess_px[tried])
+        tried = np.flatnonzero(self._inside & np.isfinite(guess_px[:, 0]))
+        there_px, ok = track_lk(self._view, now, self._view_px[tried], guess_px[tried])
         found, now_px = tried[ok], there_px[ok]
         return found, now_px, find_rotation(self._camera, self._points_px[found], now_px)
 
@@ -289,8 +241,5 @@ class _HeldReference:
         self._last_off_px[found] = turn.residual_px
 
     def _is_another_view(self, turn: RelativeRotation) -> bool:
-        step = to_rotation_vector(multiply(inverse(self._view.wxyz), turn.wxyz))
+        step = to_rotation_vector(multiply(inverse(self._view_wxyz), turn.wxyz))
         return bool(np.linalg.norm(step) > _ANOTHER_VIEW_RAD)
-
-    def _view_after(self, wxyz: FloatArray) -> TurnedReference:
-        return view_after(self._camera, self._reference.grey, self._points_px, wxyz)

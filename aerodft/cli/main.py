@@ -4,9 +4,7 @@ Exit codes: 0 done, 1 a bug, 2 usage, 3 bad input or configuration, 4 no answer 
 a loss to report.
 """
 
-import atexit
 import difflib
-import gc
 import inspect
 import io
 import logging
@@ -239,7 +237,6 @@ def _run(arguments: list[str]) -> NoReturn:
 
 def main() -> None:
     """Entry point of the ``aerodft`` script."""
-    atexit.register(gc.freeze)  # else the interpreter's end looks for garbage in all that is loaded, for 0.3 to 0.5 s
     _guard_streams()
     began_s = time.time()
     try:

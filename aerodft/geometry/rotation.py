@@ -1,7 +1,5 @@
 """Quaternions ``wxyz (..., 4)``, rotation matrices, and the camera's tilt, roll and heading."""
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
@@ -11,16 +9,6 @@ from aerodft.model import FloatArray
 
 def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:
     """Hamilton product ``a b`` (``b`` is applied first) of quaternions ``(..., 4)``, broadcast."""
-    if np.ndim(a_wxyz) == np.ndim(b_wxyz) == 1:  # Python floats: identical in a fifth of the time
-        (aw, ax, ay, az), (bw, bx, by, bz) = (np.asarray(each, dtype=np.float64).tolist() for each in (a_wxyz, b_wxyz))
-        return np.array(
-            [
-                aw * bw - ax * bx - ay * by - az * bz,
-                aw * bx + ax * bw + ay * bz - az * by,
-                aw * by - ax * bz + ay * bw + az * bx,
-                aw * bz + ax * by - ay * bx + az * bw,
-            ]
-        )
     aw, ax, ay, az = _columns(a_wxyz)
     bw, bx, by, bz = _columns(b_wxyz)
     w = aw * bw - ax * bx - ay * by - az * bz
@@ -33,9 +21,9 @@ def multiply(a_wxyz: FloatArray, b_wxyz: FloatArray) -> FloatArray:
 
 
 def _columns(rows: FloatArray) -> list[FloatArray]:
-    """The components of ``(..., k)``, each ``(...)``."""
+    """Components of ``(..., k)``, each ``(...)``; those of one row as scalars, which are quicker than arrays of one."""
     rows = np.asarray(rows, dtype=np.float64)
-    return [rows[..., column] for column in range(rows.shape[-1])]
+    return [rows[..., column][()] for column in range(rows.shape[-1])]
 
 
 def inverse(wxyz: FloatArray) -> FloatArray:
@@ -45,15 +33,6 @@ def inverse(wxyz: FloatArray) -> FloatArray:
 
 def matrix(wxyz: FloatArray) -> FloatArray:
     """Rotation matrices ``(..., 3, 3)`` of unit quaternions ``(..., 4)``."""
-    if np.ndim(wxyz) == 1:  # Python floats: identical in a fifth of the time
-        w, x, y, z = np.asarray(wxyz, dtype=np.float64).tolist()
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
     w, x, y, z = _columns(wxyz)
     m = np.empty((*w.shape, 3, 3))
     m[..., 0, 0], m[..., 0, 1], m[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -65,12 +44,6 @@ def matrix(wxyz: FloatArray) -> FloatArray:
 def from_rotation_vector(rotvec_rad: FloatArray) -> FloatArray:
     """Unit quaternions ``(..., 4)`` of rotation vectors ``(..., 3)`` (axis times angle)."""
     rotvec_rad = np.asarray(rotvec_rad, dtype=np.float64)
-    if rotvec_rad.ndim == 1:  # as ``multiply``
-        x, y, z = rotvec_rad.tolist()
-        size = math.sqrt(x * x + y * y + z * z)
-        half = np.pi * (size / (2 * np.pi))  # in the order of ``sinc``: to the last bit
-        scale = 0.5 * (np.sin(half) / half) if half else 0.5
-        return np.array([np.cos(size / 2), x * scale, y * scale, z * scale])
     angle = _length(rotvec_rad)
     scale = 0.5 * np.sinc(angle / (2 * np.pi))  # sin(angle/2)/angle, regular at 0
     return np.concatenate([np.cos(angle / 2), rotvec_rad * scale], axis=-1)

@@ -21,7 +21,7 @@ SCENES = [
 ]  # fmt: skip
 
 
-POINTED_AT = RiverHints.of([(480.0, 270.0)], [(150.0, 270.0), (810.0, 270.0)])
+POINTED_AT = RiverHints([(480.0, 270.0)], [(150.0, 270.0), (810.0, 270.0)])
 """Noise looks like no photograph: somebody says what is water, and what is land on either side."""
 
 

@@ -78,7 +78,7 @@ def test_an_arm_behind_a_long_island_is_said():
     camera = default_camera(960, 540)
     pose = camera_pose(height_agl_m=100.0, tilt_rad=0.0)
     image = Renderer(camera, furnished_world(river), SensorModel()).render(pose, 1.0)
-    found = find_river(image, Setup(camera=camera), pose, RiverQuestion(hints=RiverHints.of([(480.0, 375.0)], [])))
+    found = find_river(image, Setup(camera=camera), pose, RiverQuestion(hints=RiverHints([(480.0, 375.0)], [])))
     assert isinstance(found, River)
     assert found.water.apart > 0.5
     assert any("another arm" in said for said in doubts([found.water]))

@@ -40,7 +40,7 @@ def test_a_lake_shore_has_no_width():
 
 
 def test_who_says_that_a_road_is_water_is_believed():
-    found = found_in("road_infrared.jpg", hints=RiverHints.of([(377.0, 417.0)], [(400.0, 150.0), (150.0, 520.0)]))
+    found = found_in("road_infrared.jpg", hints=RiverHints([(377.0, 417.0)], [(400.0, 150.0), (150.0, 520.0)]))
     banks = found.banks_px
     assert sum(len(bank) for bank in banks) > 100
     if isinstance(found, River):

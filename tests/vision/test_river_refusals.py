@@ -32,7 +32,7 @@ def seen(north_m, tilt_deg, height_m, *, width_m=22.0, look=None, seed_px=None, 
     image = Renderer(CAMERA, world, SensorModel()).render(pose, 1.0)
     image = (image * dim).astype(np.uint8)
     return find_river(
-        image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints.of([] if seed_px is None else [seed_px], []))
+        image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints([] if seed_px is None else [seed_px], []))
     )
 
 
@@ -103,7 +103,7 @@ def test_a_road_is_no_river_unless_somebody_says_so(bgr):
     found = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion())
     assert isinstance(found, NoRiver)
     assert found.status in (RiverStatus.NO_WATER, RiverStatus.NO_CONTRAST)
-    told = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints.of([MIDDLE], [])))
+    told = find_river(image, Setup(camera=CAMERA), pose, RiverQuestion(hints=RiverHints([MIDDLE], [])))
     assert isinstance(told, River)
     assert np.median(told.widths.width_m) == pytest.approx(200 * 30.0 / CAMERA.fx_px, rel=0.01)
 

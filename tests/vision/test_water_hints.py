@@ -48,7 +48,7 @@ def test_a_point_in_the_water_and_one_on_each_bank_mend_a_network_that_sees_noth
     image, wet = shot
     rows = np.flatnonzero(wet[270])
     middle, left, right = rows.mean(), rows.min() - 120.0, rows.max() + 120.0
-    hints = RiverHints.of([(middle, 270.0)], [(left, 270.0), (right, 270.0)])
+    hints = RiverHints([(middle, 270.0)], [(left, 270.0), (right, 270.0)])
     copy = SmallCopy.of_image(image)
     blind = tuple(np.full(copy.shape, logit, dtype=np.float32) for _ in range(2))
     seen = with_hints(copy, blind, hints)[0] > 0
@@ -73,7 +73,7 @@ def test_hints_are_carried_on_the_water():
     """From 40 m up a point that is seen at one pixel is seen by a camera that moved where the ground point went."""
     there = WaterPlane(CAMERA, camera_pose(height_agl_m=40.0, tilt_rad=0.3))
     here = WaterPlane(CAMERA, camera_pose(height_agl_m=45.0, tilt_rad=0.35, north_m=3.0, heading_rad=math.radians(5)))
-    hints = RiverHints.of([[(480.0, 300.0), (520.0, 310.0)]], [(959.0, 539.0)])
+    hints = RiverHints([[(480.0, 300.0), (520.0, 310.0)]], [(959.0, 539.0)])
     moved = hints.carried(there, here)
     places = there.places_en_m(np.array([[480.0, 300.0], [520.0, 310.0]]))
     np.testing.assert_allclose(here.places_en_m(moved.water[0]), places, atol=1e-6)
@@ -107,7 +107,9 @@ def test_files_that_are_no_hints_are_refused_and_pipes_not_waited_for(tmp_path):
         WaterNetwork.read(tmp_path / "pipe.onnx")
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"water": [[1, 2, 3]]}', '{"land": ["here"]}', '{"water": [[1, NaN]]}'])
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"water": [[1, 2, 3]]}', '{"land": ["here"]}', '{"water": [[1, NaN]]}', '{"land": 5}']
+)
 def test_what_is_no_hint_is_one_sentence(tmp_path, text):
     (tmp_path / "hints.json").write_text(text)
     with pytest.raises(InputError, match="hint"):

@@ -114,7 +114,7 @@ def test_what_does_not_move_is_a_road_unless_somebody_says_so():
     assert found.status is RiverStatus.NO_WATER
     assert "does not move" in found.reason
     assert isinstance(
-        find_river(image, SETUP, pose, replace(asked, hints=RiverHints.of([(960.0, 810.0)], [])), later), River
+        find_river(image, SETUP, pose, replace(asked, hints=RiverHints([(960.0, 810.0)], [])), later), River
     )
 
 

@@ -149,18 +149,17 @@ class LiveView(View):
     most and only while somebody asks; those that come while two wait are left out.
 
     Args:
-        config: The station's.
-        recording: Where it records.
-        file: The station's configuration file; None where it has none.
+        station: The station, to which this is added as an output before it is entered.
 
     Attributes:
         newest: Number of the newest image that can be shown; -1 before the first.
     """
 
-    def __init__(self, config: StationConfig, recording: Path, file: Path | None) -> None:
+    def __init__(self, station: "Station") -> None:
+        config, file = station.config, station.file
         self._settings = config.pipeline
         self._setup = config.pipeline.setup
-        self._recording = recording.absolute()
+        self._recording = station.recording.absolute()
         self.station_file = file
         if file is not None and config.fixed_pose is not None:
             calibration = file.with_name(f"{file.stem}-calibration.toml")
@@ -176,13 +175,6 @@ class LiveView(View):
         self._listeners: set[Callable[[], object]] = set()
         self._queue: WorkerQueue[Image] = WorkerQueue("page-images", self._encode, _nothing, capacity=_QUEUED)
         self.newest = -1
-
-    @classmethod
-    def of(cls, station: "Station") -> "LiveView":
-        """The view of a station that is not entered yet."""
-        view = cls(station.config, station.recording, station.file)
-        station.add_output(view)
-        return view
 
     @property
     def title(self) -> str:

@@ -61,4 +61,4 @@ def _hints_of(document: object) -> RiverHints:
         if not isinstance(stroke, list) or not 0 < len(stroke) <= MOST_POINTS or not all(map(is_pixel, stroke)):
             raise UsageError("a stroke", got=repr(stroke)[:80], expected=f"1 to {MOST_POINTS} pairs of numbers")
     water, land = strokes
-    return RiverHints.of(water or [], land or [])
+    return RiverHints(water or [], land or [])

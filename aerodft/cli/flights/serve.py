@@ -40,7 +40,9 @@ def serve(
         if web:
             from aerodft.app.viewing import LiveView
 
-            address = stack.enter_context(page.page_of(LiveView.of(station)))
+            view = LiveView(station)
+            station.add_output(view)
+            address = stack.enter_context(page.page_of(view))
         stack.enter_context(station)
         stack.enter_context(_stop_on_signal(station.stop))
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s

@@ -59,8 +59,8 @@ class QuestionOptions:
 
         told = RiverHints() if self.hints is None else RiverHints.read(self.hints)
         water = [_stroke("--water", each) for each in self.water or ()]
-        more = RiverHints.of(water, [_stroke("--land", each) for each in self.land or ()])
-        return RiverHints(told.water + more.water, told.land + more.land, told.mask)
+        land = [_stroke("--land", each) for each in self.land or ()]
+        return RiverHints([*told.water, *water], [*told.land, *land], told.mask)
 
 
 @grouped

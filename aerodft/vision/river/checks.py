@@ -41,7 +41,7 @@ def unfit(
         up = "the image shows no water plane near enough: it looks too far up, or `max_range_m` is too short"
         return NoRiver(RiverStatus.ABOVE_HORIZON, up if plane.height_m > 0 else "the water would be above the camera")
     for stroke in hints.water:
-        if not np.all(sample_mask(ground, copy.to_small(stroke))):
+        if not np.all(sample_mask(ground, copy.to_small(np.asarray(stroke)))):
             where = "the water is pointed at where there is no ground near enough to be measured"
             return NoRiver(RiverStatus.SEED_OFF_GROUND, where)
     return None

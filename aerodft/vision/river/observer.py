@@ -76,12 +76,12 @@ class RiverObserver:
 
     def _hints(self, plane: WaterPlane) -> RiverHints:
         """What is said of every image, and of the first one, carried to where its places are seen now."""
-        told = RiverHints.of(self._look.hints.water_px, self._look.hints.land_px)
+        told = RiverHints(self._look.hints.water_px, self._look.hints.land_px)
         if self._first is None:
             self._first = plane
         carried = told.carried(self._first, plane)
-        of_each = RiverHints.of([] if self._look.seed_px is None else [self._look.seed_px], [])
-        return RiverHints(carried.water + of_each.water, carried.land)
+        of_each = [] if self._look.seed_px is None else [self._look.seed_px]
+        return RiverHints([*carried.water, *of_each], carried.land)
 
     def _missed(self, probe: Probe, image: Image, code: str, reason: str) -> Observation:
         self.misses[str(code)] += 1

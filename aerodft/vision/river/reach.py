@@ -261,7 +261,7 @@ def _looked_across(
     if seed is None:
         return NoRiver(RiverStatus.OUT_OF_IMAGE, "the image does not show the reach")
     if isinstance(look, NoRiver) or not sample_mask(look.water.water, look.copy.to_small(np.array([seed])))[0]:
-        pointed = replace(rough, hints=RiverHints.of([seed], []))
+        pointed = replace(rough, hints=RiverHints([seed]))
         look = find_river(image, view.setup, view.pose, pointed, view.later)
     if isinstance(look, NoRiver):
         return look

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import cg
@@ -41,27 +42,25 @@ class RiverHints:
     """What a person says of an image.
 
     Attributes:
-        water: Strokes ``(n, 2)`` of pixels in the water; a point is a stroke of one.
+        water: Strokes ``(n, 2)`` of pixels in the water; a point ``(u, v)`` is a stroke of one.
         land: Strokes ``(n, 2)`` on land.
         mask: ``(height, width)``, the image or a copy of it: 255 for water, 0 for land, anything between where nobody
             says; None for none.
+
+    Raises:
+        InputError: A stroke is neither.
     """
 
-    water: tuple[FloatArray, ...] = ()
-    land: tuple[FloatArray, ...] = ()
+    water: Sequence[npt.ArrayLike] = ()
+    land: Sequence[npt.ArrayLike] = ()
     mask: ImageArray | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("water", "land"):
+            object.__setattr__(self, name, tuple(map(_stroke, getattr(self, name))))
 
     def __bool__(self) -> bool:
         return bool(self.water or self.land or self.mask is not None)
-
-    @staticmethod
-    def of(water: Sequence[Any], land: Sequence[Any]) -> "RiverHints":
-        """Hints from points ``(u, v)`` or strokes of such.
-
-        Raises:
-            InputError: Something is neither.
-        """
-        return RiverHints(tuple(map(_stroke, water)), tuple(map(_stroke, land)))
 
     @staticmethod
     def read(path: Path) -> "RiverHints":
@@ -75,8 +74,8 @@ class RiverHints:
         if path.suffix.lower() == ".json":
             try:
                 document = json.loads(path.read_text(encoding="utf-8"))
-                return RiverHints.of(document.get("water", []), document.get("land", []))
-            except (OSError, ValueError, AttributeError) as error:
+                return RiverHints(document.get("water", []), document.get("land", []))
+            except (OSError, ValueError, TypeError, AttributeError) as error:
                 expected = '{"water": [[u, v], ...], "land": [[[u, v], [u, v]], ...]}'
                 raise InputError("no hints can be read", where=path, got=str(error), expected=expected) from error
         try:
@@ -95,13 +94,13 @@ class RiverHints:
         return RiverHints(_carried(self.water, there, here), _carried(self.land, there, here))
 
 
-def _carried(strokes: Sequence[FloatArray], there: WaterPlane, here: WaterPlane) -> tuple[FloatArray, ...]:
+def _carried(strokes: Sequence[npt.ArrayLike], there: WaterPlane, here: WaterPlane) -> list[FloatArray]:
     moved = []
     for stroke in strokes:
-        places = there.places_en_m(stroke)
+        places = there.places_en_m(np.asarray(stroke))
         pixels = here.pixels_px(places)
         moved.append(pixels[here.in_view(places, pixels)])
-    return tuple(stroke for stroke in moved if len(stroke))
+    return [stroke for stroke in moved if len(stroke)]
 
 
 def _stroke(told: Any) -> FloatArray:  # noqa: ANN401 - whatever JSON holds
@@ -119,11 +118,11 @@ def hinted(copy: SmallCopy, hints: RiverHints) -> tuple[BoolArray, BoolArray]:
     return _drawn(copy, hints.water, hints.mask, 255), _drawn(copy, hints.land, hints.mask, 0)
 
 
-def _drawn(copy: SmallCopy, strokes: Sequence[FloatArray], mask: ImageArray | None, level: int) -> BoolArray:
+def _drawn(copy: SmallCopy, strokes: Sequence[npt.ArrayLike], mask: ImageArray | None, level: int) -> BoolArray:
     canvas = np.zeros(copy.shape, dtype=np.uint8)
     half = max(1, round(_BRUSH * max(copy.shape)))
     for stroke in strokes:
-        points = np.rint(np.clip(copy.to_small(stroke), -1e6, 1e6)).astype(np.int32)
+        points = np.rint(np.clip(copy.to_small(np.asarray(stroke)), -1e6, 1e6)).astype(np.int32)
         cv2.polylines(canvas, [points.reshape(-1, 1, 2)], isClosed=False, color=1, thickness=2 * half)
         for point in points.tolist():
             cv2.circle(canvas, point, half, 1, -1)

@@ -22,11 +22,11 @@ _FEW: Final = 0.1  # share of the comparisons; noise makes one in twenty
 
 
 @dataclass(slots=True)
-class MissingPose:
-    """Why there was no pose at moments of one status.
+class PoseReason:
+    """What was said of poses at moments of one status.
 
     Attributes:
-        words: As it was said first.
+        text: As it was said first; empty of poses that are there.
         first_s: When that was, since the first frame.
         seconds: How long it was said, whatever its numbers were.
     """
@@ -37,79 +37,64 @@ class MissingPose:
 
 
 @dataclass(slots=True)
-class StatusTime:
-    """Total time with one status.
+class PoseAvailability:
+    """Time of a flight by status of its poses.
 
     Attributes:
-        seconds: How long, together.
-        reasons: Why, by what was said without its numbers.
+        spans: What was said of each status, by the words without their numbers.
     """
 
-    seconds: float = 0.0
-    reasons: dict[str, MissingPose] = field(default_factory=dict)
-
-    def add(self, text: str, at_s: float, seconds: float) -> None:
-        """Count one moment."""
-        self.seconds += seconds
-        self.reasons.setdefault(_NUMBER.sub("", text), MissingPose(text, at_s)).seconds += seconds
-
-    @property
-    def example(self) -> str:
-        """The reason stated for the longest time, and when it first was."""
-        reason = max(self.reasons.values(), key=lambda each: each.seconds)
-        return f"first {reason.first_s:.0f} s after the start: {reason.text}"
-
-
-@dataclass(slots=True)
-class PoseAvailability:
-    """Time of a flight by status of its poses."""
-
-    spans: dict[Status, StatusTime] = field(default_factory=dict)
+    spans: dict[Status, dict[str, PoseReason]] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
         """Length of the flight."""
-        return sum(span.seconds for span in self.spans.values())
+        return sum(map(self._seconds, self.spans))
 
     @property
     def ok_s(self) -> float:
         """For how long images could be measured."""
-        return self.spans[Status.OK].seconds if Status.OK in self.spans else 0.0
+        return self._seconds(Status.OK)
+
+    def _seconds(self, status: Status) -> float:
+        return sum(each.seconds for each in self.spans.get(status, {}).values())
 
     def add(self, sample: PoseSample, at_s: float, seconds: float) -> None:
         """Count one moment."""
         text = "" if sample.status is Status.OK else next(iter(sample.reasons), "")
-        self.spans.setdefault(sample.status, StatusTime()).add(text, at_s, seconds)
+        reasons = self.spans.setdefault(sample.status, {})
+        reasons.setdefault(_NUMBER.sub("", text), PoseReason(text, at_s)).seconds += seconds
 
     def document(self) -> dict[str, Any]:
         """Plain JSON values."""
-        worst = {str(status): round(span.seconds, 1) for status, span in self.faults()}
+        worst = {str(status): round(seconds, 1) for status, seconds in self._faults()}
         return {"seconds": round(self.seconds, 1), "ok_s": round(self.ok_s, 1), "no_answer_s": worst}
 
-    def faults(self) -> list[tuple[Status, StatusTime]]:
-        """Statuses without a pose, the longest first."""
-        faults = ((status, span) for status, span in self.spans.items() if status is not Status.OK)
-        return sorted(faults, key=lambda item: -item[1].seconds)
+    def _faults(self) -> list[tuple[Status, float]]:
+        """Statuses without a pose and for how long, the longest first."""
+        faults = ((status, self._seconds(status)) for status in self.spans if status is not Status.OK)
+        return sorted(faults, key=lambda item: -item[1])
 
     def note(self) -> str:
         """For how long there is a pose, and why there is none for the rest."""
-        listed = ", ".join(f"{status} in {span.seconds:.0f} s" for status, span in self.faults() if span.seconds >= 1)
-        return f"images could be measured in {self.ok_s:.0f} of {self.seconds:.0f} s" + (
-            f"; {listed}" if listed else ""
-        )
+        listed = ", ".join(f"{status} in {seconds:.0f} s" for status, seconds in self._faults() if seconds >= 1)
+        found = f"images could be measured in {self.ok_s:.0f} of {self.seconds:.0f} s"
+        return f"{found}; {listed}" if listed else found
 
     def problem(self) -> str:
         """Why most images would have no answer; empty where most have one."""
         if self.ok_s * 2 > self.seconds:
             return ""
-        listed = "; ".join(
-            f"{status} in {span.seconds:.0f} s ({span.example})"
-            for status, span in self.faults()[:_MOST_TOLD]
-            if span.seconds > _RARE * self.seconds
-        )
+        told = [each for each in self._faults()[:_MOST_TOLD] if each[1] > _RARE * self.seconds]
+        listed = "; ".join(f"{status} in {seconds:.0f} s ({self._example(status)})" for status, seconds in told)
         if self.ok_s == 0:
             return f"no image could be measured: {listed}"
         return f"images could be measured only in {self.ok_s:.0f} of {self.seconds:.0f} s: {listed}"
+
+    def _example(self, status: Status) -> str:
+        """The reason stated for the longest time, and when it first was."""
+        reason = max(self.spans[status].values(), key=lambda each: each.seconds)
+        return f"first {reason.first_s:.0f} s after the start: {reason.text}"
 
 
 class PoseSampler:

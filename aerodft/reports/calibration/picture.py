@@ -105,7 +105,7 @@ class Pen:
         if drawn.arrow_patch is not None:
             drawn.arrow_patch.set_clip_box(self._axes.bbox)
 
-    def text(self, text: str, at: FloatArray, colour: str, *, must: bool = False) -> bool:
+    def text(self, text: str, at: FloatArray, colour: str, *, must: bool = False, is_small: bool = False) -> bool:
         """Write beside a pixel ``(2,)``, at the first place that is free.
 
         Args:
@@ -113,44 +113,24 @@ class Pen:
             at: The pixel.
             colour: Of the letters.
             must: Write it also where no place is free.
+            is_small: Write it small and close, as beside a line.
 
         Returns:
             Whether it was written.
         """
-        wide, high = self._extent(text, TEXT_PX)
-        gap = 0.75 * high
-        places = [(gap, -high), (gap, 0.1 * high), (-gap - wide, -high), (-gap - wide, 0.1 * high)]
-        places += [(-wide / 2, -gap - high), (-wide / 2, gap), (2 * gap, -2.2 * high), (2 * gap, 1.5 * high)]
-        box = self._place(at, places, (wide, high), must=must)
-        return box is not None and self._write(text, box, colour, TEXT_PX)
-
-    def text_on(self, text: str, at: FloatArray, colour: str) -> bool:
-        """Write small, close to a pixel ``(2,)`` of a line; as ``text`` otherwise."""
-        wide, high = self._extent(text, SMALL_PX)
-        gap = 0.2 * high
-        places = [(gap, -1.05 * high), (-wide - gap, -1.05 * high), (gap, 0.1 * high)]
-        box = self._place(at, places, (wide, high), must=False)
-        return box is not None and self._write(text, box, colour, SMALL_PX)
-
-    def _extent(self, text: str, size: float) -> tuple[float, float]:
+        size = SMALL_PX if is_small else TEXT_PX
         high = size * self._pixels
-        return _LETTER * high * min(len(text), _MAX_LETTERS), high
-
-    def _place(
-        self, at: FloatArray, places: list[tuple[float, float]], extent: tuple[float, float], *, must: bool
-    ) -> _Box | None:
+        wide, gap = _LETTER * high * min(len(text), _MAX_LETTERS), (0.2 if is_small else 0.75) * high
+        if is_small:
+            places = [(gap, -1.05 * high), (-wide - gap, -1.05 * high), (gap, 0.1 * high)]
+        else:
+            places = [(gap, -high), (gap, 0.1 * high), (-gap - wide, -high), (-gap - wide, 0.1 * high)]
+            places += [(-wide / 2, -gap - high), (-wide / 2, gap), (2 * gap, -2.2 * high), (2 * gap, 1.5 * high)]
         u, v = at.tolist()
-        wide, high = extent
         boxes = [(u + du, v + dv, u + du + wide, v + dv + high) for du, dv in places]
-        return next((box for box in boxes if self._is_free(box)), boxes[0] if must else None)
-
-    def _is_free(self, box: _Box) -> bool:
-        left, top, right, bottom = box
-        if left < 0 or top < 0 or right > self._size[0] - 1 or bottom > self._size[1] - 1:
+        box = next((each for each in boxes if self._is_free(each)), boxes[0] if must else None)
+        if box is None:
             return False
-        return not any(left < r and right > x and top < b and bottom > y for x, y, r, b in self._taken)
-
-    def _write(self, text: str, box: _Box, colour: str, size: float) -> bool:
         self._taken.append(box)
         self._axes.text(
             box[0],
@@ -164,6 +144,12 @@ class Pen:
             clip_on=True,
         )
         return True
+
+    def _is_free(self, box: _Box) -> bool:
+        left, top, right, bottom = box
+        if left < 0 or top < 0 or right > self._size[0] - 1 or bottom > self._size[1] - 1:
+            return False
+        return not any(left < r and right > x and top < b and bottom > y for x, y, r, b in self._taken)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -303,7 +289,7 @@ def _name_lines(picture: Picture, pen: Pen) -> None:
     named += [(picture.grid.text(line), line.pixels_px, _GRID) for line in coarse_first]
     for text, pixels, colour in named:
         ordered = pixels if pixels[0, 1] > pixels[-1, 1] else pixels[::-1]
-        any(pen.text_on(text, _along(ordered, share), colour) for share in _NEAR_ENDS)
+        any(pen.text(text, _along(ordered, share), colour, is_small=True) for share in _NEAR_ENDS)
 
 
 def _along(pixels: FloatArray, share: float) -> FloatArray:

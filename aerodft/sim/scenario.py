@@ -16,10 +16,10 @@ import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.telemetry import TlogSource
-from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
+from aerodft.adapters.telemetry.mavlink import MavlinkDecoder, headers
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, os_errors_as
-from aerodft.geometry import camera_from_gimbal, east_north, inverse, lat_lon, multiply, slerp
+from aerodft.geometry import brackets, camera_from_gimbal, east_north, inverse, lat_lon, multiply, slerp
 from aerodft.model import (
     NO_BOOT_TIME,
     Camera,
@@ -45,7 +45,6 @@ from aerodft.sim.world import DEFAULT_ORIGIN, River, World, furnished_world
 TrackT = TypeVar("TrackT", bound=Track)
 
 MAX_GAP_NS = SECOND_NS
-_HEADER_BYTES = {0xFD: 10, 0xFE: 6}
 
 
 def trajectory_from_log(path: Path) -> Trajectory:
@@ -69,18 +68,19 @@ def trajectory_from_log(path: Path) -> Trajectory:
             "its gimbal attitudes have no time of their own", where=path, got=gimbal.source, expected=expected
         )
     utc_minus_boot = int(np.median(clock.unix_ns - clock.boot_ns))
-    stamps, rows = _common_stamps(gimbal.boot_ns, position.boot_ns, vehicle.boot_ns)
-    if len(stamps) < 2:  # noqa: PLR2004 (a motion has two ends)
+    around = [brackets(each.boot_ns, gimbal.boot_ns, MAX_GAP_NS) for each in (position, vehicle)]
+    rows = np.flatnonzero((gimbal.boot_ns > 0) & around[0].is_known & around[1].is_known)
+    if len(rows) < 2:  # noqa: PLR2004 (a motion has two ends)
         raise NoAnswerError("position, vehicle and gimbal attitude never come together", where=path)
     home, place = _home_and_positions(position)
-    body = slerp(*_bracket(vehicle.boot_ns, vehicle.wxyz, stamps))
+    at_place, at_body = (each.rows(rows) for each in around)
+    body = slerp(*at_body.ends(vehicle.wxyz), at_body.weight)
     heading, reported, in_earth = heading_wxyz(body), gimbal.wxyz[rows], gimbal.yaw_in_earth[rows]
     ned_wxyz_gimbal = np.where(in_earth[:, None], reported, multiply(heading, reported))
-    low, high, weight = _bracket(position.boot_ns, place, stamps)
     return Trajectory(
         origin=home,
-        stamp_ns=stamps + utc_minus_boot,
-        position_enu_m=low + weight[:, None] * (high - low),
+        stamp_ns=gimbal.boot_ns[rows] + utc_minus_boot,
+        position_enu_m=np.column_stack([at_place.linear(each) for each in place.T]),
         ned_wxyz_body=body,
         level_wxyz_gimbal=multiply(inverse(heading), ned_wxyz_gimbal),
         enu_wxyz_cam=camera_from_gimbal(ned_wxyz_gimbal),
@@ -110,14 +110,11 @@ def thin_log(source: Path, target: Path, *, keep_every: int) -> None:
         for event in TlogSource(source).events():
             if not isinstance(event, RawBlock):
                 continue
-            for arrival, start, length in zip(event.arrival_ns, event.offset, event.length, strict=True):
-                frame = event.data[start : start + length]
-                size = 3 if _HEADER_BYTES[frame[0]] == _HEADER_BYTES[0xFD] else 1
-                at = _HEADER_BYTES[frame[0]] - size
-                message = int.from_bytes(frame[at : at + size], "little")
+            rows = zip(event.arrival_ns, event.offset, event.length, headers(event)[0].tolist(), strict=True)
+            for arrival, start, length, message in rows:
                 counts[message] += 1
                 if message in always_kept or (counts[message] - 1) % keep_every == 0:
-                    file.write((int(arrival) // 1000).to_bytes(8, "big") + frame)
+                    file.write((int(arrival) // 1000).to_bytes(8, "big") + event.data[start : start + length])
 
 
 def _track_of_kind(path: Path, tracks: dict[type, list[Track]], kind: type[TrackT], what: str) -> TrackT:
@@ -130,24 +127,6 @@ def _track_of_kind(path: Path, tracks: dict[type, list[Track]], kind: type[Track
     whole = concatenate_tracks(parts)
     boot_ns, order = np.unique(whole.boot_ns, return_index=True)
     return whole.rows(order, boot_ns=boot_ns)
-
-
-def _common_stamps(gimbal_ns: IntArray, *others_ns: IntArray) -> tuple[IntArray, IntArray]:
-    """The gimbal's stamps and rows between two samples of all others that are at most 1 s apart."""
-    is_common = gimbal_ns > 0
-    for other in others_ns:
-        after = np.clip(np.searchsorted(other, gimbal_ns), 1, len(other) - 1)
-        is_common &= (other[after - 1] <= gimbal_ns) & (gimbal_ns <= other[after])
-        is_common &= other[after] - other[after - 1] <= MAX_GAP_NS
-    rows = np.flatnonzero(is_common)
-    return gimbal_ns[rows], rows
-
-
-def _bracket(stamps_ns: IntArray, values: FloatArray, at_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Samples ``(n, k)`` before and after ``at_ns (n,)``, and weights of the later ones."""
-    after = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
-    weight = (at_ns - stamps_ns[after - 1]) / (stamps_ns[after] - stamps_ns[after - 1])
-    return values[after - 1], values[after], weight
 
 
 def _home_and_positions(position: PositionTrack) -> tuple[GeoOrigin, FloatArray]:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -114,6 +115,11 @@ class _Guarded(RequestHandler):
         if given is not None:
             self.set_cookie(_COOKIE, given, httponly=True, samesite="Strict")
 
+    def send(self, document: object) -> None:
+        """Answer with a JSON document."""
+        self.set_header("Content-Type", "application/json")
+        self.write(orjson.dumps(document))
+
     def write_error(self, status_code: int, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Tornado's own
         """One sentence, and nothing of the program."""
         self.set_header("Content-Type", "text/plain; charset=utf-8")
@@ -133,37 +139,6 @@ class _File(_Guarded, StaticFileHandler):
         self.set_header("Cache-Control", "no-store")
 
 
-class _Json(_Guarded):
-    """A document."""
-
-    def send(self, document: object) -> None:
-        """Answer with it."""
-        self.set_header("Content-Type", "application/json")
-        self.write(orjson.dumps(document))
-
-
-class _Description(_Json):
-    """What the view holds."""
-
-    def get(self) -> None:
-        """JSON: ``title``, what it is and can do, the camera's size, ``stamp_ns`` and ``seconds`` of every image."""
-        view, access = self.page.view, self.page.access
-        self.send(
-            {
-                "title": view.title,
-                "is_live": isinstance(view, LiveView),
-                "is_recording": isinstance(view, RecordingView),
-                "can_calibrate": view.finder is not None,
-                "is_read_only": access.is_read_only,
-                "can_save": view.station_file is not None and not access.is_read_only,
-                "tiles": access.tiles,
-                "width_px": view.camera.width_px,
-                "height_px": view.camera.height_px,
-                "images": [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images],
-            }
-        )
-
-
 class _Picture(_Guarded):
     """One image."""
 
@@ -174,38 +149,46 @@ class _Picture(_Guarded):
         self.write(data)
 
 
-class _Seen(_Json):
-    """What is known of an image without asking for anything."""
+class _Json(_Guarded):
+    """A document."""
 
-    async def get(self, number: str) -> None:
-        """JSON as ``View.seen``; 404 where there is no such image."""
-        self.send(await self.page.found(lambda: self.page.view.seen(int(number))))
+    def initialize(  # type: ignore[override]  # a route gives it more
+        self, page: Page, find: Callable[..., object], *, is_long: bool = False
+    ) -> None:
+        """What finds the document in a page, with the parts of the path; whether that reads a whole recording."""
+        super().initialize(page)
+        self._find, self._is_long = find, is_long
 
-
-class _Series(_Json):
-    """What was measured over time."""
-
-    async def get(self) -> None:
-        """JSON as ``RecordingView.series``.
-
-        Raises:
-            HTTPError: 404: what is shown is no recording, or it is damaged.
-        """
-        view = self.page.view
-        if not isinstance(view, RecordingView):
-            raise HTTPError(404, reason="this is no recording")
-        self.send(await self.page.found(view.series, is_long=True))
+    async def get(self, *parts: str) -> None:
+        """JSON; 404 where there is no such thing, or it is damaged."""
+        self.send(await self.page.found(partial(self._find, self.page, *parts), is_long=self._is_long))
 
 
-class _Doctor(_Json):
-    """What is wrong with the telemetry."""
+def _description(page: Page) -> dict[str, Any]:
+    """``title``, what the view is and can do, the camera's size, ``stamp_ns`` and ``seconds`` of every image."""
+    view, access = page.view, page.access
+    return {
+        "title": view.title,
+        "is_live": isinstance(view, LiveView),
+        "is_recording": isinstance(view, RecordingView),
+        "can_calibrate": view.finder is not None,
+        "is_read_only": access.is_read_only,
+        "can_save": view.station_file is not None and not access.is_read_only,
+        "tiles": access.tiles,
+        "width_px": view.camera.width_px,
+        "height_px": view.camera.height_px,
+        "images": [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images],
+    }
 
-    async def get(self) -> None:
-        """JSON as ``View.doctor``."""
-        self.send(await self.page.found(self.page.view.doctor, is_long=True))
+
+def _series(page: Page) -> object:
+    """What was measured over time, see ``RecordingView.series``."""
+    if not isinstance(page.view, RecordingView):
+        raise HTTPError(404, reason="this is no recording")
+    return page.view.series()
 
 
-class _News(_Json):
+class _News(_Guarded):
     """What a station that measures has that a page has not shown yet."""
 
     async def get(self) -> None:
@@ -240,14 +223,14 @@ class _Measuring(_Guarded, WebSocketHandler):
         await self.write_message(orjson.dumps(await self.page.answer(data)).decode())
 
 
-ROUTES: Final = (
-    (r"/view\.json", _Description),
-    (r"/images/(\d{1,9})\.jpg", _Picture),
-    (r"/images/(\d{1,9})\.json", _Seen),
-    (r"/series\.json", _Series),
-    (r"/doctor\.json", _Doctor),
-    (r"/news\.json", _News),
-    (r"/measure", _Measuring),
-    (r"/(.*)", _File),
+ROUTES: Final[tuple[tuple[str, type[_Guarded], dict[str, Any]], ...]] = (
+    (r"/view\.json", _Json, {"find": _description}),
+    (r"/images/(\d{1,9})\.jpg", _Picture, {}),
+    (r"/images/(\d{1,9})\.json", _Json, {"find": lambda page, number: page.view.seen(int(number))}),
+    (r"/series\.json", _Json, {"find": _series, "is_long": True}),
+    (r"/doctor\.json", _Json, {"find": lambda page: page.view.doctor(), "is_long": True}),
+    (r"/news\.json", _News, {}),
+    (r"/measure", _Measuring, {}),
+    (r"/(.*)", _File, {}),
 )
-"""Paths, and what answers there; each is given the ``page``."""
+"""Paths, what answers there, and what that is given beside the ``page``."""

@@ -34,7 +34,7 @@ async def serve_view(view: View, access: Access, opened: Callable[[str], None]) 
     """
     page = Page(view, access)
     application = Application(
-        [(path, handler, {"page": page}) for path, handler in ROUTES],
+        [(path, handler, {"page": page, **given}) for path, handler, given in ROUTES],
         websocket_max_message_size=_MOST_REQUEST_BYTES,
         log_function=lambda _: None,
         page_headers=access.headers,

@@ -565,10 +565,11 @@ class _ProbeGroup:
         if self._first is None:
             why = "there was no image at the time that its pixels are of, or none within 0.2 s after it"
             return [Observation.in_image(image, probe.name, unseen=why) for probe in self._probes]
-        at_first = self._plane_poses.image_pose(self._first[0])
+        first, first_small = self._first
+        at_first = self._plane_poses.image_pose(first)
         if self._lock is None:  # not before, because the first image's pose may come after it
             self._first_view = self._plane_poses.view_of(at_first)
-            plane_image = self._plane_image(*self._first, self._first_view, None)
+            plane_image = PlaneImage(first_small, self._first_view, 0.0, None)
             self._lock = PlaneLock(plane_image, self._small_px, _REACH * small.shape[1])
         if self._plane_poses.elevation_m is None and at_first is not None:
             pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevation_m
@@ -576,16 +577,9 @@ class _ProbeGroup:
             self._lock.know_first(self._plane_poses.plane_pose(at_first))
         now = self._plane_poses.image_pose(image)
         view = self._plane_poses.view_of(now)
-        found = self._lock.follow(self._plane_image(image, small, view, self._plane_poses.plane_pose(now)))
+        time_s = (stamp_ns - first.stamp_ns) / SECOND_NS
+        found = self._lock.follow(PlaneImage(small, view, time_s, self._plane_poses.plane_pose(now)))
         return [self._answer(image, probe, found, view) for probe in self._probes]
-
-    def _plane_image(
-        self, image: Image, small: ImageArray, view: UndistortedView, plane_pose: PlanePose | None
-    ) -> PlaneImage:
-        return PlaneImage(small, view, (image.stamp_ns - self._epoch_ns(image)) / SECOND_NS, plane_pose)
-
-    def _epoch_ns(self, image: Image) -> int:
-        return image.stamp_ns if self._first is None else self._first[0].stamp_ns
 
     def _answer(self, image: Image, probe: Probe, found: Lock | None, view: UndistortedView) -> Observation:
         lost = partial(Observation.in_image, image, probe.name)

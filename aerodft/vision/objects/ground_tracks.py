@@ -246,21 +246,6 @@ def update(state: GroundState, place_en_m: FloatArray, cov_m2: FloatArray) -> Gr
     return GroundState(mean, keep @ state.cov @ keep.T + gain @ cov_m2 @ gain.T)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstSighting:
-    """The first footprint of an object.
-
-    Attributes:
-        stamp_ns: When.
-        place_en_m: ``(2,)`` where it seemed to be.
-        camera_enu_m: ``(3,)`` from where.
-    """
-
-    stamp_ns: int
-    place_en_m: FloatArray
-    camera_enu_m: FloatArray
-
-
 @dataclass(slots=True, eq=False)
 class GroundTrack:
     """One object.
@@ -270,20 +255,24 @@ class GroundTrack:
         seen_ns: Stamp of the last image in which its foot was seen.
         shown_ns: Stamp of the last image in which anything of it was seen.
         footprint: What was seen in the last image with its foot.
+        begun_ns: Stamp of the image in which it was first seen.
+        begun_en_m: ``(2,)`` where it seemed to be then.
+        begun_camera_m: ``(3,)`` from where it was seen then.
         looks: In how many its foot was seen.
         number: From 1, once it is confirmed; 0 before.
         hidden: Why it is not seen in the newest image; empty where it is.
-        begun: Where, when, and seen from where it was first seen.
     """
 
     state: GroundState
     seen_ns: int
     shown_ns: int
     footprint: ObjectFootprint
+    begun_ns: int
+    begun_en_m: FloatArray
+    begun_camera_m: FloatArray
     looks: int = 1
     number: int = 0
     hidden: str = ""
-    initial_state: FirstSighting = field(kw_only=True)
     heights_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
     widths_m: deque[float] = field(default_factory=lambda: deque(maxlen=_SIZES))
 
@@ -337,11 +326,11 @@ class GroundTrack:
 
         That seems to go the other way over the ground, by the share ``h / (H - h)`` of the camera's way.
         """
-        way = (camera_enu_m - self.initial_state.camera_enu_m)[:2]
+        way = (camera_enu_m - self.begun_camera_m)[:2]
         way2 = float(way @ way)
         if way2 < _STILL_M**2:
             return True
-        off = self.state.place_en_m - self.initial_state.place_en_m
+        off = self.state.place_en_m - self.begun_en_m
         below_m = float(camera_enu_m[2]) - _TALLEST_M
         most = min(_TALLEST_M / below_m, 1.0) if below_m > 0 else 1.0
         rest = off + float(np.clip(-(off @ way) / way2, 0.0, most)) * way
@@ -458,8 +447,8 @@ class GroundTracks:
     def _begin(self, footprints: list[ObjectFootprint], stamp_ns: int) -> None:
         for footprint in footprints:
             state = initial_state(footprint.place_en_m, footprint.cov_m2, self._settings.speed_mps)
-            first = FirstSighting(stamp_ns, footprint.place_en_m, self._camera_enu_m)
-            track = GroundTrack(state, stamp_ns, stamp_ns, footprint, initial_state=first)
+            begun = stamp_ns, footprint.place_en_m, self._camera_enu_m
+            track = GroundTrack(state, stamp_ns, stamp_ns, footprint, *begun)
             track.remember_size(footprint)
             self._tracks.append(track)
 
@@ -474,7 +463,7 @@ class GroundTracks:
             or (
                 track.number
                 and stamp_ns - track.shown_ns
-                <= min(max(_COASTED * (track.shown_ns - track.initial_state.stamp_ns), least_ns), most_ns)
+                <= min(max(_COASTED * (track.shown_ns - track.begun_ns), least_ns), most_ns)
             )
         ]
 

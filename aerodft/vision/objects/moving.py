@@ -31,7 +31,6 @@ from aerodft.vision.common import (
 from aerodft.vision.plane_lock import PlaneLock
 
 _SLACK_PX: Final = 0.3  # staircases of a mask are no corners
-_HALVES: Final = np.ones((3, 3), dtype=np.uint8)
 _BRIGHTEST_GAIN: Final = 0.9  # what is brighter than this share of the background is in no shadow
 _DARKEST_GAIN: Final = 0.25  # the sky still lights what the sun does not
 _WINDOW_PX: Final = 5
@@ -64,7 +63,6 @@ _MARGIN: Final = 0.3  # of the image's size, to each side
 _SCALES: Final = (0.75, 1.35)  # seen larger or smaller than that it is time for another canvas
 
 Window = tuple[slice, slice]
-_Planes = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 _NEW_STD: Final = 5.0  # standard deviations from the background
 _NOISE: Final = 3.0  # grey levels, at least
@@ -115,7 +113,7 @@ def outlines_of(mask: BoolArray, slack_px: float = _SLACK_PX) -> list[FloatArray
     # On a grid of half pixels, borders between pixels have points of their own.
     halves = np.zeros((2 * part.shape[0] + 1, 2 * part.shape[1] + 1), dtype=np.uint8)
     halves[1::2, 1::2] = part
-    found, _ = cv2.findContours(cv2.dilate(halves, _HALVES), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    found, _ = cv2.findContours(cv2.dilate(halves, _GRAIN), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     found = sorted(found, key=cv2.contourArea, reverse=True)
     if slack_px > 0:
         found = [cv2.approxPolyDP(border, 2 * slack_px, closed=True) for border in found]
@@ -347,11 +345,11 @@ class GroundBackground:
         last: ``(height, width)`` what was new in the last image that showed it.
     """
 
-    mean: _Planes
-    variance: _Planes
-    looks: _Planes
-    changes: _Planes
-    last: _Planes
+    mean: Planes
+    variance: Planes
+    looks: Planes
+    changes: Planes
+    last: Planes
 
     @classmethod
     def empty(cls, shape: tuple[int, int]) -> "GroundBackground":
@@ -422,7 +420,7 @@ class GroundBackground:
         self.looks[window][inside] = 1
 
 
-def _mean_square(colours: _Planes) -> _Planes:
+def _mean_square(colours: Planes) -> Planes:
     """``(height, width)`` over the colours ``(height, width, 3)``."""
     return np.asarray(cv2.transform(cv2.multiply(colours, colours), np.full((1, 3), 1 / 3, dtype=np.float32)))
 

@@ -236,12 +236,10 @@ class Renderer:
         self._background_image: ImageArray | None = None
         self._wet_rows = slice(0)
         self._river, self._banks = _river_tables(world.river)
-        fine, coarse, water = (
-            _pyramid(3 * world.seed, 5, 0.8),
-            _pyramid(3 * world.seed + 1, 8, 0.7),
-            _pyramid(3 * world.seed + 2, 6, 0.75),
-        )
-        self._tiles = (fine.texels, coarse.texels, water.texels, fine.starts)
+        fine, starts = _pyramid(3 * world.seed, 5, 0.8)
+        coarse, _ = _pyramid(3 * world.seed + 1, 8, 0.7)
+        water, _ = _pyramid(3 * world.seed + 2, 6, 0.75)
+        self._tiles = (fine, coarse, water, starts)
         size_px = camera.height_px + _NOISE_MARGIN_PX, camera.width_px + _NOISE_MARGIN_PX
         std = self._sensor.noise_std
         self._noise = None if std == 0 else _sensor_noise(self._sensor.seed, *size_px, std)
@@ -321,27 +319,20 @@ def _river_tables(river: River) -> tuple[RiverFrame, FloatArray]:
     return tuple(map(float, head)), table
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pyramid:
-    """A periodic square tile with its mipmap levels, one after the other.
-
-    Attributes:
-        texels: Values of all levels, of mean 0 and standard deviation ``_TEXELS_PER_STD``, int8 ``(texels,)``.
-        starts: ``(_LEVELS,)`` where each level starts.
-    """
-
-    texels: Texels
-    starts: IntArray
-
-
 @lru_cache(maxsize=16)
-def _pyramid(seed: int, octaves: int, roughness: float) -> _Pyramid:
+def _pyramid(seed: int, octaves: int, roughness: float) -> tuple[Texels, IntArray]:
     """Sum of smooth noises, each half the size and ``roughness`` times the strength of the one before, as a pyramid.
+
+    A pyramid is a periodic square tile with its mipmap levels, one after the other.
 
     Args:
         seed: Seed of the tile.
         octaves: Number of octaves from the finest (2 texels) on.
         roughness: 1 for equal strength at every scale; larger forms prevail below 1.
+
+    Returns:
+        Values of all levels, of mean 0 and standard deviation ``_TEXELS_PER_STD``, int8 ``(texels,)``; and where each
+        level starts ``(_LEVELS,)``.
     """
     generator = np.random.default_rng(seed)
     tile = np.zeros((_TILE_TEXELS, _TILE_TEXELS), dtype=np.float32)
@@ -358,10 +349,8 @@ def _pyramid(seed: int, octaves: int, roughness: float) -> _Pyramid:
         levels.append(levels[-1].reshape(half, 2, half, 2).mean(axis=(1, 3)))
     sizes = [level.size for level in levels]
     values = np.concatenate([level.ravel() for level in levels])
-    return _Pyramid(
-        np.rint(np.clip(values * _TEXELS_PER_STD, -127, 127)).astype(np.int8),
-        np.concatenate([[0], np.cumsum(sizes[:-1])]).astype(int),
-    )
+    texels = np.rint(np.clip(values * _TEXELS_PER_STD, -127, 127)).astype(np.int8)
+    return texels, np.concatenate([[0], np.cumsum(sizes[:-1])]).astype(int)
 
 
 @lru_cache(maxsize=3)

@@ -148,15 +148,25 @@ def datagrams(trajectory: Trajectory, autopilot: Autopilot) -> list[Datagram]:
     """All datagrams that the autopilot sends during the flight, one frame each, in order.
 
     Messages are sampled at whole milliseconds of the time since boot and sent at once.
+
+    Raises:
+        ValueError: An unknown message, or one that MAVLink 1 cannot carry.
     """
+    for name, rate_hz in autopilot.rates_hz.items():
+        if name not in PACKERS:
+            raise ValueError(f"cannot send {name}, must be one of {', '.join(PACKERS)}")
+        if autopilot.mavlink1 and rate_hz > 0 and name in MAVLINK2_ONLY:
+            raise ValueError(f"{name} does not exist in MAVLink 1")
     schedule = _schedule(trajectory, autopilot.rates_hz)
     stamps = np.array([stamp for stamp, _ in schedule], dtype=np.int64)
     states = _states(trajectory, autopilot, stamps)
-    packer = Packer(mavlink1=autopilot.mavlink1, system=autopilot.system)
-    return [
-        Datagram(due_ns=stamp, data=packer.pack(name, state))
-        for (stamp, name), state in zip(schedule, states, strict=True)
-    ]
+    link = dialect.MAVLink(None, srcSystem=autopilot.system, srcComponent=1)
+    sent = []
+    for (stamp, name), state in zip(schedule, states, strict=True):
+        frame = PACKERS[name](state).pack(link, force_mavlink1=autopilot.mavlink1)
+        link.seq = (link.seq + 1) % 256
+        sent.append(Datagram(due_ns=stamp, data=bytes(frame)))
+    return sent
 
 
 def _schedule(trajectory: Trajectory, rates_hz: Mapping[str, float]) -> list[tuple[int, str]]:
@@ -333,30 +343,3 @@ PACKERS: dict[str, Callable[[ReportedState], _Message]] = {
 
 MAVLINK2_ONLY = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"})
 """Messages with ids beyond MAVLink 1."""
-
-
-class Packer:
-    """Packs messages to frames with running sequence numbers.
-
-    Args:
-        mavlink1: Whether frames are MAVLink 1.
-        system: System id.
-    """
-
-    def __init__(self, *, mavlink1: bool = False, system: int = 1) -> None:
-        self._mavlink1 = mavlink1
-        self._link = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
-
-    def pack(self, name: str, state: ReportedState) -> bytes:
-        """One whole frame of a message.
-
-        Raises:
-            ValueError: An unknown message, or one that MAVLink 1 cannot carry.
-        """
-        if name not in PACKERS:
-            raise ValueError(f"cannot send {name}, must be one of {', '.join(PACKERS)}")
-        if self._mavlink1 and name in MAVLINK2_ONLY:
-            raise ValueError(f"{name} does not exist in MAVLink 1")
-        frame = bytes(PACKERS[name](state).pack(self._link, force_mavlink1=self._mavlink1))
-        self._link.seq = (self._link.seq + 1) % 256
-        return frame

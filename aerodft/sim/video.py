@@ -1,7 +1,7 @@
 """Video encoding: a file with exact stamps, or the datagrams of a live stream."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import io
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -81,17 +81,6 @@ def _encode(container: OutputContainer, stream: VideoStream, image: ImageArray, 
     container.mux(stream.encode(frame))
 
 
-@dataclass(slots=True)
-class _Buffer:
-    """Buffer that the muxer writes to."""
-
-    data: bytearray
-
-    def write(self, data: bytes) -> int:
-        self.data += data
-        return len(data)
-
-
 class TransportStream:
     """Encoder of images to MPEG-TS (H.264 baseline, no delayed images, a key image every second).
 
@@ -101,7 +90,7 @@ class TransportStream:
 
     def __init__(self, fps: float) -> None:
         self._fps = fps
-        self._buffer = _Buffer(bytearray())
+        self._buffer = io.BytesIO()
         options = {"flush_packets": "1", "omit_video_pes_length": "0"}
         self._container = av.open(self._buffer, "w", format="mpegts", options=options)
         self._stream: VideoStream | None = None
@@ -126,11 +115,8 @@ class TransportStream:
             }
             self._stream = _add_stream(self._container, image, self._fps, STREAM_TIME_BASE, options)
         pts = elapsed_ns * STREAM_TIME_BASE.denominator // 1_000_000_000
-        self._buffer.data.clear()
+        self._buffer.seek(0)
+        self._buffer.truncate()
         _encode(self._container, self._stream, image, pts, STREAM_TIME_BASE)
-        return list(_split_datagrams(bytes(self._buffer.data)))
-
-
-def _split_datagrams(data: bytes) -> Iterator[bytes]:
-    for start in range(0, len(data), DATAGRAM_BYTES):
-        yield data[start : start + DATAGRAM_BYTES]
+        data = self._buffer.getvalue()
+        return [data[start : start + DATAGRAM_BYTES] for start in range(0, len(data), DATAGRAM_BYTES)]

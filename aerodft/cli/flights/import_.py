@@ -1,8 +1,7 @@
 """``aerodft import``: a recorded flight to a recording with measurements, as fast as it goes."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,13 +10,6 @@ from aerodft.cli.options import LOG_FORMATS, ConfigOption, JsonOption, TopicOpti
 from aerodft.cli.output import progress
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
-
-
-class SyncChoice(StrEnum):
-    """Whether the video's clock is to be found."""
-
-    AUTO = "auto"
-    OFF = "off"
 
 
 def import_(
@@ -31,7 +23,8 @@ def import_(
     observations: Annotated[list[Path] | None, typer.Option(help="JSON-lines file of observed pixels.")] = None,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file (TOML).")] = None,
     sync: Annotated[
-        SyncChoice | None, typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not.")
+        Literal["auto", "off"] | None,
+        typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not."),
     ] = None,
     topic: TopicOption = None,
     json: JsonOption = False,
@@ -60,7 +53,7 @@ def import_(
             rate_hz=rate,
             observations=observations or (),
             calibration=calibration,
-            sync=None if sync is None else sync is SyncChoice.AUTO,
+            sync=None if sync is None else sync == "auto",
             topics=parse_topics(topic, load_station(config).topics) if topic else None,
             progress=between_batches,
         )

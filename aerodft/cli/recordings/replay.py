@@ -7,10 +7,9 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -32,13 +31,6 @@ _POLL_S = 0.1
 _LONGEST = 8  # bytes of the sequence that one key sends
 
 
-class Stamps(StrEnum):
-    """Whether stamps are moved."""
-
-    ORIGINAL = "original"
-    NOW = "now"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlayOptions:
     """Options on the span, speed and rounds of a replay."""
@@ -49,8 +41,9 @@ class PlayOptions:
     )
     stop: Annotated[str | None, typer.Option("--to", help="Where to stop (before it), written as --from.")] = None
     stamps: Annotated[
-        Stamps, typer.Option(help="now: all stamps are moved by one amount, the first of them to now.")
-    ] = Stamps.ORIGINAL
+        Literal["original", "now"],
+        typer.Option(help="now: all stamps are moved by one amount, the first of them to now."),
+    ] = "original"
     loop: Annotated[bool, typer.Option("--loop", help="Again and again, until it is stopped.")] = False
     step: Annotated[bool, typer.Option("--step", help="Image by image, at the press of a key.")] = False
 
@@ -68,7 +61,7 @@ class PlayOptions:
             "start_ns": None if self.start is None else parse_instant("--from", self.start, start_ns),
             "stop_ns": None if self.stop is None else parse_instant("--to", self.stop, start_ns),
             "rate": _rate(self.rate),
-            "is_now": self.stamps is Stamps.NOW,
+            "is_now": self.stamps == "now",
         }
 
 

@@ -5,14 +5,14 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import tomli_w
 
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from aerodft.model import Probe
+
+T = TypeVar("T")
 
 _WITH_IMAGES: Final = frozenset({ExportFormat.MCAP, ExportFormat.MP4})
 _ANY_TEXT: Final = ".txt"
@@ -456,15 +458,16 @@ def _write_map(path: Path, features: Iterable[MapFeature], form: ExportFormat, c
     if form is ExportFormat.KML:
         return write_kml(path, features)
     counts: Counter[str] = Counter()
-
-    def counted() -> Iterator[MapFeature]:
-        for feature in features:
-            counts[feature.layer] += 1
-            yield feature
-
     with path.open("w", encoding="utf-8") as file:
-        file.writelines(geojson_text(counted(), crs))
+        file.writelines(geojson_text(_counted(features, counts, lambda feature: feature.layer), crs))
     return dict(counts)
+
+
+def _counted(items: Iterable[T], counts: Counter[str], kind: Callable[[T], str]) -> Iterator[T]:
+    """The items, each counted as it passes."""
+    for each in items:
+        counts[kind(each)] += 1
+        yield each
 
 
 def _write(recording: Recording, form: ExportFormat, path: Path, crs: str | None) -> dict[str, int]:
@@ -482,16 +485,10 @@ def _write(recording: Recording, form: ExportFormat, path: Path, crs: str | None
         with ParquetRows(path) as rows:
             rows.add(payloads)
         return {"measurements": rows.count}
-    count = 0
-
-    def counted() -> Iterator[bytes]:
-        nonlocal count
-        for count, payload in enumerate(payloads, 1):  # noqa: B007 - read below
-            yield payload
-
+    counts: Counter[str] = Counter()
     with path.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(export_text(counted(), form))
-    return {"measurements": count}
+        file.writelines(export_text(_counted(payloads, counts, lambda _: "measurements"), form))
+    return dict(counts)
 
 
 def _payloads(recording: Recording) -> Iterator[bytes]:

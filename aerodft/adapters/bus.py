@@ -17,7 +17,6 @@ from aerodft.adapters.images import encode_jpeg, is_due
 from aerodft.adapters.wire.events import encode_image
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
-from aerodft.adapters.wire.observations import parse_observation
 from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
 from aerodft.adapters.wire.requests import (
     MeasureRequest,
@@ -25,6 +24,7 @@ from aerodft.adapters.wire.requests import (
     encode_probes,
     parse_history_request,
     parse_measure_request,
+    parse_observation,
 )
 from aerodft.adapters.wire.status import StationStatus, encode_camera_motion, encode_estimate, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue

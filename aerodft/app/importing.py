@@ -25,7 +25,7 @@ from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixel
 from aerodft.adapters.outputs import open_outputs
 from aerodft.adapters.telemetry import LogSource, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
-from aerodft.adapters.wire.observations import load_observations
+from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.app.align import aligned_station
 from aerodft.conventions import SECOND_NS

@@ -1,8 +1,7 @@
-"""Pure array functions: rotations, lens, rays, ground, geodesy, interpolation. Batch-first, no I/O, no state."""
+"""Pure array functions: rotations, lens, rays, ground, geodesy. Batch-first, no I/O, no state."""
 
 from aerodft.geometry.footprints import footprint, horizon_line, ring_area
 from aerodft.geometry.ground import Ground, GroundHits, Plane, jacobians, meet_level
-from aerodft.geometry.interpolation import Brackets, brackets
 from aerodft.geometry.kernels import (
     GSD,
     PITCH,

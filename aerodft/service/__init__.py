@@ -1,10 +1,10 @@
 """The measurement pipeline and its inputs, behind ports; without wire formats, files or wall clock."""
 
+from aerodft.service.answering import locate_observation
 from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
 from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader
 from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
-from aerodft.service.outline_requests import locate_observation
 from aerodft.service.pipeline import Counts, Pipeline
 from aerodft.service.ports import (
     Clock,
@@ -37,4 +37,4 @@ from aerodft.service.settings import (
     WaterHints,
     ZoomSettings,
 )
-from aerodft.service.streams import LAST
+from aerodft.service.streams import LAST, brackets

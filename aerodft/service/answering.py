@@ -1,4 +1,7 @@
-"""Turns images and observations with poses into outputs: measurements, calibration updates, object tracks."""
+"""Turns images and observations with poses into outputs: measurements, calibration updates, object tracks.
+
+An observation becomes a request of its pixels, or of points of the object in its box or contour.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,22 +10,41 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from aerodft.dft import NO_IMAGE, PROBE_KINDS, MeasurementBatch, Request, Setup, link_requests, measure
+from aerodft.dft import (
+    EDGE_STD_PX,
+    NO_IMAGE,
+    PROBE_KINDS,
+    MeasurementBatch,
+    MeasurementColumn,
+    Request,
+    Setup,
+    Silhouette,
+    down_in_image,
+    link_requests,
+    locate_box,
+    locate_outline,
+    measure,
+    simplify_outline,
+    zoomed,
+)
 from aerodft.geometry import camera_pose, inverse, multiply, rotated_pixels
 from aerodft.model import (
+    CODE_OF,
     Camera,
+    FloatArray,
     HeightSource,
     HeightSwitch,
     IntArray,
     Observation,
     PixelSource,
+    Pose,
     PoseBatch,
     PoseSample,
     PoseStd,
     Probe,
+    ProbeKind,
     Status,
 )
-from aerodft.service.outline_requests import can_answer, request_of, unseen_batch
 from aerodft.service.pending import Task, WorkList
 from aerodft.service.ports import (
     Calibrator,
@@ -35,6 +57,108 @@ from aerodft.service.ports import (
     StepOutputs,
 )
 from aerodft.service.settings import OBJECTS, PipelineSettings
+
+_OUTLINE_KINDS: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
+
+_REASONS: Final = {
+    Status.LOST: "it is out of the image, or was not recognised in it",
+    Status.NOT_SEEN: "it was looked for in the image, and not seen",
+}
+
+Pixels = tuple[tuple[float, float], ...]
+
+
+def can_answer(probe: Probe, observation: Observation) -> bool:
+    """Whether an observation has the pixels or the outline that a probe needs, or is empty."""
+    kind = probe.kind
+    if observation.is_empty:
+        return True
+    if not observation.has_outline:
+        return PROBE_KINDS[kind].takes_pixels(len(observation.pixels))
+    return kind in _OUTLINE_KINDS or (kind == ProbeKind.AREA and bool(observation.contour))
+
+
+def unseen_batch(
+    setup: Setup, poses: PoseBatch, probe: Probe, observations: Sequence[Observation], images: IntArray
+) -> MeasurementBatch:
+    """Measurements of a probe not found in images ``(n,)``: a status with reasons, and no value."""
+    status, reasons, variants = poses.status, dict[int, tuple[str, ...]](), poses.variant_of_each
+    code = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
+    for row in np.flatnonzero(status == CODE_OF[Status.OK]).tolist():
+        status[row], reasons[row] = CODE_OF[code], (observations[row].unseen or _REASONS[code], *variants[row].reasons)
+    column = MeasurementColumn(PROBE_KINDS[probe.kind].unit, status, reasons, {})
+    return MeasurementBatch(
+        requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),
+        poses=poses,
+        images=images,
+        columns=(column,),
+        model=setup.model,
+        camera=setup.camera.name,
+        config=setup.config_id,
+    )
+
+
+def request_of(probe: Probe, observations: Sequence[Observation], setup: Setup, poses: PoseBatch) -> Request:
+    """Request for observations ``(n,)`` that ``can_answer``.
+
+    Args:
+        probe: The probe.
+        observations: Of that probe, with equal numbers of pixels and one std; an outline is the only one.
+        setup: Camera, model and ground.
+        poses: Poses of the images.
+    """
+    observation = observations[0]
+    if not observation.has_outline:
+        pixels = np.array([each.pixels for each in observations], dtype=np.float64)
+        return Request(probe=probe, pixels=pixels, std_px=observation.std_px or probe.std_px)
+    std_px = observation.std_px or probe.std_px or EDGE_STD_PX
+    if probe.kind == ProbeKind.AREA:
+        corners = simplify_outline(np.array(observation.contour))
+        return Request(probe=probe, pixels=_pairs(corners), std_px=std_px)
+    zoomed_setup, sample = zoomed(setup, poses[0])
+    silhouette = locate_observation(observation, zoomed_setup.camera, sample.pose, std_px)
+    points, std_px = _PIXELS_OF[probe.kind].pixels_and_std(silhouette)
+    return Request(probe=probe, pixels=points, std_px=std_px)
+
+
+def locate_observation(observation: Observation, camera: Camera, pose: Pose | None, edge_std_px: float) -> Silhouette:
+    """Locate the upright object of an observation from its box or contour."""
+    if observation.box is not None:
+        left, top, right, bottom = observation.box
+        down = down_in_image(camera, pose, np.array([[left, top], [right, bottom]]))
+        return locate_box(observation.box, down, edge_std_px)
+    return locate_outline(camera, pose, np.array(observation.contour), edge_std_px)
+
+
+@dataclass(frozen=True, slots=True)
+class _ObjectPoints:
+    """Points of an object that a kind of probe uses, and the pixel errors that matter to it."""
+
+    foot: bool = False
+    top: bool = False
+    sides: bool = False
+    errs_in_depth: bool = False
+    errs_sideways: bool = False
+
+    def pixels_and_std(self, seen: Silhouette) -> tuple[Pixels, float]:
+        points = [seen.foot_px] * self.foot + [seen.top_px] * self.top + list(seen.sides_px) * self.sides
+        stds = [seen.edge_std_px] * self.errs_in_depth + [seen.lateral_std_px] * self.errs_sideways
+        return _pairs(np.array(points)), max(stds)
+
+
+# To first order only pixel errors along the vertical change ranges and heights, and only errors across it bearings.
+_PIXELS_OF: Final = {
+    ProbeKind.POSITION: _ObjectPoints(foot=True, errs_in_depth=True, errs_sideways=True),
+    ProbeKind.RANGE: _ObjectPoints(foot=True, errs_in_depth=True),
+    ProbeKind.BEARING: _ObjectPoints(foot=True, errs_sideways=True),
+    ProbeKind.HEIGHT: _ObjectPoints(foot=True, top=True, errs_in_depth=True),
+    ProbeKind.WIDTH: _ObjectPoints(sides=True, errs_in_depth=True),
+}
+
+
+def _pairs(points_px: FloatArray) -> Pixels:
+    return tuple((u, v) for u, v in points_px.tolist())
+
 
 _PIXEL_DECIMALS: Final = 3  # of pixels moved with a camera's rotation, which is not known better
 _UNCERTAIN_POSE: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # has draws

@@ -19,7 +19,7 @@ from aerodft.adapters.telemetry import TlogSource
 from aerodft.adapters.telemetry.mavlink import MavlinkDecoder, headers
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, os_errors_as
-from aerodft.geometry import brackets, camera_from_gimbal, east_north, inverse, lat_lon, multiply, slerp
+from aerodft.geometry import camera_from_gimbal, east_north, inverse, lat_lon, multiply, slerp
 from aerodft.model import (
     NO_BOOT_TIME,
     Camera,
@@ -35,6 +35,7 @@ from aerodft.model import (
     VehicleTrack,
     concatenate_tracks,
 )
+from aerodft.service import brackets
 from aerodft.sim.observations import ObserverModel, most_visible_stations, pose_document, sightings, write_lines
 from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.telemetry import Autopilot, Radio, datagrams, through_radio, write_tlog

@@ -12,8 +12,8 @@ import typer
 from aerodft import errors
 from aerodft.adapters.config.camera.calibration_file import CalibrationTable
 from aerodft.adapters.config.camera.camera_file import CameraTable
+from aerodft.adapters.config.evidence.evidence_file import FlightTable, ImageEntry
 from aerodft.adapters.config.evidence.evidence_tables import EvidenceTable
-from aerodft.adapters.config.evidence.images import FlightTable, ImageEntry
 from aerodft.adapters.config.evidence.markers import MarkersTable
 from aerodft.adapters.config.station.station_tables import ConfigTable
 from aerodft.adapters.config.tables import Table, Uncertain

@@ -1,6 +1,5 @@
 """Other tools' recordings as input: MAVLink, images and cameras in any MCAP file."""
 
-from replay.foreign.frames import FrameReader
 from replay.foreign.messages import (
     CDR,
     JSON,
@@ -9,6 +8,7 @@ from replay.foreign.messages import (
     ROS1,
     SECONDS,
     ChannelKind,
+    FrameReader,
     kind_of,
     read_encoded_image,
 )

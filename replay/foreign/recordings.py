@@ -28,8 +28,15 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
 from aerodft.service import ArrivalLimiter, first_arrival_ns
-from replay.foreign.frames import FrameReader
-from replay.foreign.messages import JSON, ChannelKind, EncodedImage, kind_of, read_camera, read_encoded_image
+from replay.foreign.messages import (
+    JSON,
+    ChannelKind,
+    EncodedImage,
+    FrameReader,
+    kind_of,
+    read_camera,
+    read_encoded_image,
+)
 from replay.recordings import (
     Recording,
     channels_of,

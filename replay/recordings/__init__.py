@@ -1,6 +1,5 @@
 """A recording as input again: its configuration, messages and pixels."""
 
-from replay.recordings.pixels import PixelStore, jpeg_of
 from replay.recordings.recording import (
     ENCODED_IMAGE_SCHEMAS,
     JPEG_SCHEMA,
@@ -14,4 +13,4 @@ from replay.recordings.recording import (
 )
 from replay.recordings.redetection import Redetection, RedetectionStatistics
 from replay.recordings.segments import channels_of, is_mcap, is_within, messages_by_time, messages_of, segment_order
-from replay.recordings.source import RecordingSource
+from replay.recordings.source import PixelStore, RecordingSource, jpeg_of

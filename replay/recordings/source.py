@@ -1,22 +1,194 @@
-"""A recording's inputs as a ``Source``: the pipeline takes them as it took the live ones."""
+"""A recording's inputs as a ``Source``: the pipeline takes them as it took the live ones; and its pixels.
+
+Pixels are found by an image's arrival and decoded when somebody asks: JPEGs one by one, video in order.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from google.protobuf.message import DecodeError
 
-from aerodft.adapters.recording import SENDER_KEY, Channel, is_raw
-from aerodft.adapters.recording.read import ChunkTable, is_one_of
+from aerodft.adapters.images import FramePixels, PacketDecoder, decode_jpeg, is_key_packet
+from aerodft.adapters.recording import SENDER_KEY, Channel, ChannelMessage, is_raw
+from aerodft.adapters.recording.read import ChunkLocation, ChunkReader, ChunkTable, SegmentScan, is_one_of, log_times
+from aerodft.adapters.recording.write import image_sequence
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, OBSERVATION_SCHEMA, decode_images, decode_observations
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, located
-from aerodft.model import Arrival, Event, Image, ImageRows, IntArray, Observation, RawBlock
+from aerodft.model import Arrival, Event, Image, ImageArray, ImageRows, IntArray, Observation, RawBlock
 from aerodft.service import first_arrival_ns
-from replay.recordings.pixels import PixelStore
-from replay.recordings.recording import Recording
+from replay.recordings.recording import ENCODED_IMAGE_SCHEMAS, JPEG_SCHEMA, VIDEO_SCHEMA, Recording
+from replay.recordings.segments import channels_of
+
+
+def jpeg_of(data: bytes) -> bytes:
+    """The JPEG in a ``foxglove.CompressedImage``.
+
+    Raises:
+        InputError: It is none.
+    """
+    try:
+        return bytes(CompressedImage.FromString(data).data)
+    except DecodeError as error:
+        raise InputError("a recorded image is damaged", got=error) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedPixels:
+    """One recorded image's pixels; calling it reads and decodes them.
+
+    Attributes:
+        place: The chunk that holds it.
+        segment: Its file.
+        log_ns: Its log time.
+        sequence: Its sequence number.
+        most_px: Pixels that it has, by its stamps; None where they do not say.
+    """
+
+    place: ChunkLocation
+    segment: SegmentScan
+    log_ns: int
+    sequence: int
+    most_px: int | None
+
+    def __call__(self) -> ImageArray:
+        """``(height, width, 3)`` uint8 BGR.
+
+        Raises:
+            InputError: The recording is damaged there.
+        """
+        where = f"{self.place.path}, image at {self.log_ns} ns"
+        for message in _messages_at(self.segment, self.place):
+            found = message.log_ns == self.log_ns and message.sequence == self.sequence
+            if found and message.channel.schema == JPEG_SCHEMA:
+                return decode_jpeg(jpeg_of(message.data), where, self.most_px)
+        raise InputError("the recorded image is gone", where=where)
+
+
+_NEAR_NS: Final = 4 * SECOND_NS
+"""To an image so close ahead decoding goes on from where it is."""
+_KEY_WITHIN_NS: Final = (_NEAR_NS, 60 * SECOND_NS)
+"""A key image is looked for so long before an image; where there is none, decoding begins at the start."""
+
+
+class _VideoReader:
+    """A recording's video packets, decoded in order from the last key image before the one that is wanted."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._packets: Iterator[ChannelMessage] = iter(())
+        self._decoder: PacketDecoder | None = None
+        self._last: tuple[int, FramePixels | None] = (0, None)
+
+    def at(self, log_ns: int, most_px: int | None) -> ImageArray:
+        """The pixels of the packet with this log time, of images of so many at most.
+
+        Raises:
+            InputError: It is damaged, or refers to images that are missing.
+        """
+        if self._decoder is None or not 0 <= log_ns - self._last[0] <= _NEAR_NS:
+            self._packets, self._decoder = self._recording.image_messages(from_ns=self._key_before(log_ns)), None
+            self._last = (0, None)
+        while self._last[0] != log_ns or self._decoder is None:
+            message = next(self._packets, None)
+            if message is None or message.log_ns > log_ns:
+                break
+            if message.channel.schema == VIDEO_SCHEMA:
+                self._last = (message.log_ns, self._decoded(message, most_px))
+        stamp_ns, pixels = self._last
+        if pixels is None or stamp_ns != log_ns:
+            where = f"{self._recording.folder}, image at {log_ns} ns"
+            raise InputError("the recorded video cannot be decoded there", where=where)
+        return pixels()
+
+    def _key_before(self, log_ns: int) -> int | None:
+        """Log time of the last key image up to a time; None where none is near, or the codec does not tell."""
+        for within_ns in _KEY_WITHIN_NS:
+            found = None
+            for message in self._recording.image_messages(from_ns=log_ns - within_ns, to_ns=log_ns + 1):
+                if message.channel.schema == VIDEO_SCHEMA and _is_key(message.data):
+                    found = message.log_ns
+            if found is not None:
+                return found
+        return None
+
+    def _decoded(self, message: ChannelMessage, most_px: int | None) -> FramePixels | None:
+        try:
+            packet = CompressedVideo.FromString(message.data)
+            self._decoder = self._decoder or PacketDecoder(packet.format, most_px)
+            frame = self._decoder.decode(packet.data)
+        except (DecodeError, ValueError) as error:
+            raise InputError("a recorded video packet is damaged", where=self._recording.folder, got=error) from error
+        return None if frame is None else FramePixels(frame)
+
+
+def _is_key(data: bytes) -> bool:
+    try:
+        packet = CompressedVideo.FromString(data)
+    except DecodeError:  # said where it is decoded
+        return False
+    return is_key_packet(packet.format, packet.data)
+
+
+class PixelStore:
+    """Which images of a recording have pixels."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._stills: dict[int, tuple[ChunkLocation, SegmentScan]] = {}
+        self._packets: set[int] = set()
+        self._video = _VideoReader(recording)
+        for segment in recording.images:
+            schemas = {number: channel.schema for number, channel in channels_of(segment).items()}
+            for place in segment.chunks:
+                for schema, log_ns in _images_in(segment, place, schemas):
+                    if schema == VIDEO_SCHEMA:
+                        self._packets.add(log_ns)
+                    else:
+                        self._stills[log_ns] = (place, segment)
+
+    def __len__(self) -> int:
+        return len(self._stills) + len(self._packets)
+
+    def pixels(self, image: Image) -> Callable[[], ImageArray] | None:
+        """The pixels of an image; None where none were recorded."""
+        at_ns, found = image.arrival_ns, self._stills.get(image.arrival_ns)
+        most_px = image.width_px * image.height_px if image.width_px and image.height_px else None
+        if found is not None:
+            place, segment = found
+            sequence = image_sequence(image.index)
+            return RecordedPixels(place=place, segment=segment, log_ns=at_ns, sequence=sequence, most_px=most_px)
+        return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
+
+
+def _images_in(segment: SegmentScan, place: ChunkLocation, schemas: dict[int, str]) -> Iterator[tuple[str, int]]:
+    """Schema and log time of a chunk's pictures: from its indexes, or where it has none from itself."""
+    times = log_times(place)
+    if times is None:
+        for message in _messages_at(segment, place):
+            if message.channel.schema in ENCODED_IMAGE_SCHEMAS:
+                yield message.channel.schema, message.log_ns
+        return
+    for number, each in times.items():
+        if schemas.get(number) in ENCODED_IMAGE_SCHEMAS:
+            yield from ((schemas[number], log_ns) for log_ns in each)
+
+
+def _messages_at(segment: SegmentScan, place: ChunkLocation) -> Iterator[ChannelMessage]:
+    """The messages of one chunk; where no index names the channels, the first chunk does."""
+    first = segment.chunks[0]
+    reader = ChunkReader(segment.channels.copy(), damaged_offsets=segment.damaged_offsets)
+    if not segment.is_indexed and place.offset != first.offset:
+        for _ in reader.messages((first,)):
+            pass
+    return reader.messages((place,))
+
 
 _INPUTS = frozenset({IMAGE_SCHEMA, OBSERVATION_SCHEMA})
 _MIN_SHARE = 0.25  # of a chunk

@@ -12,7 +12,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.recording import Channel
-from replay.foreign import ChannelKind, FrameReader, frames, kind_of, read_encoded_image
+from replay.foreign import ChannelKind, FrameReader, kind_of, read_encoded_image
 from replay.foreign.messages import read_camera
 
 STAMP_NS = 1_795_221_278_868_833_001
@@ -148,7 +148,7 @@ def test_a_camera_has_its_size_focal_lengths_and_lens(encoding: str, schema: str
 
 
 def test_frames_are_told_from_messages_however_long_the_pieces_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frames, "_PIECE_BYTES", 64)
+    monkeypatch.setattr("replay.foreign.messages._PIECE_BYTES", 64)
     messages = [FRAME + FRAME[:7], FRAME[7:], b"", b"\xfd" * 500, FRAME * 3]
     found = [
         (int(number), frame)

@@ -1,6 +1,5 @@
 """Images: video files, stills, live streams, and stamps alone."""
 
-from aerodft.adapters.images.camera_mode import camera_of_still, check_mode, common_mode, refuse_other_size
 from aerodft.adapters.images.image_sampling import NamedImage, image_files, named_images
 from aerodft.adapters.images.pixels import (
     STILLS,
@@ -13,6 +12,13 @@ from aerodft.adapters.images.pixels import (
     read_camera_image,
 )
 from aerodft.adapters.images.rate import LiveRate, RateSource, ThinnedPixels, is_due
-from aerodft.adapters.images.stills import StillsFolderSource, facts_of_still
+from aerodft.adapters.images.stills import (
+    StillsFolderSource,
+    camera_of_still,
+    check_mode,
+    common_mode,
+    facts_of_still,
+    refuse_other_size,
+)
 from aerodft.adapters.images.stream import StreamReader
 from aerodft.adapters.images.video import SeekableVideo, VideoFileSource, video_info

@@ -9,7 +9,6 @@ import numpy as np
 
 from aerodft.conventions import GIMBAL_SO3_CAM_WXYZ, SECOND_NS
 from aerodft.geometry import (
-    Brackets,
     about_axis,
     camera_from_gimbal,
     from_yaw_pitch_roll,
@@ -25,7 +24,7 @@ from aerodft.model import FloatArray, GimbalSource, IntArray, MountAxes, ReportF
 from aerodft.service.attitude.gimbal_frame import mounted_wxyz
 from aerodft.service.attitude.slew import Demands, lag_std, step_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
-from aerodft.service.streams import Missing
+from aerodft.service.streams import Brackets, Missing
 
 _CAM_FROM_GIMBAL: Final = matrix(inverse(np.array(GIMBAL_SO3_CAM_WXYZ)))
 _TYPICAL_TILT_RAD: Final = math.radians(5)  # of a vehicle that does not report its attitude

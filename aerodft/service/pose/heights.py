@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry import Brackets, matrix
+from aerodft.geometry import matrix
 from aerodft.model import (
     FIX_3D,
     BoolArray,
@@ -23,7 +23,7 @@ from aerodft.model import (
 )
 from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.settings import HeightSettings
-from aerodft.service.streams import END_OF_TIME, LAST, Missing, Stream
+from aerodft.service.streams import END_OF_TIME, LAST, Brackets, Missing, Stream
 
 
 class VerticalAccuracy:

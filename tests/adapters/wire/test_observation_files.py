@@ -6,7 +6,7 @@ import orjson
 import pytest
 
 from aerodft.adapters.wire.events import encode_observation
-from aerodft.adapters.wire.observations import load_observations, parse_observation
+from aerodft.adapters.wire.requests import load_observations, parse_observation
 from aerodft.errors import InputError
 from aerodft.model import StampClock
 from tests.payloads import decode_observation

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from aerodft.geometry import brackets, slerp
+from aerodft.geometry import slerp
 from aerodft.service.attitude.slew import demands_before, lag_std
+from aerodft.service.streams import brackets
 
 MS, SECOND = 1_000_000, 1_000_000_000
 LAG_NS, SLEW = 300 * MS, math.radians(60)

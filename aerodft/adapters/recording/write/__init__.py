@@ -1,8 +1,7 @@
 """The recorder: a sink that writes a folder of MCAP segments from threads of its own."""
 
 from aerodft.adapters.recording.write.annotations import Annotator
-from aerodft.adapters.recording.write.image_writer import RecorderSettings
-from aerodft.adapters.recording.write.recorder import McapRecorder, RecordingTotals
+from aerodft.adapters.recording.write.recorder import McapRecorder, RecorderSettings, RecordingTotals
 from aerodft.adapters.recording.write.records import RecordEncoder, camera_calibration, compressed_image, image_sequence
 from aerodft.adapters.recording.write.segment import (
     CONFIG_NAME,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aerodft.geometry import brackets
+from aerodft.service.streams import brackets
 
 STAMPS = np.array([0, 100, 200, 1200], dtype=np.int64)
 

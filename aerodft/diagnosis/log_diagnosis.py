@@ -425,7 +425,7 @@ def _history_parts(block: RawBlock) -> Iterator[RawBlock]:
     """The block in parts that no history is too short for."""
     edges = np.flatnonzero(np.diff(block.arrival_ns // _PART_NS)) + 1
     for start, stop in pairwise([0, *edges.tolist(), len(block.arrival_ns)]):
-        yield block.rows(start, stop)
+        yield block.rows(slice(start, stop))
 
 
 def _signed_count(block: RawBlock) -> int:

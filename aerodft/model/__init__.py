@@ -1,6 +1,6 @@
 """Frozen values in SI units and radians, without I/O."""
 
-from aerodft.model.arrays import BoolArray, FloatArray, FloatLike, ImageArray, IntArray, read_only
+from aerodft.model.arrays import Batch, BoolArray, FloatArray, FloatLike, ImageArray, IntArray, Selection, read_only
 from aerodft.model.calibration import (
     BIASES,
     FIXED_POINTS,

@@ -1,6 +1,7 @@
-"""Array types of all packages, and the read-only copy that a frozen value keeps of an array."""
+"""Array types of all packages, the read-only copy that a frozen value keeps of an array, and values in columns."""
 
-from typing import TypeAlias
+from dataclasses import dataclass, fields, replace
+from typing import Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,19 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 FloatLike: TypeAlias = float | FloatArray
 ImageArray: TypeAlias = npt.NDArray[np.uint8]
+Selection: TypeAlias = BoolArray | IntArray | slice
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """``n`` things of a kind in columns: fields that are arrays ``(n, ...)`` or batches; other fields are common."""
+
+    def rows(self, rows: Selection) -> Self:
+        """The things of a mask ``(n,)``, of indices ``(m,)`` or of a slice."""
+        columns = {each.name: getattr(self, each.name) for each in fields(self)}
+        arrays = {name: each[rows] for name, each in columns.items() if isinstance(each, np.ndarray)}
+        batches = {name: each.rows(rows) for name, each in columns.items() if isinstance(each, Batch)}
+        return replace(self, **arrays, **batches)
 
 
 def read_only(values: npt.ArrayLike, *, trailing: tuple[int, ...] = ()) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias, overload
 
 import numpy as np
 
-from aerodft.model.arrays import ImageArray, IntArray
+from aerodft.model.arrays import Batch, ImageArray, IntArray
 from aerodft.model.telemetry import RawBlock
 
 VISION: Final = "vision"
@@ -49,7 +49,7 @@ class Image:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageRows(Sequence[Image]):
+class ImageRows(Batch, Sequence[Image]):
     """Columns of ``n`` images without pixels in order of arrival, as a recording has them; fields as in ``Image``.
 
     Attributes:
@@ -79,8 +79,7 @@ class ImageRows(Sequence[Image]):
 
     def __getitem__(self, index: int | slice) -> "Image | ImageRows":
         if isinstance(index, slice):
-            columns = self.indices[index], self.stamp_ns[index], self.arrival_ns[index]
-            return ImageRows(*columns, self.clock, self.width_px, self.height_px)
+            return self.rows(index)
         return self._image(int(self.indices[index]), int(self.stamp_ns[index]), int(self.arrival_ns[index]))
 
     def __iter__(self) -> Iterator[Image]:
@@ -90,10 +89,6 @@ class ImageRows(Sequence[Image]):
     def common(self) -> tuple[StampClock, int | None, int | None]:
         """Clock, width and height, common to all images."""
         return self.clock, self.width_px, self.height_px
-
-    def rows(self, start: int, stop: int) -> "ImageRows":
-        """Images ``start`` to ``stop`` (half-open)."""
-        return self[start:stop]
 
     def _image(self, index: int, stamp_ns: int, arrival_ns: int) -> Image:
         return Image(

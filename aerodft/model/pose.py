@@ -7,7 +7,7 @@ from typing import ClassVar, Final, TypeVar, overload
 
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, FloatArray, FloatLike, IntArray, read_only
+from aerodft.model.arrays import Batch, BoolArray, FloatArray, FloatLike, IntArray, Selection, read_only
 from aerodft.model.camera import Zoom
 from aerodft.model.status import CODE_OF, Status
 
@@ -19,7 +19,7 @@ def _zeros(*shape: int) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pose:
+class Pose(Batch):
     """``enu_SE3_cam``: the camera in the station's ENU frame; batch-first.
 
     Attributes:
@@ -45,8 +45,8 @@ class Pose:
         for name, trailing in _TRAILING.items():
             object.__setattr__(self, name, read_only(getattr(self, name), trailing=trailing))
 
-    def rows(self, rows: IntArray | int) -> "Pose":
-        """Poses ``(m,)`` of ``(n,)`` by their indices, or a single one; fields without a batch axis are kept."""
+    def rows(self, rows: Selection | int) -> "Pose":
+        """Poses ``(m,)`` of ``(n,)`` of a selection, or a single one; fields without a batch axis are kept."""
         axes = {"lens_cov": 2, **{name: len(trailing) for name, trailing in _TRAILING.items()}}
         columns = {name: getattr(self, name) for name in axes}
         selected = {name: each[rows] if each.ndim > axes[name] else each for name, each in columns.items()}
@@ -175,7 +175,7 @@ TIME: Final = STD_NAMES.index("time_s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseBatch(Sequence[PoseSample]):
+class PoseBatch(Batch, Sequence[PoseSample]):
     """Poses at ``n`` stamps: columns of numbers, and ``variants`` with all else, shared by many samples.
 
     Attributes:
@@ -250,7 +250,7 @@ class PoseBatch(Sequence[PoseSample]):
 
     def __getitem__(self, index: int | slice) -> "PoseSample | PoseBatch":
         if isinstance(index, slice):
-            return self.rows(np.arange(len(self))[index])
+            return self.rows(index)
         return self._sample(range(len(self))[index])
 
     def __iter__(self) -> Iterator[PoseSample]:
@@ -284,13 +284,6 @@ class PoseBatch(Sequence[PoseSample]):
     def is_ok(self) -> BoolArray:
         """Whether a sample has a pose that can be measured with, ``(n,)``."""
         return np.asarray((self.status == CODE_OF[Status.OK]) & self.has_pose)
-
-    def rows(self, rows: IntArray) -> "PoseBatch":
-        """Samples ``(m,)`` by their indices."""
-        columns = {name: getattr(self, name)[rows] for name in _COLUMNS}
-        return PoseBatch(
-            pose=self.pose.rows(rows), variant_index=self.variant_index[rows], variants=self.variants, **columns
-        )
 
     def where(self, chosen: BoolArray, change: Callable[["PoseBatch", IntArray], "PoseBatch"]) -> "PoseBatch":
         """The batch with the samples ``chosen (n,)`` changed.

@@ -7,11 +7,11 @@ the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from aerodft.model.arrays import BoolArray, FloatArray, IntArray
+from aerodft.model.arrays import Batch, BoolArray, FloatArray, IntArray
 from aerodft.model.camera import ZoomSource
 from aerodft.model.pose import GimbalSource, HeightSource
 
@@ -48,7 +48,7 @@ class MountAxes(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RawBlock:
+class RawBlock(Batch):
     """Whole raw frames of one sender, in order of arrival.
 
     Attributes:
@@ -69,31 +69,13 @@ class RawBlock:
     data: bytes
     checked: bool = False
 
-    def rows(self, start: int, stop: int) -> "RawBlock":
-        """Frames ``start`` to ``stop`` (half-open), sharing the bytes."""
-        return RawBlock(
-            protocol=self.protocol,
-            sender=self.sender,
-            arrival_ns=self.arrival_ns[start:stop],
-            offset=self.offset[start:stop],
-            length=self.length[start:stop],
-            data=self.data,
-            checked=self.checked,
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Track:
+class Track(Batch):
     """Columns of every track: arrival ``(n,)`` (host UTC) and time since boot ``(n,)``, both int64 ns."""
 
     arrival_ns: IntArray
     boot_ns: IntArray
-
-    def rows(self, selection: BoolArray | IntArray | slice, *, boot_ns: IntArray) -> Self:
-        """The rows of a mask ``(n,)``, of indices or of a slice, with their times since boot ``boot_ns``."""
-        columns = {each.name: getattr(self, each.name) for each in fields(self)}
-        arrays = {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
-        return replace(self, **{name: value[selection] for name, value in {**arrays, "boot_ns": boot_ns}.items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

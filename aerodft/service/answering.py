@@ -30,6 +30,7 @@ from aerodft.dft import (
 from aerodft.geometry import camera_pose, inverse, multiply, rotated_pixels
 from aerodft.model import (
     CODE_OF,
+    Batch,
     Camera,
     FloatArray,
     HeightSource,
@@ -181,7 +182,7 @@ class Estimators:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReadyWork:
+class ReadyWork(Batch):
     """Work ``(n,)`` with its poses, in the order in which it is answered.
 
     Attributes:
@@ -199,7 +200,7 @@ class ReadyWork:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _WorkPart:
+class _WorkPart(Batch):
     """Images or observations ``(n,)`` to be refined and measured.
 
     Attributes:
@@ -217,10 +218,6 @@ class _WorkPart:
     poses: PoseBatch
     state_index: IntArray
     fixed: tuple[Request, ...] = ()
-
-    def rows(self, rows: IntArray) -> "_WorkPart":
-        tick, order, state_index = self.tick[rows], self.order[rows], self.state_index[rows]
-        return _WorkPart(tick, order, self.work.rows(rows), self.poses.rows(rows), state_index)
 
     @staticmethod
     def concatenate(parts: Sequence["_WorkPart"]) -> "_WorkPart | None":

@@ -69,7 +69,7 @@ def cut(event: Arrival, until_ns: int) -> tuple[Arrival | None, Arrival | None]:
     split = int(np.searchsorted(event.arrival_ns, until_ns, side="right"))
     if split == count:
         return event, None
-    return (event.rows(0, split) if split else None), event.rows(split, count)
+    return (event.rows(slice(split)) if split else None), event.rows(slice(split, count))
 
 
 class ArrivalLimiter:
@@ -224,7 +224,7 @@ def numbers_of(images: Sequence[Image]) -> IntArray:
 def _rows_between(block: RawBlock, after_ns: int, until_ns: int) -> RawBlock | None:
     """Rows of a block that arrived after ``after_ns`` and by ``until_ns``; None if there are none."""
     start, stop = np.searchsorted(block.arrival_ns, [after_ns, until_ns], side="right").tolist()
-    return block.rows(start, stop) if stop > start else None
+    return block.rows(slice(start, stop)) if stop > start else None
 
 
 def _arrivals_ns(events: Sequence[Image] | Sequence[Observation]) -> IntArray:

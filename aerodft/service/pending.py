@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
 from aerodft.dft import NO_IMAGE
 from aerodft.jit import njit
-from aerodft.model import BoolArray, IntArray, Observation, PoseSample
+from aerodft.model import Batch, BoolArray, IntArray, Observation, PoseSample, Selection
 
 _MAX_IMAGES: Final = 512  # an observation arrives at most this many images after its own
 
@@ -24,7 +24,7 @@ class Task(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WorkList:
+class WorkList(Batch):
     """Images and observations ``n`` that wait for their poses, in order of arrival.
 
     Attributes:
@@ -68,11 +68,11 @@ class WorkList:
     def __len__(self) -> int:
         return len(self.task)
 
-    def rows(self, rows: IntArray) -> "WorkList":
-        """Work ``(m,)`` by its indices."""
-        columns = {name: getattr(self, name)[rows] for name in _COLUMNS}
-        observations, samples = ([each[row] for row in rows.tolist()] for each in (self.observations, self.samples))
-        return WorkList(**columns, observations=observations, samples=samples)
+    def rows(self, rows: Selection) -> Self:
+        """The work of a mask ``(n,)``, of indices ``(m,)`` or of a slice."""
+        indices = np.arange(len(self))[rows].tolist()
+        observations, samples = ([each[row] for row in indices] for each in (self.observations, self.samples))
+        return replace(Batch.rows(self, rows), observations=observations, samples=samples)
 
     def waiting(self, samples: Sequence[PoseSample | None]) -> "WorkList":
         """The list for the next step, with the poses of ready work."""

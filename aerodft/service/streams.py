@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import BoolArray, FloatArray, IntArray
+from aerodft.model import Batch, BoolArray, FloatArray, IntArray
 
 _Number = TypeVar("_Number", np.float64, np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Brackets:
+class Brackets(Batch):
     """The two samples around each of ``n`` stamps; rows are undefined where ``is_known`` is false.
 
     Attributes:
@@ -33,10 +33,6 @@ class Brackets:
     weight: FloatArray
     gap_ns: IntArray
     is_known: BoolArray
-
-    def rows(self, rows: IntArray) -> "Brackets":
-        """The brackets of stamps ``(k,)`` by their indices."""
-        return Brackets(self.before[rows], self.after[rows], self.weight[rows], self.gap_ns[rows], self.is_known[rows])
 
     def ends(self, values: npt.NDArray[_Number]) -> tuple[npt.NDArray[_Number], npt.NDArray[_Number]]:
         """Values ``(m, ...)`` of the samples before and after each stamp."""

@@ -126,8 +126,7 @@ def _track_of_kind(path: Path, tracks: dict[type, list[Track]], kind: type[Track
     if not parts:
         raise NoAnswerError("the log holds none", where=path, got="nothing", expected=what)
     whole = concatenate_tracks(parts)
-    boot_ns, order = np.unique(whole.boot_ns, return_index=True)
-    return whole.rows(order, boot_ns=boot_ns)
+    return whole.rows(np.unique(whole.boot_ns, return_index=True)[1])
 
 
 def _home_and_positions(position: PositionTrack) -> tuple[GeoOrigin, FloatArray]:

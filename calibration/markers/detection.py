@@ -23,6 +23,7 @@ import numpy as np
 
 from aerodft.geometry import pixels_from_rays, rays_from_pixels
 from aerodft.model import (
+    Batch,
     BoolArray,
     Camera,
     FloatArray,
@@ -73,7 +74,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Squares:
+class Squares(Batch):
     """Refined markers.
 
     Attributes:
@@ -87,10 +88,6 @@ class Squares:
     corner_std_px: FloatArray
     centres_px: FloatArray
     centre_std_px: FloatArray
-
-    def where(self, mask: BoolArray) -> "Squares":
-        """The squares of a mask ``(m,)``."""
-        return Squares(*(getattr(self, each.name)[mask] for each in fields(self)))
 
     def followed_by(self, more: "Squares") -> "Squares":
         """These squares with others appended."""
@@ -287,7 +284,7 @@ def find_markers(
             break
         more_ids, more = _look(grey, survey.dictionary, camera, index)
         missing = np.isin(more_ids, list(wanted - set(ids.tolist())))
-        ids, squares = _with_new(ids, squares, more_ids[missing], more.where(missing))
+        ids, squares = _with_new(ids, squares, more_ids[missing], more.rows(missing))
     return [
         MarkerSighting(
             id=int(ids[index]),
@@ -316,7 +313,7 @@ def _look(grey: ImageArray, name: str, camera: Camera | None, index: int) -> tup
         return ids, Squares(np.zeros((0, 4, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
     squares = refine_edges(grey, rough_px, modules(name), camera)
     is_marker = likeness(grey, squares.corners_px, ids, name) > _MIN_CORRELATION
-    return ids[is_marker], squares.where(is_marker)
+    return ids[is_marker], squares.rows(is_marker)
 
 
 def _detected(grey: ImageArray, name: str, index: int) -> tuple[IntArray, FloatArray]:
@@ -349,7 +346,7 @@ def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares
     sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
     away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
     new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
-    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.where(new))
+    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.rows(new))
 
 
 def other_dictionary(image: ImageArray, name: str) -> str:

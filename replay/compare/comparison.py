@@ -11,7 +11,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -291,9 +291,9 @@ def pair_probe(key: ProbeKey, first: ProbeSeries | None, second: ProbeSeries | N
     if one is None or other is None:
         raise ValueError("a probe that neither side has")
     none = np.zeros(0, dtype=np.int64)
-    one, other = first or _selected(one, none), second or _selected(other, none)
+    one, other = first or one.rows(none), second or other.rows(none)
     rows, others = how.pairs(one, other)
-    matched = _selected(one, rows), _selected(other, others)
+    matched = one.rows(rows), other.rows(others)
     is_position = key.kind == ProbeKind.POSITION
     codes = Counter(zip(one.status[rows].tolist(), other.status[others].tolist(), strict=True))
     changes = {f"{CODES[a]} -> {CODES[b]}": count for (a, b), count in sorted(codes.items()) if a != b}
@@ -306,10 +306,6 @@ def pair_probe(key: ProbeKey, first: ProbeSeries | None, second: ProbeSeries | N
         shift_ns=(other.stamp_ns[others] - one.stamp_ns[rows]).astype(np.float64),
         deviations=position_deviations(*matched) if is_position else value_deviations(key.unit, *matched),
     )
-
-
-def _selected(series: ProbeSeries, rows: IntArray) -> ProbeSeries:
-    return ProbeSeries(**{each.name: getattr(series, each.name)[rows] for each in fields(ProbeSeries)})
 
 
 def summarise(pairs: Pairs, tolerance: Tolerance, *, same_input: bool) -> Difference:

@@ -18,7 +18,7 @@ from aerodft.adapters.files import cell_text, check_is_no_pipe
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, located, os_errors_as
-from aerodft.model import CODE_OF, FloatArray, IntArray, ProbeKind, Status
+from aerodft.model import CODE_OF, Batch, FloatArray, IntArray, ProbeKind, Status
 from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parse_measurement, row_of
 from replay.recordings import Recording
 
@@ -38,7 +38,7 @@ class ProbeKey(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProbeSeries:
+class ProbeSeries(Batch):
     """One probe's measurements, in the order of measuring.
 
     Attributes:

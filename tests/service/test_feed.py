@@ -167,7 +167,9 @@ def test_batches_are_their_ticks_together_and_pixels_wait_for_nobody(
     ticks = [tick for batches in together for tick in one_by_one(batches)]
     wanted: dict[int, list[Event]] = {}
     for event in events:
-        parts = [event.rows(k, k + 1) for k in range(len(event.length))] if isinstance(event, RawBlock) else [event]
+        parts = (
+            [event.rows(slice(k, k + 1)) for k in range(len(event.length))] if isinstance(event, RawBlock) else [event]
+        )
         for part in parts:
             wanted.setdefault(tick_after(first_arrival_ns(part), TICK_NS), []).append(part)
     assert [flat(tick) for tick in ticks if tick.event_count] == [

@@ -116,7 +116,7 @@ def flown(path, held, *, by_boot, **attitude):
     for block in (event for event in open_log(path).events() if isinstance(event, RawBlock)):
         edges = np.flatnonzero(np.diff(block.arrival_ns // STEP_NS)) + 1
         for start, stop in pairwise([0, *edges.tolist(), len(block.offset)]):
-            source.append(Ticks.one(decoder.decode(block.rows(start, stop))))
+            source.append(Ticks.one(decoder.decode(block.rows(slice(start, stop)))))
             if not source.clock.is_utc_known:
                 continue
             newest_ns = int(source.watermark_ns(1)[0])

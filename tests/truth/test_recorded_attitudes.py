@@ -47,7 +47,7 @@ def flown(name, boots_ms=None, settings=SETTINGS, source=None):
     next_ns = None
     for block in (event for event in open_log(DATA / name).events() if isinstance(event, RawBlock)):
         for start in range(0, len(block.offset), BLOCK):
-            tracks = decoder.decode(block.rows(start, min(start + BLOCK, len(block.offset))))
+            tracks = decoder.decode(block.rows(slice(start, min(start + BLOCK, len(block.offset)))))
             source.append(Ticks.one(tracks))
             if not source.clock.is_utc_known:
                 continue

@@ -14,7 +14,7 @@ range counts little, and the demand of a camera that is not stabilised, which th
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise, repeat
 from typing import Final
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import about_axis, matrix, multiply, yaw_pitch_roll
-from aerodft.model import BoolArray, FloatArray, IntArray, MountAxes, ReportFrame
+from aerodft.model import Batch, BoolArray, FloatArray, IntArray, MountAxes, ReportFrame
 from aerodft.service.streams import Stream
 
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
@@ -63,7 +63,7 @@ class GravitySample:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GravitySamples:
+class GravitySamples(Batch):
     """Directions of gravity at ``n`` reports, in order, as columns.
 
     Attributes:
@@ -86,10 +86,6 @@ class GravitySamples:
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
-
-    def rows(self, rows: slice) -> "GravitySamples":
-        """The samples of a slice."""
-        return GravitySamples(*(getattr(self, each.name)[rows] for each in fields(self)))
 
     def row(self, row: int) -> GravitySample:
         """One sample."""

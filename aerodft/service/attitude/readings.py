@@ -20,7 +20,7 @@ from aerodft.geometry import (
     to_rotation_vector,
     yaw_pitch_roll,
 )
-from aerodft.model import FloatArray, GimbalSource, IntArray, MountAxes, ReportFrame
+from aerodft.model import Batch, FloatArray, GimbalSource, IntArray, MountAxes, ReportFrame, Selection
 from aerodft.service.attitude.gimbal_frame import mounted_wxyz
 from aerodft.service.attitude.slew import Demands, lag_std, step_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
@@ -140,7 +140,7 @@ class AttitudeNote(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttitudeBatch:
+class AttitudeBatch(Batch):
     """Camera attitudes at ``n`` stamps.
 
     Attributes:
@@ -191,11 +191,11 @@ class AttitudeBatch:
         self.note[rows] = others.note + len(self.notes)
         return replace(self, notes=(*self.notes, *others.notes))
 
-    def rows(self, rows: IntArray) -> "AttitudeBatch":
-        """Attitudes by their indices ``(m,)``."""
-        numbers = self.wxyz[rows], self.rate_cam_radps[rows], self.age_s[rows], self.report_std_rad[rows]
-        refusals = {new: self.refusals[old] for new, old in enumerate(rows.tolist()) if old in self.refusals}
-        return AttitudeBatch(*numbers, self.note[rows], self.notes, self.missing[rows], refusals)
+    def rows(self, rows: Selection) -> "AttitudeBatch":
+        """Attitudes ``(m,)`` of a selection."""
+        old_rows = np.arange(len(self.note))[rows].tolist()
+        refusals = {new: self.refusals[old] for new, old in enumerate(old_rows) if old in self.refusals}
+        return replace(Batch.rows(self, rows), refusals=refusals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,6 +12,7 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import slerp
 from aerodft.model import (
+    Batch,
     BoolArray,
     FloatArray,
     GimbalSource,
@@ -181,8 +182,8 @@ class Gimbal:
 _DEFAULT_READING: Final = (ReportFrame.EARTH, MountAxes.TILT_OUTER)
 
 
-@dataclass(frozen=True, slots=True)
-class GimbalQuery:
+@dataclass(frozen=True, slots=True, eq=False)
+class GimbalQuery(Batch):
     """Stamps of a query for a gimbal's attitude, and the samples around them.
 
     Attributes:
@@ -196,10 +197,6 @@ class GimbalQuery:
     ticks: IntArray
     found: Brackets
     vehicle: Brackets
-
-    def rows(self, rows: IntArray) -> "GimbalQuery":
-        """The query at stamps ``(m,)`` by their indices."""
-        return GimbalQuery(self.stamps_ns[rows], self.ticks[rows], self.found.rows(rows), self.vehicle.rows(rows))
 
 
 class _ReadingMode(NamedTuple):

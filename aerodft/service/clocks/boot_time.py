@@ -142,11 +142,11 @@ class BootClock:
         boot_ns[order], is_followed[order] = self._assign(arrivals[order], boots[order], unstamped[order])
         row_ends = np.cumsum([0, *(len(track.boot_ns) for track in tracks_of_vehicle)]).tolist()
         parts = zip(tracks_of_vehicle, pairwise(row_ends), strict=True)
-        followed = [track.rows(is_followed[start:stop], boot_ns=boot_ns[start:stop]) for track, (start, stop) in parts]
+        followed = [
+            replace(track, boot_ns=boot_ns[start:stop]).rows(is_followed[start:stop]) for track, (start, stop) in parts
+        ]
         followed += [
-            track.rows(self._is_near_followed(track, near_ns), boot_ns=track.boot_ns)
-            for track in tracks
-            if isinstance(track, SyncTrack)
+            track.rows(self._is_near_followed(track, near_ns)) for track in tracks if isinstance(track, SyncTrack)
         ]
         return tuple(track for track in followed if len(track.arrival_ns)), self.restarts > restarts
 

@@ -69,7 +69,7 @@ class Ticks:
             end = int(row_ends[stop - 1]) if stop else 0
             if end > start:
                 rows = slice(start, end)
-                tracks.append(track.rows(rows, boot_ns=track.boot_ns))
+                tracks.append(track.rows(rows))
                 ends.append(row_ends[first:stop] - start)
         return Ticks(tuple(tracks), tuple(ends), stop - first)
 
@@ -169,4 +169,4 @@ def grouped_by_stream(
         concatenated = concatenate_tracks([tracks[row] for row in rows])
         ends = np.sum([row_ends[row] for row in rows], axis=0)
         ordered = np.concatenate([stamps[row] for row in rows])[order]
-        yield concatenated.rows(order, boot_ns=concatenated.boot_ns), ordered, ends
+        yield concatenated.rows(order), ordered, ends

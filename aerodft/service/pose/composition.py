@@ -11,6 +11,7 @@ from aerodft.model import (
     CODE_OF,
     CODES,
     TIME,
+    Batch,
     BoolArray,
     FloatArray,
     GeoOrigin,
@@ -120,7 +121,7 @@ def missing_reason(what: str, missing: Missing, order: tuple[str, ...], max_gap_
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseInputs:
+class PoseInputs(Batch):
     """Heights, attitudes and positions for poses at ``n`` stamps.
 
     Attributes:
@@ -147,11 +148,6 @@ class PoseInputs:
     def is_complete(self) -> BoolArray:
         """Whether there is a height and an attitude ``(n,)``; a pose may have no position."""
         return np.asarray((self.heights.missing == Missing.NOTHING) & (self.attitudes.missing == Missing.NOTHING))
-
-    def rows(self, rows: IntArray) -> "PoseInputs":
-        """Inputs ``(m,)`` by their indices."""
-        parts = self.heights.rows(rows), self.attitudes.rows(rows), self.vehicle_position.rows(rows)
-        return PoseInputs(self.stamps_ns[rows], self.by_utc[rows], *parts)
 
 
 _Refusals: TypeAlias = dict[int, tuple[Status, tuple[str, ...]]]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, TypeAlias
 
@@ -12,6 +12,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.geometry import matrix
 from aerodft.model import (
     FIX_3D,
+    Batch,
     BoolArray,
     FloatArray,
     GpsTrack,
@@ -19,6 +20,7 @@ from aerodft.model import (
     HeightSource,
     HeightSwitch,
     IntArray,
+    Selection,
     Track,
 )
 from aerodft.service.height_sources import HEIGHT_SOURCES
@@ -70,7 +72,7 @@ _MAX_CLIMB_MPS: Final = 10.0  # faster between two samples is a step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightBatch:
+class HeightBatch(Batch):
     """Heights above the measured plane at ``n`` stamps; NaN where missing.
 
     Attributes:
@@ -100,11 +102,11 @@ class HeightBatch:
         is_above_home = [HEIGHT_SOURCES[source].is_above_home for source in self.order]
         return np.array([*is_above_home, False])[self.source]
 
-    def rows(self, rows: IntArray) -> "HeightBatch":
-        """Heights by their indices ``(m,)``."""
-        numbers = self.height_agl_m[rows], self.std_m[rows], self.age_s[rows], self.foot_m[rows], self.source[rows]
-        reasons = {new: self.reasons[old] for new, old in enumerate(rows.tolist()) if old in self.reasons}
-        return HeightBatch(*numbers, self.missing[rows], reasons, self.order)
+    def rows(self, rows: Selection) -> "HeightBatch":
+        """Heights ``(m,)`` of a selection."""
+        old_rows = np.arange(len(self.source))[rows].tolist()
+        reasons = {new: self.reasons[old] for new, old in enumerate(old_rows) if old in self.reasons}
+        return replace(Batch.rows(self, rows), reasons=reasons)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

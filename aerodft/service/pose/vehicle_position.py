@@ -8,7 +8,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import east_north
-from aerodft.model import FloatArray, GeoOrigin, IntArray, PositionTrack
+from aerodft.model import Batch, FloatArray, GeoOrigin, IntArray, PositionTrack
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import Missing, Stream
 
@@ -17,7 +17,7 @@ _MAX_SPEED_MPS: Final = 150.0  # between two samples; faster is a jump
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PositionBatch:
+class PositionBatch(Batch):
     """Vehicle positions at ``n`` stamps; NaN where missing.
 
     Attributes:
@@ -31,11 +31,6 @@ class PositionBatch:
     velocity_enu_mps: FloatArray
     lat_lon_alt: FloatArray
     missing: IntArray
-
-    def rows(self, rows: IntArray) -> "PositionBatch":
-        """Positions by their indices ``(m,)``."""
-        numbers = self.east_north_m[rows], self.velocity_enu_mps[rows], self.lat_lon_alt[rows]
-        return PositionBatch(*numbers, self.missing[rows])
 
 
 class VehiclePositions:

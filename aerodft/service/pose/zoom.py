@@ -368,7 +368,7 @@ class ZoomSources:
 def _of_camera(track: CameraTrack, number: int) -> tuple[CameraTrack, BoolArray]:
     """The rows of one camera, and their mask."""
     mask = track.device == number
-    return track.rows(mask, boot_ns=track.boot_ns), mask
+    return track.rows(mask), mask
 
 
 def _with_zoom(sample: PoseSample, key: tuple[ZoomSource | None, tuple[str, ...], bool]) -> PoseSample:

@@ -115,7 +115,7 @@ def test_tracks_do_not_depend_on_how_messages_are_cut(cut_log: Path, tmp_path: P
     head = tmp_path / "head.bin"
     head.write_bytes(cut_log.read_bytes()[:700_000])
     blocks = _blocks(head)
-    pieces = [b.rows(k, k + 97) for b in blocks for k in range(0, len(b.offset), 97)]
+    pieces = [b.rows(slice(k, k + 97)) for b in blocks for k in range(0, len(b.offset), 97)]
     for kind in (VehicleTrack, GimbalTrack, PositionTrack, HeightTrack, ClockTrack):
         whole, cut = _tracks(blocks, kind), _tracks(pieces, kind)
         assert whole.keys() == cut.keys()
@@ -193,7 +193,7 @@ def _seen_m(path: Path, messages: list[bytes]) -> tuple[list[float], dict[str, i
     path.write_bytes(_PARM + _RFND + b"".join(messages))
     (block,) = _blocks(path)
     found = []
-    for pieces in ([block], [block.rows(k, k + 1) for k in range(len(block.offset))]):
+    for pieces in ([block], [block.rows(slice(k, k + 1)) for k in range(len(block.offset))]):
         decoder = DataflashDecoder()
         heights = [track for piece in pieces for track in decoder.decode(piece) if isinstance(track, HeightTrack)]
         found.append((np.concatenate([each.value_m for each in heights]).round(3).tolist(), dict(decoder.rejected)))

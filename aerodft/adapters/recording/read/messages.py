@@ -25,12 +25,11 @@ from aerodft.adapters.recording.read.chunks import DAMAGED, HEAD_BYTES, MAX_CHUN
 from aerodft.adapters.recording.read.segment_scan import ChunkLocation, SegmentScan
 from aerodft.errors import InputError, os_errors_as
 from aerodft.jit import njit
-from aerodft.model import BoolArray, ImageArray, IntArray
+from aerodft.model import Batch, BoolArray, ImageArray, IntArray
 
 Times = npt.NDArray[np.uint64]
 ChannelFilter = Callable[[Channel], bool]
 
-_COLUMNS: Final = ("channel", "sequence", "log_ns", "start", "stop")
 _HEAD: Final = RECORD_HEAD.size
 _MESSAGE: Final = int(Opcode.MESSAGE)
 _MESSAGE_HEAD: Final = MESSAGE_HEAD.size
@@ -48,7 +47,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChunkTable:
+class ChunkTable(Batch):
     """Messages of one chunk, in the order of writing.
 
     Attributes:
@@ -68,10 +67,6 @@ class ChunkTable:
     log_ns: Times
     start: IntArray
     stop: IntArray
-
-    def rows(self, rows: BoolArray | IntArray) -> "ChunkTable":
-        """The messages of the given rows, by index or mask."""
-        return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def messages(self) -> Iterator[ChannelMessage]:
         """The messages one by one."""

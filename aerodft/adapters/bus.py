@@ -282,8 +282,8 @@ class ZenohBus:
         self._malformed = self._shed_images = self._shed_outputs = 0
         self._session = open_session(listen, connect)
         self._publishers = _Publishers(self._session)
-        self._queue: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, _nothing, capacity=_QUEUED_TICKS)
-        self._image_queue: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, _nothing, capacity=2)
+        self._queue: WorkerQueue[_Work] = WorkerQueue("publish", self._publish, capacity=_QUEUED_TICKS)
+        self._image_queue: WorkerQueue[Image] = WorkerQueue("publish-images", self._publish_image, capacity=2)
         self._queries = StationQueries(
             self._session,
             self._keys,
@@ -380,10 +380,6 @@ class ZenohBus:
                 on_observation(seen)
 
         return self._session.declare_subscriber(self._keys.observations, take)
-
-
-def _nothing() -> None:
-    """Publishing needs no tending."""
 
 
 class _Publishers:

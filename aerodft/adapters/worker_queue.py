@@ -4,9 +4,10 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 T = TypeVar("T")
+_PERIOD_S: Final = 0.1
 
 _log = logging.getLogger(__name__)
 
@@ -17,27 +18,24 @@ class WorkerQueue(Generic[T]):
     Args:
         name: Of the thread.
         work: Does one item, in the worker's thread.
-        tend: Called in the worker's thread at least every ``period_s``.
         capacity: Sum of the sizes of waiting items; one item is always taken.
+        tend: Called in the worker's thread after each item, and at least every 0.1 s.
         lossless: Wait for room instead of refusing; an item takes room until it is done, then.
-        period_s: Seconds between two calls of ``tend`` when nothing comes.
     """
 
     def __init__(
         self,
         name: str,
         work: Callable[[T], None],
-        tend: Callable[[], None],
         *,
         capacity: int,
+        tend: Callable[[], object] = lambda: None,
         lossless: bool = False,
-        period_s: float = 0.1,
     ) -> None:
         self._work = work
         self._tend = tend
         self._capacity = capacity
         self._lossless = lossless
-        self._period_s = period_s
         self._size_at_work = 0
         self._items: deque[tuple[T, int]] = deque()
         self._size = 0
@@ -97,7 +95,7 @@ class WorkerQueue(Generic[T]):
         """Wait for an item, or until ``tend`` is due; False at the end."""
         with self._changed:
             if not self._items and not self._closing:
-                self._changed.wait(self._period_s)
+                self._changed.wait(_PERIOD_S)
             return bool(self._items) or not self._closing
 
     def _next(self) -> T:

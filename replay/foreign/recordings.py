@@ -8,7 +8,6 @@ import heapq
 import logging
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from io import BytesIO
 from itertools import pairwise
@@ -19,7 +18,7 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from aerodft.adapters.config.station import Topics
-from aerodft.adapters.images import FramePixels, PacketDecoder, StillPixels
+from aerodft.adapters.images import FramePixels, Losses, PacketDecoder, StillPixels
 from aerodft.adapters.recording import Channel, ChannelMessage
 from aerodft.adapters.recording.read import ChannelFilter, SegmentScan, content_bytes, scan_segment
 from aerodft.adapters.telemetry.mavlink import FrameCounts, StreamFramer
@@ -450,22 +449,6 @@ def _batches(messages: Iterable[ChannelMessage]) -> Iterator[list[ChannelMessage
         yield batch
 
 
-@dataclass(slots=True)
-class _ImageLosses:
-    unreadable: int = 0
-    undecoded: int = 0
-    backwards: int = 0
-
-    def report(self, where: str) -> None:
-        for count, what in (
-            (self.unreadable, "that cannot be read"),
-            (self.undecoded, "that cannot be decoded: damaged, or before the first key frame"),
-            (self.backwards, "with a stamp that is not after the one before"),
-        ):
-            if count:
-                _log.warning("%s: left out %d images %s", where, count, what)
-
-
 class ForeignImages:
     """The images of a recording as a ``Source``; stamped by the recording machine's clock.
 
@@ -486,18 +469,18 @@ class ForeignImages:
 
     def events(self) -> Iterator[Image]:
         """All images whose stamp is sound; what was left out is logged as a warning at the end."""
-        losses, last_ns = _ImageLosses(), 0
+        losses, last_ns = Losses(), 0
         # Not a loop over the messages, which would hold on to the last one: megabytes.
         read = partial(self._image, _Decoder(decode=self._decode), losses)
         for image in map(read, enumerate(self._recording.messages(self._topic))):
             if image is not None and image.stamp_ns <= last_ns:
-                losses.backwards += 1
+                losses[Losses.BACKWARDS] += 1
             elif image is not None:
                 last_ns = image.stamp_ns
                 yield image
         losses.report(self._where())
 
-    def _image(self, decoder: "_Decoder", losses: _ImageLosses, indexed: tuple[int, ChannelMessage]) -> Image | None:
+    def _image(self, decoder: "_Decoder", losses: Losses, indexed: tuple[int, ChannelMessage]) -> Image | None:
         """The image of a message; None, and counted, where there is none."""
         index, message = indexed
         try:
@@ -505,9 +488,10 @@ class ForeignImages:
             image = decoder.image(encoded, index, encoded.stamp_ns or message.log_ns, self._where(index))
         except ValueError as error:
             self._refuse_first(index, error)
-            losses.unreadable += 1
+            losses["that cannot be read"] += 1
             return None
-        losses.undecoded += image is None
+        if image is None:
+            losses["that cannot be decoded: damaged, or before the first key frame"] += 1
         return image
 
     def _where(self, index: int | None = None) -> str:

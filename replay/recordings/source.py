@@ -4,7 +4,7 @@ Pixels are found by an image's arrival and decoded when somebody asks: JPEGs one
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
@@ -40,36 +40,20 @@ def jpeg_of(data: bytes) -> bytes:
         raise InputError("a recorded image is damaged", got=error) from error
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedPixels:
-    """One recorded image's pixels; calling it reads and decodes them.
+def _still_at(
+    place: ChunkLocation, segment: SegmentScan, log_ns: int, sequence: int, most_px: int | None
+) -> ImageArray:
+    """The pixels of a JPEG of a chunk, of images of so many at most.
 
-    Attributes:
-        place: The chunk that holds it.
-        segment: Its file.
-        log_ns: Its log time.
-        sequence: Its sequence number.
-        most_px: Pixels that it has, by its stamps; None where they do not say.
+    Raises:
+        InputError: The recording is damaged there.
     """
-
-    place: ChunkLocation
-    segment: SegmentScan
-    log_ns: int
-    sequence: int
-    most_px: int | None
-
-    def __call__(self) -> ImageArray:
-        """``(height, width, 3)`` uint8 BGR.
-
-        Raises:
-            InputError: The recording is damaged there.
-        """
-        where = f"{self.place.path}, image at {self.log_ns} ns"
-        for message in _messages_at(self.segment, self.place):
-            found = message.log_ns == self.log_ns and message.sequence == self.sequence
-            if found and message.channel.schema == JPEG_SCHEMA:
-                return decode_jpeg(jpeg_of(message.data), where, self.most_px)
-        raise InputError("the recorded image is gone", where=where)
+    where = f"{place.path}, image at {log_ns} ns"
+    for message in _messages_at(segment, place):
+        found = message.log_ns == log_ns and message.sequence == sequence
+        if found and message.channel.schema == JPEG_SCHEMA:
+            return decode_jpeg(jpeg_of(message.data), where, most_px)
+    raise InputError("the recorded image is gone", where=where)
 
 
 _NEAR_NS: Final = 4 * SECOND_NS
@@ -161,9 +145,7 @@ class PixelStore:
         at_ns, found = image.arrival_ns, self._stills.get(image.arrival_ns)
         most_px = image.width_px * image.height_px if image.width_px and image.height_px else None
         if found is not None:
-            place, segment = found
-            sequence = image_sequence(image.index)
-            return RecordedPixels(place=place, segment=segment, log_ns=at_ns, sequence=sequence, most_px=most_px)
+            return partial(_still_at, *found, at_ns, image_sequence(image.index), most_px)
         return partial(self._video.at, at_ns, most_px) if at_ns in self._packets else None
 
 

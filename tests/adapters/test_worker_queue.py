@@ -8,13 +8,9 @@ import pytest
 from aerodft.adapters.worker_queue import WorkerQueue
 
 
-def nothing() -> None:
-    return
-
-
 def test_work_is_done_in_order_and_finished_at_close() -> None:
     done: list[int] = []
-    queue: WorkerQueue[int] = WorkerQueue("t", done.append, nothing, capacity=1000)
+    queue: WorkerQueue[int] = WorkerQueue("t", done.append, capacity=1000)
     assert all(queue.put(index) for index in range(500))
     queue.close()
     assert done == list(range(500))
@@ -27,7 +23,7 @@ def test_what_does_not_fit_is_refused_but_one_item_always_fits() -> None:
         begun.set()
         gate.wait(30)
 
-    queue: WorkerQueue[int] = WorkerQueue("t", work, nothing, capacity=10)
+    queue: WorkerQueue[int] = WorkerQueue("t", work, capacity=10)
     assert queue.put(0, size=99)
     assert begun.wait(30)
     assert [queue.put(1, size=99), queue.put(2, size=1)] == [True, False]
@@ -42,7 +38,7 @@ def test_an_error_ends_the_queue_refuses_what_comes_and_is_raised_by_close(
     def work(_: int) -> None:
         raise KeyError("bug")
 
-    queue: WorkerQueue[int] = WorkerQueue("worker", work, nothing, capacity=1, lossless=lossless)
+    queue: WorkerQueue[int] = WorkerQueue("worker", work, capacity=1, lossless=lossless)
     queue.put(0)
     while queue.put(1):
         pass
@@ -53,9 +49,7 @@ def test_an_error_ends_the_queue_refuses_what_comes_and_is_raised_by_close(
 
 def test_tending_goes_on_when_nothing_comes() -> None:
     tended = threading.Semaphore(0)
-    queue: WorkerQueue[int] = WorkerQueue(
-        "t", lambda _: None, lambda: tended.release() and None, capacity=1, period_s=0.001
-    )
+    queue: WorkerQueue[int] = WorkerQueue("t", lambda _: None, capacity=1, tend=tended.release)
     for _ in range(5):
         assert tended.acquire(timeout=30)
     queue.close()
@@ -69,7 +63,7 @@ def test_a_lossless_queues_work_takes_room_until_it_is_done() -> None:
         assert may_end.wait(30)
         said.append(f"done {item}")
 
-    queue: WorkerQueue[str] = WorkerQueue("test", work, lambda: None, capacity=1, lossless=True)
+    queue: WorkerQueue[str] = WorkerQueue("test", work, capacity=1, lossless=True)
     assert queue.put("a")
     assert begun.wait(30)
 

@@ -6,12 +6,13 @@ container whose time line begins elsewhere (a transport stream, an edit list) ne
 
 import logging
 from bisect import bisect_left, insort
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import av
 from av.container import InputContainer
@@ -55,20 +56,15 @@ class VideoInfo:
     images: int | None
 
 
-@dataclass(slots=True)
-class _Losses:
-    damaged: int = 0
-    unstamped: int = 0
-    backwards: int = 0
+class Losses(Counter[str]):
+    """How many images were left out, by what is wrong with them."""
 
-    def report(self, path: Path) -> None:
-        for count, what in (
-            (self.damaged, "damaged"),
-            (self.unstamped, "without a stamp"),
-            (self.backwards, "with a stamp that is not after the one before"),
-        ):
-            if count:
-                _LOG.warning("%s: left out %d images %s", path, count, what)
+    BACKWARDS: Final = "with a stamp that is not after the one before"
+
+    def report(self, where: Path | str) -> None:
+        """Log them."""
+        for what, count in self.items():
+            _LOG.warning("%s: left out %d images %s", where, count, what)
 
 
 class VideoFileSource:
@@ -110,7 +106,7 @@ class VideoFileSource:
 
     def events(self) -> Iterator[Image]:
         """All images whose stamp is sound; what was left out is logged as a warning at the end."""
-        losses = _Losses()
+        losses = Losses()
         last_ns: int | None = None
         index = -1
         with _opened(self.path) as (container, stream):
@@ -119,9 +115,9 @@ class VideoFileSource:
             for index, pts, frame in found:
                 media_ns = clock.media_ns(pts)
                 if media_ns is None:
-                    losses.unstamped += 1
+                    losses["without a stamp"] += 1
                 elif last_ns is not None and media_ns <= last_ns:
-                    losses.backwards += 1
+                    losses[Losses.BACKWARDS] += 1
                 else:
                     last_ns = media_ns
                     yield self._image(index, self.start_ns + media_ns, frame)
@@ -327,7 +323,7 @@ def _packets(container: InputContainer, stream: VideoStream) -> Iterator["av.Pac
         _LOG.warning("%s: damaged, reading stops here (%s)", container.name, error.strerror)
 
 
-def _frames(container: InputContainer, stream: VideoStream, losses: _Losses) -> Iterator[_Found]:
+def _frames(container: InputContainer, stream: VideoStream, losses: Losses) -> Iterator[_Found]:
     """Decoded images; a damaged one keeps its index, so that the others are what a player and a detector call them."""
     stamps: list[int] = []
     index = -1
@@ -337,11 +333,11 @@ def _frames(container: InputContainer, stream: VideoStream, losses: _Losses) -> 
         try:
             frames = packet.decode()
         except av.FFmpegError:
-            losses.damaged += 1
+            losses["damaged"] += 1
             continue
         for frame in frames:
             if frame.is_corrupt:
-                losses.damaged += 1
+                losses["damaged"] += 1
             else:
                 index = index + 1 if frame.pts is None else bisect_left(stamps, frame.pts)
                 yield index, frame.pts, frame

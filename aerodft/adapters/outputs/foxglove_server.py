@@ -74,10 +74,8 @@ class FoxgloveServer:
         self._annotator.messages(self._calibration_at(0))  # says in which frame the images are
         for channel in (*self._encoder.channels, self._jpegs, self._calibrations):
             self._channel(channel)
-        self._queue: WorkerQueue[_Work] = WorkerQueue("foxglove", self._show, _nothing, capacity=_QUEUED_TICKS)
-        self._images: WorkerQueue[Image] = WorkerQueue(
-            "foxglove-images", self._show_image, _nothing, capacity=_QUEUED_IMAGES
-        )
+        self._queue: WorkerQueue[_Work] = WorkerQueue("foxglove", self._show, capacity=_QUEUED_TICKS)
+        self._images: WorkerQueue[Image] = WorkerQueue("foxglove-images", self._show_image, capacity=_QUEUED_IMAGES)
         _log.info("open ws://%s:%d in Foxglove", _HOST, port)
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:
@@ -149,7 +147,3 @@ class FoxgloveServer:
                 context=self._context,
             )
         return self._channels[channel.topic]
-
-
-def _nothing() -> None:
-    """Sending needs no tending."""

@@ -173,7 +173,7 @@ class LiveView(View):
         self._asked_s = -_IDLE_S
         self._last_ns: int | None = None
         self._listeners: set[Callable[[], object]] = set()
-        self._queue: WorkerQueue[Image] = WorkerQueue("page-images", self._encode, _nothing, capacity=_QUEUED)
+        self._queue: WorkerQueue[Image] = WorkerQueue("page-images", self._encode, capacity=_QUEUED)
         self.newest = -1
 
     @property
@@ -352,7 +352,3 @@ def _fixed_scene(config: StationConfig, file: Path) -> Scene:
     if pipeline.fixed_pose is None:
         raise NoAnswerError("no fixed camera", where=file)
     return pipeline.setup, pipeline.fixed_pose
-
-
-def _nothing() -> None:
-    """Encoding needs no tending."""

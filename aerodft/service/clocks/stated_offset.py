@@ -51,7 +51,7 @@ def robust_line(own_ns: IntArray, offset_ns: IntArray) -> ClockOffset:
     drift = _median((y[after] - y[before]) / (x[after] - x[before]))
     residuals = np.abs(y - drift * x - _median(y - drift * x))
     is_inlier = residuals <= max(_MIN_INLIER_NS, _INLIER_MADS * _median(residuals))
-    offset, drift = _least_squares(x[is_inlier], y[is_inlier])
+    offset, drift = np.polynomial.polynomial.polyfit(x[is_inlier], y[is_inlier], 1).tolist()
     return ClockOffset(int(own_ns[-1]), int(offset_ns[-1]) + round(offset), drift)
 
 
@@ -60,15 +60,6 @@ def _median(values: FloatArray) -> float:
     first, half = (len(values) - 1) // 2, len(values) // 2
     parts = np.partition(values, (first, half))
     return float((parts[first] + parts[half]) / 2)
-
-
-def _least_squares(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Value at 0 and slope of the line through samples ``(n,)``, as ``numpy.polynomial`` in half its time."""
-    powers = np.stack([np.ones_like(x), x])
-    scale = np.sqrt(np.square(powers).sum(axis=1))
-    scaled, *_ = np.linalg.lstsq(powers.T / scale, y, len(x) * np.finfo(np.float64).eps)
-    at_0, slope = (scaled / scale).tolist()
-    return at_0, slope
 
 
 @lru_cache(maxsize=_MAX_SAMPLES)

@@ -11,11 +11,13 @@ from aerodft.adapters.recording.read.chunks import (
     attachment_head,
     chunk_content,
     chunk_head,
+    goes_on,
     indexed_channel,
     is_chunk,
     next_chunk,
     read_summary,
     salvaged_length,
+    stated_count,
 )
 from aerodft.adapters.recording.read.messages import (
     ChannelFilter,

@@ -13,13 +13,24 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, ChunkIndex, Footer, McapRecord, MetadataIndex, Schema, Statistics
+from mcap.records import (
+    Attachment,
+    Channel,
+    ChunkIndex,
+    Footer,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 from mcap.stream_reader import StreamReader
 
 from aerodft.adapters.recording.channels import Channels
 from aerodft.adapters.recording.layout import CHUNK_HEAD, MAGIC, RECORD_HEAD
 
 MAX_SUMMARY_BYTES: Final = 16 << 20
+OPCODES: Final = frozenset(int(opcode) for opcode in Opcode)
 DAMAGED: Final = (McapError, struct.error, ValueError, OverflowError)
 """All that the library raises where a record is damaged."""
 
@@ -249,6 +260,25 @@ def next_chunk(read: Callable[[int, int], bytes], start: int, end: int) -> int |
             if at + RECORD_HEAD.size + length <= end and is_chunk(data[RECORD_HEAD.size :], length):
                 return at
     return None
+
+
+def goes_on(read: Callable[[int, int], bytes], start: int, end: int) -> bool:
+    """Whether a record of a known kind fits there; arguments as of ``next_chunk``."""
+    head = read(start, RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
+        return False
+    opcode, length = RECORD_HEAD.unpack(head)
+    return opcode in OPCODES and start + RECORD_HEAD.size + length <= end
+
+
+def stated_count(metadata: Metadata) -> tuple[int, int]:
+    """Chunks and messages before a chunk.
+
+    Raises:
+        ValueError: It does not say them.
+    """
+    values = metadata.metadata
+    return int(values.get("chunks", "")), int(values.get("messages", ""))
 
 
 def _uncompressed(head: ChunkHead, data: bytes) -> bytes:

@@ -22,13 +22,16 @@ from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
 from aerodft.adapters.recording.read.chunks import (
     DAMAGED,
     HEAD_BYTES,
+    OPCODES,
     FileSummary,
     chunk_head,
+    goes_on,
     indexed_channel,
     is_chunk,
     next_chunk,
     read_summary,
     salvaged_length,
+    stated_count,
 )
 from aerodft.adapters.recording.write import (
     CONFIG_NAME,
@@ -42,7 +45,6 @@ from aerodft.errors import InputError, os_errors_as
 
 _CHUNK_TIMES = struct.Struct("<QQ")
 _STATISTICS = struct.Struct("<22xI")
-_OPCODES: Final = frozenset(int(opcode) for opcode in Opcode)
 _OWN_LIBRARY: Final = "aerodft"
 _ABOUT_NAMES: Final = frozenset({METADATA_NAME, CONFIG_NAME, RECOVERED_NAME})
 _MESSAGE_HEAD = struct.Struct("<HIQ")
@@ -348,24 +350,16 @@ class _Scan:
             return True  # nobody's configuration: what lies behind it is read
         elif opcode in {*DEFINITIONS, Opcode.METADATA, Opcode.HEADER}:
             return length <= _MAX_SMALL_RECORD and self._take_small(opcode, self._file.read(length))
-        return opcode in _OPCODES or self._goes_on(position + length)
+        return opcode in OPCODES or goes_on(self._read, position + length, self._size)
 
     def _take_chunk(self, position: int, length: int, head: bytes) -> bool:
         try:
             chunk_head(head, length)
         except ValueError:  # a chunk that cannot be read here is one only where records go on behind it
-            if length < _CHUNK_TIMES.size or not self._goes_on(position + length):
+            if length < _CHUNK_TIMES.size or not goes_on(self._read, position + length, self._size):
                 return False
         self._add_chunk(position, length)
         return True
-
-    def _goes_on(self, position: int) -> bool:
-        """Whether another record of a known kind fits there."""
-        head = self._read(position, HEAD.size)
-        if len(head) < HEAD.size:
-            return False
-        opcode, length = HEAD.unpack(head)
-        return opcode in _OPCODES and position + HEAD.size + length <= self._size
 
     def _add_chunk(self, position: int, length: int) -> None:
         start_ns, end_ns = _CHUNK_TIMES.unpack(self._read(position, _CHUNK_TIMES.size))
@@ -413,7 +407,7 @@ class _Scan:
             else:
                 metadata = Metadata.read(ReadDataStream(BytesIO(data)))
                 if metadata.name == COUNT_NAME:
-                    self._take_count(*_count(metadata))
+                    self._take_count(*stated_count(metadata))
                 else:
                     self._about.take(metadata)
         except DAMAGED:
@@ -477,16 +471,6 @@ class _About:
             self.texts = self.texts or dict(metadata.metadata)
         elif metadata.name == RECOVERED_NAME:
             self.is_recovered = True
-
-
-def _count(metadata: Metadata) -> tuple[int, int]:
-    """Chunks and messages before a chunk.
-
-    Raises:
-        ValueError: It does not say them.
-    """
-    values = metadata.metadata
-    return int(values.get("chunks", "")), int(values.get("messages", ""))
 
 
 def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | None:
@@ -557,7 +541,7 @@ def _count_before(offset: int, read: Callable[[int, int], bytes]) -> tuple[int, 
         if HEAD.unpack_from(data) != (Opcode.METADATA, COUNT_BYTES - HEAD.size):
             return None
         found = Metadata.read(ReadDataStream(BytesIO(data[HEAD.size :])))
-        return _count(found) if found.name == COUNT_NAME else None
+        return stated_count(found) if found.name == COUNT_NAME else None
     except DAMAGED:
         return None
 

@@ -37,12 +37,14 @@ from aerodft.adapters.recording.read import (
     attachment_head,
     chunk_content,
     chunk_head,
+    goes_on,
     indexed_channel,
     is_chunk,
     next_chunk,
     read_summary,
     records_in,
     salvaged_length,
+    stated_count,
 )
 from aerodft.adapters.recording.write import (
     COUNT_BYTES,
@@ -54,7 +56,6 @@ from aerodft.adapters.recording.write import (
 )
 
 _MAX_SMALL_BYTES = 4 << 20
-_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _OWN_LIBRARY = "aerodft"
 _COUNT_BEGIN = RECORD_HEAD.pack(Opcode.METADATA, COUNT_BYTES - RECORD_HEAD.size)
 _DATA_END_BYTES = RECORD_HEAD.size + 4
@@ -221,7 +222,7 @@ class ChunkScanner:
             ValueError: It is a count that counts nothing.
         """
         if found.name == COUNT_NAME:
-            self.count = int(found.metadata.get("chunks", "")), int(found.metadata.get("messages", ""))
+            self.count = stated_count(found)
             return
         self.metadata.append(found)
         self._metadata_bytes = total
@@ -244,7 +245,7 @@ class ChunkScanner:
             defines = self._define(content)
         except ValueError as error:
             self.count = None
-            if self._goes_on(end):
+            if goes_on(self._read, end, self._size):
                 self._position = end
                 return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
             return self._lost(start, str(error), may_salvage=False)
@@ -259,14 +260,6 @@ class ChunkScanner:
         return WholeChunk(
             offset=start, chunk=chunk, content=content, defines=defines, is_as_built=is_as_built, before=count
         )
-
-    def _goes_on(self, position: int) -> bool:
-        """Whether another record of a known kind fits there."""
-        head = self._read(position, RECORD_HEAD.size)
-        if len(head) < RECORD_HEAD.size:
-            return False
-        opcode, length = RECORD_HEAD.unpack(head)
-        return opcode in _OPCODES and position + RECORD_HEAD.size + length <= self._size
 
     def _define(self, content: bytes) -> frozenset[int]:
         """Take a chunk's schemas and channels, all or none; returns the ids of the channels.

@@ -111,7 +111,7 @@ class ImageWriter:
         self._queue: WorkerQueue[Image | VideoPacket] = WorkerQueue(
             "record-images",
             self._write_item,
-            writer.maintain,
+            tend=writer.maintain,
             capacity=(_LOSSLESS_QUEUE if settings.lossless else settings.queued_images) * _QUEUED_IMAGE_BYTES,
             lossless=settings.lossless,
         )
@@ -334,7 +334,7 @@ class McapRecorder:
         self._data_queue: WorkerQueue[_Work] = WorkerQueue(
             "record-data",
             self._write_item,
-            self._data.maintain,
+            tend=self._data.maintain,
             capacity=_LOSSLESS_QUEUE_BYTES if settings.lossless else settings.queue_bytes,
             lossless=settings.lossless,
         )

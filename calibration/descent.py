@@ -5,7 +5,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from aerodft.model import FloatArray
+from aerodft.model import Batch, FloatArray
 
 _MAX_STEPS: Final = 60
 _DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
@@ -94,7 +94,7 @@ def image_steps(blocks: FloatArray, slopes: FloatArray, shared: FloatArray) -> F
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Residuals:
+class Residuals(Batch):
     """Residuals and their Jacobian at a state: by ``s`` unknowns shared by all images, and by ``k`` of the row's image.
 
     Attributes:
@@ -124,18 +124,6 @@ class Residuals:
             np.reshape([weighted[rows].T @ by[rows] for rows in self.images], (-1, size, size)),
             np.reshape([weighted[rows].T @ self.values[rows] for rows in self.images], (-1, size)),
         )
-
-
-def concatenate_residuals(parts: list[Residuals]) -> Residuals:
-    """Concatenate residuals."""
-    if len(parts) == 1:
-        return parts[0]
-    return Residuals(
-        np.concatenate([part.values for part in parts]),
-        np.concatenate([part.jac_unknowns for part in parts]),
-        np.concatenate([part.owner for part in parts]),
-        np.concatenate([part.px for part in parts]),
-    )
 
 
 StateT = TypeVar("StateT")

@@ -8,21 +8,18 @@ from aerodft.model.calibration import (
     Calibration,
     CalibrationEstimate,
     CameraMotionEstimate,
-    Innovation,
-    MotionState,
-)
-from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel, Zoom, ZoomSource
-from aerodft.model.evidence import (
     Evidence,
     EvidenceSet,
     GroundLines,
     GroundPoint,
     Horizon,
+    Innovation,
     KnownHeight,
     KnownLength,
     Landmark,
     MarkerSighting,
     MarkerSurvey,
+    MotionState,
     Prior,
     Px,
     SlantRange,
@@ -31,6 +28,7 @@ from aerodft.model.evidence import (
     Vertical,
     marker_name,
 )
+from aerodft.model.camera import Camera, CameraMode, CameraStd, LensModel, Zoom, ZoomSource
 from aerodft.model.image import (
     VISION,
     Arrival,

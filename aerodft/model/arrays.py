@@ -1,5 +1,6 @@
 """Array types of all packages, the read-only copy that a frozen value keeps of an array, and values in columns."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self, TypeAlias
 
@@ -24,6 +25,16 @@ class Batch:
         arrays = {name: each[rows] for name, each in columns.items() if isinstance(each, np.ndarray)}
         batches = {name: each.rows(rows) for name, each in columns.items() if isinstance(each, Batch)}
         return replace(self, **arrays, **batches)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
+        """The things of several batches, at least one, in order; what is common is the first one's."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = {each.name: [getattr(part, each.name) for part in parts] for each in fields(cls)}
+        arrays = {name: np.concatenate(each) for name, each in columns.items() if isinstance(each[0], np.ndarray)}
+        batches = {name: each[0].concatenate(each) for name, each in columns.items() if isinstance(each[0], Batch)}
+        return replace(parts[0], **arrays, **batches)
 
 
 def read_only(values: npt.ArrayLike, *, trailing: tuple[int, ...] = ()) -> FloatArray:

@@ -105,16 +105,10 @@ def concatenate_images(parts: Sequence[Image | ImageRows]) -> Sequence[Image]:
     """Images and columns of images in order of arrival; as columns if all parts are columns with equal ``common``."""
     rows = [part for part in parts if isinstance(part, ImageRows)]
     if rows and len(rows) == len(parts) and len({part.common for part in rows}) == 1:
-        return _concatenate_columns(rows)
+        joined = ImageRows.concatenate(rows)
+        return joined.rows(np.argsort(joined.arrival_ns, kind="stable"))
     images = [image for part in parts for image in (part if isinstance(part, ImageRows) else (part,))]
     return sorted(images, key=lambda image: image.arrival_ns)
-
-
-def _concatenate_columns(parts: Sequence[ImageRows]) -> ImageRows:
-    columns = [(part.indices, part.stamp_ns, part.arrival_ns) for part in parts]
-    indices, stamp_ns, arrival_ns = (np.concatenate(own) for own in zip(*columns, strict=True))
-    order = np.argsort(arrival_ns, kind="stable")
-    return ImageRows(indices[order], stamp_ns[order], arrival_ns[order], *parts[0].common)
 
 
 def image_indices(images: Sequence[Image]) -> IntArray:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import ClassVar, Final, TypeVar, overload
+from typing import ClassVar, Final, Self, TypeVar, overload
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class Pose(Batch):
         selected = {name: each[rows] if each.ndim > axes[name] else each for name, each in columns.items()}
         return Pose(**selected, time_std_s=np.broadcast_to(self.time_std_s, len(self.wxyz))[rows])
 
-    @staticmethod
-    def concatenate(poses: Sequence["Pose"]) -> "Pose":
+    @classmethod
+    def concatenate(cls, poses: Sequence[Self]) -> Self:
         """Concatenate poses, single ones or ``(n,)``, ``(m,)``, ..., to ``(n + m + ...,)``.
 
         Poses without a covariance with the lens get 0 where others have one.
@@ -66,7 +66,7 @@ class Pose(Batch):
             for name, values in columns_of.items():
                 if name != "lens_cov" or pose.lens_cov.size:
                     values[start:stop] = getattr(pose, name)
-        return Pose(**columns_of)
+        return cls(**columns_of)
 
 
 class HeightSource(str):
@@ -221,17 +221,16 @@ class PoseBatch(Batch, Sequence[PoseSample]):
             variants=variants,
         )
 
-    @staticmethod
-    def concatenate(batches: Sequence["PoseBatch"]) -> "PoseBatch":
+    @classmethod
+    def concatenate(cls, batches: Sequence[Self]) -> Self:
         """Concatenate batches."""
         if len(batches) == 1:
             return batches[0]
         variants, index = _unique_variants([variant for batch in batches for variant in batch.variants])
         firsts = np.cumsum([0, *(len(batch.variants) for batch in batches)]).tolist()
         sample_index = [index[first + batch.variant_index] for batch, first in zip(batches, firsts[:-1], strict=True)]
-        columns = {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in _COLUMNS}
-        pose = Pose.concatenate([batch.pose for batch in batches])
-        return PoseBatch(pose=pose, variant_index=np.concatenate(sample_index), variants=variants, **columns)
+        joined = super(PoseBatch, cls).concatenate(batches)
+        return replace(joined, variant_index=np.concatenate(sample_index), variants=variants)
 
     @staticmethod
     def repeated(sample: PoseSample, stamps_ns: IntArray) -> "PoseBatch":
@@ -352,7 +351,6 @@ class PoseBatch(Batch, Sequence[PoseSample]):
         )
 
 
-_COLUMNS: Final = ("stamp_ns", "std", "lat_lon_alt", "height_age_s", "telemetry_age_s", "datum_enu_m", "zoom")
 _KEY_FIELDS: Final = (
     "status",
     "reasons",

@@ -219,20 +219,6 @@ class _WorkPart(Batch):
     state_index: IntArray
     fixed: tuple[Request, ...] = ()
 
-    @staticmethod
-    def concatenate(parts: Sequence["_WorkPart"]) -> "_WorkPart | None":
-        """Concatenate parts in the order of their answers; None if all are empty."""
-        parts = [part for part in parts if len(part.tick)]
-        if not parts:
-            return None
-        return _WorkPart(
-            np.concatenate([part.tick for part in parts]),
-            np.concatenate([part.order for part in parts]),
-            WorkList.concatenate([part.work for part in parts]),
-            PoseBatch.concatenate([part.poses for part in parts]),
-            np.concatenate([part.state_index for part in parts]),
-        )
-
 
 _DescribeSwitch: TypeAlias = Callable[[HeightSource, HeightSource, int, int], HeightSwitch]
 """Describes a change of the height source from the sources before and after, the stamp (UTC), and a row of work."""
@@ -341,9 +327,10 @@ class Answering:
 
     def _refined(self, parts: Sequence[_WorkPart]) -> _WorkPart | None:
         """Parts as one, with refined poses; None if all are empty."""
-        joined = _WorkPart.concatenate(parts)
-        if joined is None:
+        parts = [part for part in parts if len(part.tick)]
+        if not parts:
             return None
+        joined = _WorkPart.concatenate(parts)
         poses = self.refined(joined.poses, joined.state_index)
         return replace(joined, poses=poses, fixed=self._fixed_in(joined.poses, poses))
 

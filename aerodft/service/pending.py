@@ -53,13 +53,12 @@ class WorkList(Batch):
         empty = np.empty(0, dtype=np.int64)
         return WorkList(empty, empty, empty.astype(np.bool_), empty, empty, empty, [], [])
 
-    @staticmethod
-    def concatenate(parts: Sequence["WorkList"]) -> "WorkList":
+    @classmethod
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Concatenate lists."""
-        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
         observations = [each for part in parts for each in part.observations]
         samples = [each for part in parts for each in part.samples]
-        return WorkList(**columns, observations=observations, samples=samples)
+        return replace(super(WorkList, cls).concatenate(parts), observations=observations, samples=samples)
 
     def in_order_of_ticks(self) -> "WorkList":
         """The list stably sorted by tick."""
@@ -87,9 +86,6 @@ class WorkList(Batch):
         observations = [None if each is None else replace(each, stamp_ns=utc_ns) for each, utc_ns in pairs]
         valid = [each if by_utc else None for each, by_utc in zip(self.samples, self.by_utc.tolist(), strict=True)]
         return replace(self, stamp_ns=stamp_ns, observations=observations, samples=valid)
-
-
-_COLUMNS: Final = ("task", "stamp_ns", "by_utc", "deadline_ns", "tick", "image")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,6 @@ from calibration.descent import (
     Loss,
     NormalEquations,
     Residuals,
-    concatenate_residuals,
     covariance_of,
     descend,
     eliminate_image_unknowns,
@@ -128,7 +127,7 @@ class ImagesProblem:
         """Residuals of all images and priors at a state."""
         image_rows = [self._image_residuals(state, index) for index in range(len(self.views))]
         ends = np.cumsum([0, *(len(part.values) for part in image_rows)]).tolist()
-        whole = concatenate_residuals([*image_rows, self._prior_residuals(state)])
+        whole = Residuals.concatenate([*image_rows, self._prior_residuals(state)])
         rows = tuple(map(slice, ends[:-1], ends[1:]))
         return replace(whole, images=rows, own=OWN)
 
@@ -140,7 +139,7 @@ class ImagesProblem:
         found = self._problems[index].observed(camera, by)
         if found is None:
             return own_rows
-        return concatenate_residuals([replace(found, owner=found.owner + self._evidence_starts[index]), own_rows])
+        return Residuals.concatenate([replace(found, owner=found.owner + self._evidence_starts[index]), own_rows])
 
     def _prior_residuals(self, state: ImagesState) -> Residuals:
         names, count = self.unknowns.names, len(self.priors)

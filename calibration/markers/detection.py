@@ -14,7 +14,7 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -88,10 +88,6 @@ class Squares(Batch):
     corner_std_px: FloatArray
     centres_px: FloatArray
     centre_std_px: FloatArray
-
-    def followed_by(self, more: "Squares") -> "Squares":
-        """These squares with others appended."""
-        return Squares(*(np.concatenate([getattr(self, each.name), getattr(more, each.name)]) for each in fields(self)))
 
 
 def refine_edges(grey: ImageArray, rough_px: FloatArray, modules: int, camera: Camera | None = None) -> Squares:
@@ -346,7 +342,7 @@ def _with_new(ids: IntArray, squares: Squares, more_ids: IntArray, more: Squares
     sides_px = np.linalg.norm(more.corners_px[:, 0] - more.corners_px[:, 1], axis=-1)
     away_px = np.linalg.norm(more.centres_px[:, None] - squares.centres_px, axis=-1)
     new = np.all(away_px > _SAME * sides_px[:, None], axis=1)
-    return np.concatenate([ids, more_ids[new]]), squares.followed_by(more.rows(new))
+    return np.concatenate([ids, more_ids[new]]), Squares.concatenate([squares, more.rows(new)])
 
 
 def other_dictionary(image: ImageArray, name: str) -> str:

@@ -71,7 +71,7 @@ def judge(
     the calibration, or if it looks much larger or smaller than it is.
 
     Args:
-        known: All evidence; a marker's landmarks are named as :func:`aerodft.model.evidence.marker_name` has it.
+        known: All evidence; a marker's landmarks are named as :func:`aerodft.model.marker_name` has it.
         seen: The sightings by id.
         sides_m: Of the markers whose size is known, by id.
         answer: The calibration of evidence: ``calibration.pose.calibrate`` with its other arguments.

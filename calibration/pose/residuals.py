@@ -57,7 +57,7 @@ from aerodft.model import (
     SlantRange,
     Vertical,
 )
-from calibration.descent import Residuals, concatenate_residuals
+from calibration.descent import Residuals
 from calibration.pose.state import BOUNDS, State, Unknowns
 
 OUT_OF_SIGHT = 1e6
@@ -396,7 +396,7 @@ class Problem:
         found = self.observed(state, self.unknowns.jac_unknowns(state))
         parts = [] if found is None else [found]
         parts += [self._of_priors(state)] if self._priors else []
-        return concatenate_residuals(parts)
+        return Residuals.concatenate(parts)
 
     def moved(self, state: State, step: FloatArray) -> State | None:
         """The state after a step ``(n,)``; None where no camera can be."""
@@ -411,7 +411,7 @@ class Problem:
         parts = [self._of_landmarks(state, by)] if len(self.reprojected) else []
         parts += [_residuals_of_distances(each, state, by) for each in self._distances]
         parts += [_residuals_of_condition(index, condition, state, by) for index, condition in self._conditions]
-        return concatenate_residuals(parts) if parts else None
+        return Residuals.concatenate(parts) if parts else None
 
     def _of_landmarks(self, state: State, by: FloatArray) -> Residuals:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):

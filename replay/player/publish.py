@@ -240,7 +240,7 @@ class Republisher:
             return _wait_until(lambda: any(map(is_matched, publishers)), timeout_s)
         finally:
             for publisher in publishers:
-                undeclare(publisher)
+                publisher.undeclare()
 
     @property
     def has_listeners(self) -> bool:
@@ -393,7 +393,7 @@ class PublisherPool:
     def close(self) -> None:
         """Withdraw what was declared."""
         for publisher in self._publishers:
-            undeclare(publisher)
+            publisher.undeclare()
         self._declared.clear()
         self._publishers.clear()
 
@@ -409,11 +409,6 @@ def is_matched(publisher: zenoh.Publisher) -> bool:
     """Whether somebody has subscribed to a publisher's key."""
     # zenoh's annotation says bool, what comes is a MatchingStatus, and that is always true.
     return cast("zenoh.MatchingStatus", publisher.matching_status).matching
-
-
-def undeclare(publisher: zenoh.Publisher) -> None:
-    """Withdraw a publisher."""
-    publisher.undeclare()
 
 
 _PERIOD_NS: Final = SECOND_NS // 2  # as a live station does

@@ -122,10 +122,6 @@ class Gimbal:
             ticks: As in ``Stream.find``.
         """
         counts = self._counts[ticks if len(self._counts) > 1 else np.zeros_like(ticks)]
-        return self._are_demands(frame, counts)
-
-    def _are_demands(self, frame: ReportFrame | None, counts: IntArray) -> BoolArray:
-        """Whether reports may be demands, by numbers of reports and repeats ``(n, 2)``."""
         if self._settings.is_demand is not None:
             return np.full(len(counts), self._settings.is_demand)
         reports, repeats = counts.T
@@ -163,13 +159,9 @@ class Gimbal:
         rows = Demands(demands.first - first, demands.stop - first, demands.since_ns[rows_used], demands.stamps_ns)
         return rows, wxyz
 
-    def _common_second_ns(self, vehicle: Stream) -> int:
-        """Last whole second that both streams have passed."""
-        return min(self.stream.last_ns or 0, vehicle.last_ns or 0) // SECOND_NS * SECOND_NS
-
     def _process_pending(self, vehicle: Stream) -> None:
         """Process new reports up to the last common whole second, independently of how ticks are grouped."""
-        last_ns = self._common_second_ns(vehicle)
+        last_ns = min(self.stream.last_ns or 0, vehicle.last_ns or 0) // SECOND_NS * SECOND_NS
         if self._processed_ns is not None and last_ns <= self._processed_ns:
             return
         samples = gravity_samples(self.stream, vehicle, after_ns=self._processed_ns or 0, until_ns=last_ns)

@@ -19,7 +19,7 @@ Scan = Callable[[Bytes, int, int, IntArray, IntArray], tuple[int, int]]
 
 HEAD_BYTES: Final = 512
 """So much of a log's beginning is shown to the formats."""
-PIECE_BYTES: Final = 1 << 22
+PIECE_BYTES: Final = 1 << 20
 _BEFORE, _AFTER = 1 << 10, 1 << 12  # bytes; scanners look back and ahead by less: what one message and a stamp take
 
 
@@ -74,12 +74,12 @@ class Piece:
     """Part of a log.
 
     Attributes:
-        data: Its bytes, with some around it.
+        raw: Its bytes, with some around it.
         first: Where they begin in the log.
-        limit: Where in ``data`` the part ends; what is behind it there is only looked at.
+        limit: Where in ``raw`` the part ends; what is behind it there is only looked at.
     """
 
-    data: Bytes
+    raw: bytes
     first: int
     limit: int
 
@@ -89,15 +89,14 @@ class Piece:
         return self.first + self.limit
 
     def block(self, rows: IntArray, protocol: str, sender: str, *, checked: bool = False) -> RawBlock:
-        """Block of the frames that a scanner found: ``rows (3, n)`` of place in ``data``, length, and us."""
-        start, stop = int(rows[0, 0]), int(rows[0, -1] + rows[1, -1])
+        """Block of the frames that a scanner found: ``rows (3, n)`` of place in ``raw``, length, and us."""
         return RawBlock(
             protocol=protocol,
             sender=sender,
             arrival_ns=rows[2] * 1000,
-            offset=rows[0] - start,
+            offset=rows[0].copy(),
             length=rows[1].copy(),
-            data=self.data[start:stop].tobytes(),
+            data=self.raw,
             checked=checked,
         )
 
@@ -168,7 +167,7 @@ class LogFile:
         """
         first = max(at - _BEFORE, 0)
         stop = min(at + PIECE_BYTES, self.size)
-        return Piece(np.frombuffer(self.read(first, stop + _AFTER), dtype=np.uint8), first, stop - first)
+        return Piece(self.read(first, stop + _AFTER), first, stop - first)
 
     def scan_pieces(self, scan: Scan, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
         """Frames that a scanner finds, at least up to an offset; begins at the file's start.
@@ -184,12 +183,12 @@ class LogFile:
         """
         rows = np.empty((3, most), dtype=np.int64)
         self._state = state = np.zeros_like(self._state)
-        at, piece = 0, Piece(np.empty(0, dtype=np.uint8), 0, 0)
+        at, piece = 0, Piece(b"", 0, 0)
         while at < stop:
             if at >= piece.stop:
                 last, piece = piece, self.piece(at)
                 state[[AT_SYNC, AT_QUIET]] -= piece.first - last.first
-            found, end = scan(piece.data, at - piece.first, piece.limit, rows, state)
+            found, end = scan(np.frombuffer(piece.raw, dtype=np.uint8), at - piece.first, piece.limit, rows, state)
             at = piece.first + end
             if found:
                 yield piece, rows[:, :found]

@@ -93,6 +93,8 @@ _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
 _TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
 _TIME_SIZE: Final = 8
+_NOISE_BITS: Final = 3  # what chance alone makes of a last byte that takes any value
+_FILL_BYTES: Final = 8
 _NEAR_US: Final = 10_000_000  # of two messages side by side; one that stands there by chance is years away
 _TYPES: Final = 256
 _BLOCK_MESSAGES: Final = 1 << 15
@@ -263,8 +265,9 @@ def _rfnd(sensors: Rangefinders, rows: Rows, rejected: Counter[str]) -> Track:
 
 def _parm(sensors: Rangefinders, rows: Rows, _rejected: Counter[str]) -> Track | None:
     if _kind(rows.payload.dtype, "Name") == "S":
-        names = (value.decode("ascii", "replace") for value in rows.payload["Name"].tolist())
-        sensors.learn(names, rows.column("Value").tolist(), rows.boot_ns.tolist())
+        index = np.flatnonzero(np.char.startswith(rows.payload["Name"], b"RNGFND"))
+        names = (value.decode("ascii", "replace") for value in rows.payload["Name"][index].tolist())
+        sensors.learn(names, rows.column("Value")[index].tolist(), rows.boot_ns[index].tolist())
     return None
 
 
@@ -356,6 +359,15 @@ def _starts(data: Bytes, at: int) -> bool:
     return at + 1 < len(data) and data[at] == _FIRST and data[at + 1] == _SECOND
 
 
+@njit_inline
+def _may_hold_head(data: Bytes) -> bool:
+    """Whether the byte is among these that every message starts with; without an early end many are taken at once."""
+    found = False
+    for i in range(len(data)):
+        found |= data[i] == _FIRST
+    return found
+
+
 @njit
 def _goes_on(data: Bytes, at: int, types: IntArray) -> bool:
     """Whether a message starts at ``at``, or the log ends.
@@ -383,7 +395,8 @@ def _is_near(data: Bytes, one: int, other: int, types: IntArray) -> bool:
     for at in (one, other):
         if at + HEAD_SIZE + _TIME_SIZE > len(data) or not types[data[at + 2]] & _TIMED:
             return False
-    return abs(_time_us(data, one + HEAD_SIZE) - _time_us(data, other + HEAD_SIZE)) < _NEAR_US
+    one_us, other_us = _time_us(data, one + HEAD_SIZE), _time_us(data, other + HEAD_SIZE)
+    return min(one_us, other_us) >= 0 and abs(one_us - other_us) < _NEAR_US
 
 
 @njit
@@ -395,16 +408,19 @@ def _holds_another(data: Bytes, at: int, end: int, types: IntArray) -> bool:
     """
     if _starts(data, end - 2):
         return True
-    for inner in range(at + HEAD_SIZE, min(end, len(data) - HEAD_SIZE + 1)):
+    for inner in range(at + len(HEAD), min(end, len(data) - HEAD_SIZE + 1)):
         if not _starts(data, inner) or types[data[inner + 2]] == 0:
             continue
+        if inner < at + HEAD_SIZE and _starts(data, end) and not _is_near(data, inner, end, types):
+            continue  # a type and a time that look like a head, not a head without a type
         if (
             not types[data[inner + 2]] & _TIMED
             or _is_near(data, at, inner, types)
             or not _is_near(data, at, end, types)
         ):
             return True
-        if _goes_on(data, inner + (types[data[inner + 2]] & 0xFF), types):
+        inner_end = inner + (types[data[inner + 2]] & 0xFF)
+        if inner_end != end and _goes_on(data, inner_end, types):
             return True
         for soon in range(inner + HEAD_SIZE, inner + HEAD_SIZE + _TIME_SIZE):
             if _starts(data, soon):
@@ -445,8 +461,8 @@ def scan_dataflash(
         start: Where to go on.
         limit: Where to stop looking.
         types: ``(256,)`` size of each known type, and the mark of those that start with a time; learns.
-        rows: ``(3, n)`` filled with each message's offset, its size, and its time since boot in us,
-            -1 where it has none.
+        rows: ``(3, n)`` filled with each message's offset, its size, negative where damage follows, and its time
+            since boot in us, -1 where it has none.
         state: ``(STATE_SIZE,)``, updated.
 
     Returns:
@@ -459,8 +475,11 @@ def scan_dataflash(
             kind = types[data[at + 2]]
         size = kind & 0xFF
         end = at + size
-        is_whole = size > 0 and end <= stop and _goes_on(data, end, types)
-        if not is_whole or _holds_another(data, at, end, types):
+        is_whole, is_sure = size > 0 and end <= stop, True
+        if is_whole and (not _starts(data, end) or _may_hold_head(data[at + len(HEAD) : end])):  # seldom
+            is_whole = not _holds_another(data, at, end, types)
+            is_sure = _goes_on(data, end, types) or not kind & _TIMED  # without a time it reaches no pose
+        if not is_whole:
             if synced and (end > stop or stop - at < HEAD_SIZE):
                 state[N_TRUNCATED] += 1
             state[N_SKIPPED] += 1
@@ -469,13 +488,40 @@ def scan_dataflash(
         if data[at + 2] == FMT_TYPE:
             _learn_type(data, at, types)
         timed = kind & _TIMED and at + HEAD_SIZE + 8 <= stop
-        rows[0, found], rows[1, found] = at, size
+        rows[0, found], rows[1, found] = at, size if is_sure else -size
         rows[2, found] = _time_us(data, at + HEAD_SIZE) if timed else -1
         found += 1
         state[N_OK] += 1
         state[AT_SYNC] = end
         at = end
     return found, at
+
+
+def _resemble(data: Bytes, doubtful: IntArray, sure: IntArray, size: int) -> BoolArray:
+    """Whether messages ``(m,)`` before damage are rather whole than overwritten from some byte on.
+
+    Args:
+        data: What they are in.
+        doubtful: ``(m,)`` where they start.
+        sure: ``(n,)`` where whole messages of the same type start.
+        size: Bytes of each.
+
+    Returns:
+        ``(m,)``: the bits by which whole messages' frequencies of values at each place explain the bytes better than
+        noise, summed up from the end, never say noise.
+    """
+    places = np.arange(size)
+    counts = np.bincount((places * 256 + data[sure[:, None] + places]).ravel(), minlength=size * 256)
+    counts = counts.reshape(size, 256)
+    new_values = np.count_nonzero(counts, axis=1, keepdims=True)  # of n, as 1 in 256 of noise's
+    bits = np.log2(np.maximum(256 * counts / len(sure), new_values / (len(sure) + 1)))
+    values = data[doubtful[:, None] + places]
+    after = data[np.minimum(doubtful[:, None] + size + np.arange(_FILL_BYTES), len(data) - 1)]
+    is_fill = (after == after[:, :1]).all(axis=1, keepdims=True)  # as of zeros, which alone would be in the message
+    of_fill = np.where(values == after[:, :1], np.maximum(bits[places, values] - 8, -np.log2(len(sure) + 2)), np.inf)
+    found = np.where(is_fill, of_fill, bits[places, values])
+    whole: BoolArray = np.cumsum(found[:, ::-1], axis=1).min(axis=1) > -_NOISE_BITS
+    return whole
 
 
 class DataflashSource(LogFile):
@@ -511,11 +557,31 @@ class DataflashSource(LogFile):
         def scan(data: Bytes, start: int, limit: int, rows: IntArray, state: IntArray) -> tuple[int, int]:
             return scan_dataflash(data, start, limit, types, rows, state)
 
-        for piece, rows in self.scan_pieces(scan, most, self.size):
+        for piece, found in self.scan_pieces(scan, most, self.size):
+            rows = self._whole(np.frombuffer(piece.raw, dtype=np.uint8), found)
+            if not rows.size:
+                continue
             stamps_us = rows[2]
             plausible_stamps(stamps_us, last_us)
             last_us = int(stamps_us[-1])
             yield piece.block(rows, WireProtocol.DATAFLASH, self.path.name)
+
+    def _whole(self, data: Bytes, rows: IntArray) -> IntArray:
+        """The rows without messages that damage follows and has reached, as far as their bytes tell."""
+        is_whole = rows[1] > 0
+        if is_whole.all():
+            return rows
+        sizes, kinds = np.abs(rows[1]), data[rows[0] + HEAD_SIZE - 1]
+        is_next = np.abs(np.diff(rows[2])) < _NEAR_US
+        is_near = np.append(is_next, False) | np.append(False, is_next)
+        for kind in np.unique(kinds[~is_whole]):
+            doubtful = np.flatnonzero((kinds == kind) & (rows[1] < 0))
+            sure = rows[0, (kinds == kind) & (rows[1] == sizes[doubtful[0]])]
+            size = int(sizes[doubtful].min())
+            is_whole[doubtful] = _resemble(data, rows[0, doubtful], sure, size) if len(sure) else is_near[doubtful]
+        self._state[N_OK] -= np.count_nonzero(~is_whole)
+        self._state[N_SKIPPED] += sizes[~is_whole].sum()
+        return np.stack([rows[0], sizes, rows[2]])[:, is_whole]
 
     def _boot_to_utc(self) -> tuple[int, int, bool]:
         """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.

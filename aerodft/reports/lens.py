@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from html import escape
 from pathlib import Path
 from typing import Any, Final
 
@@ -157,10 +158,10 @@ def _page(fit: LensFit, figures: dict[str, Path]) -> str:
         f" {len(solution.off_px)} corners, {solution.rms_px:.3f} px rms."
         f" {SOFTWARE}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
     )
-    lacking = [f"Missing: {sentence}." for sentence in missing(solution)]
+    lacking = [f"<p><strong>Missing: {escape(sentence)}.</strong></p>" for sentence in missing(solution)]
     parts = [
         heading(title, head),
-        *map(paragraph, lacking or ["Nothing is missing: corners all over the image, tilted and near boards."]),
+        *(lacking or [paragraph("Nothing is missing: corners all over the image, tilted and near boards.")]),
         table(("parameter", "value", "std"), parameter_rows(solution.camera)),
         bullets(lens_notes(fit)),
         *(picture(path.read_bytes(), "png", _CAPTIONS[name]) for name, path in figures.items()),

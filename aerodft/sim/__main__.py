@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated
 
 import orjson
@@ -44,13 +45,15 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def parse_stds(option: str, text: str) -> PoseStd:
     """Standard deviations by name: height and position in m, tilt, pan, roll, heading in degrees, none negative."""
-    values = _parse_pairs(option, text, ("height", "position", *_ANGLES), min_value=0.0)
+    values = parse_numbers(option, text, dict.fromkeys(("height", "position", *_ANGLES), 0.0))
     return PoseStd(height_agl_m=values["height"], horizontal_m=values["position"], **_angles_rad(values))
 
 
 def parse_biases(option: str, text: str) -> BiasValues:
     """Biases by name: height in m, tilt, pan, roll, heading in degrees."""
-    values = _parse_pairs(option, text, ("height", *_ANGLES), min_value=-_MAX_VALUE)
+    names = ("height", *_ANGLES)
+    bounds = dict.fromkeys(names, (-_MAX_VALUE, _MAX_VALUE))
+    values = parse_numbers(option, text, dict.fromkeys(names, 0.0), bounds)
     return BiasValues(height_m=values["height"], **_angles_rad(values))
 
 
@@ -60,56 +63,47 @@ def _angles_rad(values: Mapping[str, float]) -> dict[str, float]:
 
 def parse_radio(option: str, text: str, *, seed: int) -> Radio:
     """Radio by name: latency, jitter, an outage from ``mute`` to ``unmute`` (s); fractions drop, duplicate, reorder."""
-    names = ("latency", "jitter", "drop", "duplicate", "reorder", "mute", "unmute")
-    values = _parse_pairs(option, text, names, min_value=0.0, max_values=dict.fromkeys(_FRACTIONS, 1.0))
+    names = ("latency", "jitter", *_FRACTIONS, "mute", "unmute")
+    values = parse_numbers(option, text, dict.fromkeys(names, 0.0), dict.fromkeys(_FRACTIONS, (0.0, 1.0)))
     outage = (round(values["mute"] * SECOND_NS), round(values["unmute"] * SECOND_NS))
     return Radio(
         latency_ns=round(values["latency"] * SECOND_NS),
         jitter_ns=round(values["jitter"] * SECOND_NS),
-        drop=values["drop"],
-        duplicate=values["duplicate"],
-        reorder=values["reorder"],
+        **{name: values[name] for name in _FRACTIONS},
         outages_ns=(outage,) if outage[1] > outage[0] else (),
         seed=seed,
     )
 
 
-def parse_numbers(option: str, text: str, **defaults: float) -> dict[str, float]:
-    """Non-negative numbers by name, with defaults."""
-    values = _parse_pairs(option, text, tuple(defaults), min_value=0.0)
-    named = {part.partition("=")[0].strip() for part in text.split(",")}
-    return {name: values[name] if name in named else value for name, value in defaults.items()}
-
-
 def parse_autopilot(option: str, text: str) -> tuple[int, int]:
     """The camera's lag behind the gimbal's reports, and the autopilot's UTC minus the host's: from s to ns."""
-    values = _parse_pairs(option, text, ("lag", "clock"), min_value=-_MAX_VALUE, max_values={"clock": _MAX_CLOCK_S})
-    if values["lag"] < 0:
-        raise UsageError(f"{option} lag", got=values["lag"], expected="a number of at least 0")
+    values = parse_numbers(option, text, {"lag": 0.0, "clock": 0.0}, {"clock": (-_MAX_CLOCK_S, _MAX_CLOCK_S)})
     return round(values["lag"] * SECOND_NS), round(values["clock"] * SECOND_NS)
 
 
-def _parse_pairs(
-    option: str, text: str, names: tuple[str, ...], *, min_value: float, max_values: Mapping[str, float] | None = None
+def parse_numbers(
+    option: str,
+    text: str,
+    defaults: Mapping[str, float],
+    bounds: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> dict[str, float]:
-    """Values by name, 0 for names that are not given.
+    """Numbers by name; defaults for names that are not given.
 
     Raises:
-        UsageError: An unknown name, or a value that is no number from ``min_value`` to the name's ``max_values``.
+        UsageError: An unknown name, or a value that is no number within the name's bounds, else from 0 to 100000.
     """
-    values = dict.fromkeys(names, 0.0)
+    values = dict(defaults)
     for part in filter(None, (piece.strip() for piece in text.split(","))):
         name, _, number = part.partition("=")
         if name not in values:
-            raise UsageError(f"{option} {part}", got=f"name {name!r}", expected=f"one of {', '.join(names)}")
+            raise UsageError(f"{option} {part}", got=f"name {name!r}", expected=f"one of {', '.join(values)}")
         try:
             value = float(number)
         except ValueError:
             value = math.nan
-        maximum = (max_values or {}).get(name, _MAX_VALUE)
-        minimum = -maximum if min_value < 0 else min_value
-        if not minimum <= value <= maximum:
-            expected = f"a number of at least {minimum:g}, at most {maximum:g}, e.g. {name}=0.3"
+        low, high = bounds.get(name, (0.0, _MAX_VALUE))
+        if not low <= value <= high:
+            expected = f"a number of at least {low:g}, at most {high:g}, e.g. {name}=0.3"
             raise UsageError(f"{option} {part}", got=repr(number), expected=expected)
         values[name] = value
     return values
@@ -179,8 +173,8 @@ def simulate(
     drawn, stated = draw_biases(parse_stds("--std", std), seed), parse_biases("--bias", bias)
     sums = {each.name: getattr(drawn, each.name) + getattr(stated, each.name) for each in fields(BiasValues)}
     reporting = replace(scenario.autopilot, biases=BiasValues(**sums), noise=parse_stds("--noise", noise))
-    observing = parse_numbers("--observe", observe, std=0.5, delay=0.05)
-    imaging = parse_numbers("--image", image, noise=2.0, exposure=0.0)
+    observing = parse_numbers("--observe", observe, {"std": 0.5, "delay": 0.05})
+    imaging = parse_numbers("--image", image, {"noise": 2.0, "exposure": 0.0})
     scenario = replace(
         scenario,
         autopilot=replace(reporting, gimbal_lag_ns=lag_ns, clock_offset_ns=clock_ns),

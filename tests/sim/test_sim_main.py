@@ -131,7 +131,7 @@ def test_numbers_are_read_with_their_units() -> None:
     assert parse_size("1920x1080") == (1920, 1080)
     assert parse_stds("--std", "tilt=180, height=2").tilt_rad == pytest.approx(3.14159265)
     assert parse_biases("--bias", "height=-1.5").height_m == -1.5
-    assert parse_numbers("--observe", "std=0", std=0.5, delay=0.05) == {"std": 0.0, "delay": 0.05}
+    assert parse_numbers("--observe", "std=0", {"std": 0.5, "delay": 0.05}) == {"std": 0.0, "delay": 0.05}
     radio = parse_radio("--radio", "latency=0.02,mute=5,unmute=7", seed=9)
     assert (radio.latency_ns, radio.outages_ns, radio.seed) == (20_000_000, ((5_000_000_000, 7_000_000_000),), 9)
     with pytest.raises(UsageError):

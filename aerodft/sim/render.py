@@ -57,12 +57,10 @@ class Sprite:
 
 def sprites(world: World, camera_enu_m: FloatArray, time_s: float) -> list[Sprite]:
     """Sprites in painter's order: those on the ground, then upright ones from far to near."""
-    flat = [_marker(marker) for marker in world.markers]
-    flat += [_shadow(walker, world, time_s) for walker in world.walkers if walker.shadow]
+    flat, walkers = [_marker(marker) for marker in world.markers], [w for w in world.walkers if w.from_s <= time_s]
+    flat += [_shadow(walker, world, time_s) for walker in walkers if walker.shadow]
     upright = [_upright(p.ends_enu_m()[0], p.height_m, p.width_m, camera_enu_m, _post_texture()) for p in world.posts]
-    upright += [
-        _upright(w.foot_enu_m(time_s), w.height_m, w.width_m, camera_enu_m, _person_texture()) for w in world.walkers
-    ]
+    upright += [_upright(w.foot_enu_m(time_s), w.height_m, w.width_m, camera_enu_m, _person_texture()) for w in walkers]
     upright += [_wall(wall) for wall in world.walls]
     upright.sort(key=lambda sprite: -sprite.distance_m(camera_enu_m))
     return flat + upright

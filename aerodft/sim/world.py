@@ -171,7 +171,7 @@ class Post:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walker:
-    """A person-sized object that walks to and fro between two points."""
+    """A person-sized object that walks to and fro between two points; ``from_s`` of the flight on it is to be seen."""
 
     start_en_m: tuple[float, float]
     end_en_m: tuple[float, float]
@@ -179,6 +179,7 @@ class Walker:
     height_m: float = 1.75
     width_m: float = 0.55
     shadow: bool = True
+    from_s: float = 0.0
 
     def foot_enu_m(self, time_s: float) -> FloatArray:
         """Position ``(3,)`` of the feet at ``time_s`` of the flight."""

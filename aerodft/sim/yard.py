@@ -7,7 +7,7 @@ import argparse
 import csv
 import math
 import sys
-from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -20,13 +20,12 @@ from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import AerodftError
 from aerodft.geometry import camera_pose
-from aerodft.model import Camera, ImageArray
+from aerodft.model import Camera
 from aerodft.service.clocks import WallClock
 from aerodft.sim.live import Outlets, encode_packets, send_live, udp_sender
-from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.scenario import EPOCH_NS, Scenario, default_camera, write_files
 from aerodft.sim.trajectory import Trajectory, Waypoint, fly
-from aerodft.sim.video import TransportStream, write_video
+from aerodft.sim.video import write_video
 from aerodft.sim.world import DEFAULT_ORIGIN, Appearance, River, Walker, Wall, World
 
 _EMPTY_YARD_S: Final = 1.5  # without persons
@@ -49,61 +48,52 @@ YARD: Final = World(
 """Two of them pass behind the wall in opposite directions, the third before it; shadows fall towards the camera."""
 
 
-def write_yard(folder: Path, *, seconds: float = 13.5, width_px: int = 1280, live: str | None = None) -> None:
-    """Write the files of a yard seen by a fixed camera.
-
-    Args:
-        folder: Output folder, created if missing.
-        seconds: Duration of the video.
-        width_px: Width of the images, a multiple of 32.
-        live: ``udp://HOST:PORT`` to send the images to, in real time, without a video file.
-
-    Raises:
-        UsageError: No such address.
-        LinkError: The host is unknown or unreachable.
-    """
-    camera = default_camera(width_px, width_px * 9 // 16)
-    folder.mkdir(parents=True, exist_ok=True)
-    source: dict[str, object]
-    if live is None:
-        write_video(folder / "yard.mp4", _images(camera, seconds, EPOCH_NS), fps=_FPS)
-        start_ns, source = EPOCH_NS, {"video": "yard.mp4", "start": unix_ns_to_iso(EPOCH_NS)}
-    else:
-        start_ns, source = _send_images(camera, seconds, live), {"stream": live}
-    (folder / "station.toml").write_text(tomli_w.dumps(_station(camera, source)))
-    write_truth(
-        folder / "truth.csv", [start_ns + k * SECOND_NS // _FPS for k in range(round(seconds * _FPS))], start_ns
-    )
-
-
-def write_flown_yard(
+def write_yard(
     folder: Path,
     *,
-    seconds: float = 15.0,
+    is_flown: bool = False,
+    seconds: float | None = None,
     width_px: int = 1280,
     live: str | None = None,
     mavlink: str = "udpout:127.0.0.1:14550",
 ) -> None:
-    """Write the files of a yard seen by a hovering drone: flight.tlog, video.mp4, station.toml, truth.csv and others.
+    """Write the files of a yard seen by a fixed camera, or by a hovering drone, whose flight's files are written too.
 
     Args:
         folder: Output folder, created if missing.
-        seconds: Duration of the hover.
+        is_flown: Whether it is a drone that sees it.
+        seconds: Duration; None for 13.5, of a hover for 15.
         width_px: Width of the images, a multiple of 32.
-        live: ``udp://HOST:PORT`` to send the images to, in real time, without a video file.
-        mavlink: ``udpout:HOST:PORT`` to send the telemetry to, with ``live``.
+        live: ``udp://HOST:PORT`` to send the images to, in real time after rendering all, without a video file.
+        mavlink: ``udpout:HOST:PORT`` to send a drone's telemetry to, with ``live``.
 
     Raises:
         UsageError: No such address.
         LinkError: A host is unknown or unreachable.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    scenario = yard_flight(seconds=seconds, width_px=width_px)
-    if live is None:
-        _write_flight(folder, scenario)
-    else:
-        scenario = _fly_live(folder, scenario, live, mavlink)
-    write_truth(folder / "truth.csv", scenario.image_stamps_ns.tolist(), scenario.trajectory.start_ns)
+    make, usual_s = (yard_flight, 15.0) if is_flown else (yard_watched, 13.5)
+    scenario, video = make(seconds=seconds or usual_s, width_px=width_px), "video.mp4" if is_flown else "yard.mp4"
+    source: dict[str, object] = (
+        {"video": video, "start": unix_ns_to_iso(EPOCH_NS)} if live is None else {"stream": live}
+    )
+    with ExitStack() as stack:
+        if live is not None:
+            telemetry = stack.enter_context(udp_sender(mavlink)) if is_flown else None
+            outlets = Outlets(telemetry=telemetry, video=stack.enter_context(udp_sender(live)))
+            clock, packets = WallClock(), encode_packets(scenario)
+            start_ns = (clock.now_ns() + SECOND_NS) // 1000 * 1000
+            scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
+        if is_flown:
+            write_files(scenario, folder, video=live is None)
+        elif live is None:
+            write_video(folder / video, scenario.images(), fps=_FPS)
+        connection = None if live is None else mavlink.replace("udpout:", "udpin:")
+        station = _flown_station(source, connection) if is_flown else _station(scenario.camera, source)
+        (folder / "station.toml").write_text(tomli_w.dumps(station))
+        write_truth(folder / "truth.csv", scenario.image_stamps_ns.tolist(), scenario.trajectory.start_ns)
+        if live is not None:
+            send_live(scenario, packets, outlets, clock)
 
 
 def write_truth(path: Path, stamps_ns: list[int], start_ns: int) -> None:
@@ -117,28 +107,6 @@ def write_truth(path: Path, stamps_ns: list[int], start_ns: int) -> None:
                 rows.writerow([stamp_ns, number, f"{east:.4f}", f"{north:.4f}"])
 
 
-def _images(camera: Camera, seconds: float, start_ns: int) -> Iterator[tuple[int, ImageArray]]:
-    pose = camera_pose(height_agl_m=_HEIGHT_M, tilt_rad=math.radians(_TILT_DEG), roll_rad=math.radians(_ROLL_DEG))
-    noise = SensorModel(noise_std=2.0)
-    empty, full = Renderer(camera, replace(YARD, walkers=()), noise), Renderer(camera, YARD, noise)
-    for k in range(round(seconds * _FPS)):
-        time_s = k / _FPS
-        yield start_ns + k * SECOND_NS // _FPS, (empty if time_s < _EMPTY_YARD_S else full).render(pose, time_s)
-
-
-def _send_images(camera: Camera, seconds: float, address: str) -> int:
-    """Send the images in real time after rendering all; returns the start (host UTC)."""
-    clock = WallClock()
-    with TransportStream(_FPS) as stream, udp_sender(address) as send:
-        packets = [stream.encode(image, after_ns) for after_ns, image in _images(camera, seconds, 0)]
-        start_ns = clock.now_ns() + SECOND_NS
-        for k, datagrams in enumerate(packets):
-            clock.sleep_until(start_ns + k * SECOND_NS // _FPS)
-            for each in datagrams:
-                send(each)
-    return start_ns
-
-
 def _station(camera: Camera, source: dict[str, object]) -> dict[str, object]:
     pose = {"height_agl_m": _HEIGHT_M, "tilt_deg": _TILT_DEG, "roll_deg": _ROLL_DEG, "heading_deg": 0.0, "std": _STD}
     return {
@@ -148,6 +116,27 @@ def _station(camera: Camera, source: dict[str, object]) -> dict[str, object]:
         "images": source,
         "objects": {"distances_within_m": 6.0},
     }
+
+
+def yard_watched(*, seconds: float, width_px: int) -> Scenario:
+    """The yard before a fixed camera, without persons at first; arguments as those of ``yard_flight``."""
+    pose = camera_pose(height_agl_m=_HEIGHT_M, tilt_rad=math.radians(_TILT_DEG), roll_rad=math.radians(_ROLL_DEG))
+    stamps = EPOCH_NS + np.arange(round(seconds * _FPS), dtype=np.int64) * (SECOND_NS // _FPS)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    return Scenario(
+        camera=default_camera(width_px, width_px * 9 // 16),
+        world=replace(YARD, walkers=tuple(replace(each, from_s=_EMPTY_YARD_S) for each in YARD.walkers)),
+        trajectory=Trajectory(
+            origin=DEFAULT_ORIGIN,
+            stamp_ns=stamps[[0, -1]],
+            position_enu_m=np.tile(pose.position_enu_m, (2, 1)),
+            ned_wxyz_body=level,
+            level_wxyz_gimbal=level,
+            enu_wxyz_cam=np.tile(pose.wxyz, (2, 1)),
+        ),
+        image_stamps_ns=stamps,
+        fps=_FPS,
+    )
 
 
 def yard_flight(*, seconds: float = 20.0, width_px: int = 1280) -> Scenario:
@@ -166,27 +155,6 @@ def yard_flight(*, seconds: float = 20.0, width_px: int = 1280) -> Scenario:
         image_stamps_ns=stamps,
         fps=_FPS,
     )
-
-
-def _write_flight(folder: Path, scenario: Scenario) -> None:
-    """Write the flight's files, and a station file to import them with."""
-    write_files(scenario, folder)
-    source: dict[str, object] = {"video": "video.mp4", "start": unix_ns_to_iso(EPOCH_NS)}
-    (folder / "station.toml").write_text(tomli_w.dumps(_flown_station(source, None)))
-
-
-def _fly_live(folder: Path, scenario: Scenario, video: str, mavlink: str) -> Scenario:
-    """Fly in real time after rendering all images; writes the files, and returns the flight shifted to its time."""
-    clock = WallClock()
-    with udp_sender(video) as images, udp_sender(mavlink) as telemetry:
-        packets = encode_packets(scenario)
-        start_ns = (clock.now_ns() + SECOND_NS) // 1000 * 1000
-        scenario = scenario.shifted(start_ns - scenario.trajectory.start_ns)
-        write_files(scenario, folder, video=False)
-        connection = mavlink.replace("udpout:", "udpin:")
-        (folder / "station.toml").write_text(tomli_w.dumps(_flown_station({"stream": video}, connection)))
-        send_live(scenario, packets, Outlets(telemetry=telemetry, video=images), clock)
-    return scenario
 
 
 def _hover_trajectory(seconds: float) -> Trajectory:
@@ -252,10 +220,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--mavlink", metavar="udpout:HOST:PORT", default="udpout:127.0.0.1:14550", help=mavlink)
     options = parser.parse_args(arguments)
     try:
-        if options.flown:
-            write_flown_yard(options.out, live=options.live, mavlink=options.mavlink)
-        else:
-            write_yard(options.out, live=options.live)
+        write_yard(options.out, is_flown=options.flown, live=options.live, mavlink=options.mavlink)
     except AerodftError as error:
         print(f"aerodft.sim.yard: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
         sys.exit(error.exit_code)

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from aerodft.sim.yard import write_flown_yard, write_yard
+from aerodft.sim.yard import write_yard
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_vision_says_where_it_is_shown_too_few_images(yard, imported, aerodft, t
 
 @pytest.mark.nightly
 def test_a_drone_s_walkers_are_tracked_from_the_video_on_and_the_same_again(aerodft, tmp_path):
-    write_flown_yard(tmp_path, seconds=6.0, width_px=640)
+    write_yard(tmp_path, is_flown=True, seconds=6.0, width_px=640)
     done = aerodft(
         "import", tmp_path / "flight.tlog", "--config", tmp_path / "station.toml", "-o", tmp_path / "rec", "--json"
     )

@@ -1,14 +1,16 @@
 """Banks and islands' shores along transects, each located by its own profile in the image.
 
-A profile is a step between two textures. Either side's mean and spread are taken where the profile surely is on that
-side; then every place of the step gets its likelihood, the nearer to the mask's outline the more, and mean and standard
-deviation over all places are the answer. Neighbouring samples of a texture are alike: a likelihood counts each sample
-only as far as it is news. Some bank points stand out from their neighbours: a post in front of the water, a boat, a
-mask that leaked. And what stands on a bank and is seen from behind hides water: how much, the view's geometry says.
+A profile is a step between two textures. Either side's mean, spread and correlation are taken where the profile surely
+is on that side; then every place of the step, sharp or soft, gets its likelihood, the nearer to the mask's outline the
+more, and mean and standard deviation over all places are the answer. Neighbouring samples of a texture are alike:
+either side is a first-order autoregressive process, and what counts of a sample is its innovation. Some bank points
+stand out from their neighbours: a post in front of the water, a boat, a mask that leaked. And what stands on a bank and
+is seen from behind hides water: how much, the view's geometry says.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -24,10 +26,12 @@ _STEP_PX: Final = 0.5
 _ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  # parallel profiles, along the bank
 _PLACE_PX: Final = 0.2
 _NEAR_SHARE: Final = 0.35  # of the window: so well the step's place is known beforehand, one standard deviation
-_BLUR_PX: Final = 0.55  # of a sharp image's edge: a pixel's own width, and the interpolation
-_FLANK_PX: Final = 5 * _BLUR_PX  # from its place: so far a step reaches
+_BLURS_PX: Final = (0.55, 1.2)  # of a sharp edge (a pixel's width, and the interpolation); of one that leans or is soft
+_FLANKS: Final = 3.0  # blurs from its place: so far a step reaches
 _NOISE: Final = 1.0  # grey levels: no side is known to be smoother
 _LEAST_SPREAD: Final = 0.02  # of the step: no side is known to be more even
+_TEMPER: Final = 0.5  # of a likelihood: there are two samples a pixel
+_MOST_CORRELATED: Final = 0.98  # with its neighbour, no sample is more
 _WINDOWS_PX: Final = np.array([16.0, 12.0, 8.0, 6.0])  # how far from a mask's outline the step may be
 _OUTLINE_PX: Final = 6.5  # of the small copy: so far off a mask's outline may be
 _MOTION_STD_PX: Final = 4.0  # of images of 1080p: the correlation's own blur
@@ -98,16 +102,15 @@ def _step_at(profiles: FloatArray, half: float) -> tuple[FloatArray, FloatArray,
     offsets = _offsets(half)
     wet, dry = offsets <= -half, offsets >= half
     profile = _steps(profiles, wet, dry)
-    spread_wet, spread_dry = (np.sqrt(np.var(profile[:, side], axis=-1) + _LEAST_SPREAD**2) for side in (wet, dry))
-    news = 1.0 / _correlation_length(profile, wet, dry)
+    sides = [_Texture.of(profile[:, side]) for side in (wet, dry)]
     places = np.arange(-half, half + _PLACE_PX / 2, _PLACE_PX)
-    score = news * _likelihood(profile, offsets, places, spread_wet, spread_dry)
-    score -= 0.5 * np.square(places / (_NEAR_SHARE * half))
-    weight = np.exp(score - score.max(axis=-1, keepdims=True))
+    score = np.stack([_likelihood(profile, offsets, places, sides, blur) for blur in _BLURS_PX])
+    score = _TEMPER * score - 0.5 * np.square(places / (_NEAR_SHARE * half))
+    weight = np.exp(score - score.max(axis=(0, 2), keepdims=True)).sum(axis=0)
     weight /= weight.sum(axis=-1, keepdims=True)
     mean = weight @ places
     variance = weight @ places**2 - mean**2
-    contrast = 1.0 / np.sqrt(0.5 * (spread_wet**2 + spread_dry**2))
+    contrast = 1.0 / np.sqrt(0.5 * (sides[0].variance + sides[1].variance))
     return mean, np.sqrt(np.maximum(variance, 0.0) + _PLACE_PX**2 / 12), contrast
 
 
@@ -125,34 +128,52 @@ def _steps(profiles: FloatArray, wet: BoolArray, dry: BoolArray) -> FloatArray:
     return np.asarray((values - zero[:, None]) / length[:, None])
 
 
-def _correlation_length(profile: FloatArray, wet: BoolArray, dry: BoolArray) -> float:
-    """How many neighbouring samples tell no more than one."""
-    products, squares = 0.0, 0.0
-    for side in (wet, dry):
-        rest = profile[:, side] - profile[:, side].mean(axis=-1, keepdims=True)
-        rest = rest / (rest.std(axis=-1, keepdims=True) + 1e-9)
-        products += float(np.mean(rest[:, 1:] * rest[:, :-1]))
-        squares += float(np.mean(rest * rest))
-    share = min(max(products / max(squares, 1e-9), 0.0), 0.98)
-    return (1.0 + share) / (1.0 - share)
+class _Texture(NamedTuple):
+    """One side of profiles.
+
+    Attributes:
+        variance: ``(n,)`` of each profile's samples.
+        correlation: Of neighbouring samples, in all profiles.
+    """
+
+    variance: FloatArray
+    correlation: float
+
+    @classmethod
+    def of(cls, side: FloatArray) -> "_Texture":
+        """The texture of samples ``(n, k)``."""
+        rest = side - side.mean(axis=-1, keepdims=True)
+        unit = rest / (rest.std(axis=-1, keepdims=True) + 1e-9)
+        correlation = float(np.mean(unit[:, 1:] * unit[:, :-1])) / max(float(np.mean(unit * unit)), 1e-9)
+        return cls(np.var(side, axis=-1) + _LEAST_SPREAD**2, min(max(correlation, 0.0), _MOST_CORRELATED))
+
+    def deviance(self, profile: FloatArray, level: float) -> FloatArray:
+        """Sums of minus twice the log likelihood of the samples from the second on, ``(n, samples)``, 0 at first."""
+        rest = profile - level
+        variance = self.variance[:, None] * (1.0 - self.correlation**2)
+        innovation = rest[:, 1:] - self.correlation * rest[:, :-1]
+        return np.pad(np.cumsum(np.square(innovation) / variance + np.log(variance), axis=-1), ((0, 0), (1, 0)))
 
 
 def _likelihood(
-    profile: FloatArray, offsets: FloatArray, places: FloatArray, wet: FloatArray, dry: FloatArray
+    profile: FloatArray, offsets: FloatArray, places: FloatArray, sides: Sequence[_Texture], blur_px: float
 ) -> FloatArray:
-    """Logarithm of the likelihood ``(n, places)`` of profiles ``(n, samples)`` whose sides spread by ``(n,)``."""
-    first, last = (np.searchsorted(offsets, places + sign * _FLANK_PX) for sign in (-1, 1))
-    count = int(np.max(last - first))  # samples within the step: before and after them all are on one side
-    first = np.minimum(first, len(offsets) - count)
-    within = first[:, None] + np.arange(count)
-    step = ndtr((offsets[within] - places[:, None]) / _BLUR_PX)
-    a, b = (wet**2)[:, None, None], (dry**2)[:, None, None]
-    variance = a + step * (b - a)
-    rest = np.sum(np.square(profile[:, within] - step) / variance + np.log(variance), axis=-1)
-    sides = [np.square(profile - level) / each[:, 0] + np.log(each[:, 0]) for level, each in ((0.0, a), (1.0, b))]
-    before, after = (np.pad(np.cumsum(side, axis=-1), ((0, 0), (1, 0))) for side in sides)
-    rest += before[:, first] + after[:, -1:] - after[:, first + count]
-    return np.asarray(-0.5 * rest)
+    """Log likelihood ``(n, places)`` of steps from 0 to 1 at places, of a blur, in profiles ``(n, samples)``."""
+    wet, dry = sides
+    first, last = (np.searchsorted(offsets, places + sign * _FLANKS * blur_px) for sign in (-1, 1))
+    count = int(np.max(last - first)) + 1  # samples of neither side alone, or after such a one
+    first = np.clip(first, 1, len(offsets) - count)
+    within = first[:, None] + np.arange(-1, count)
+    step = ndtr((offsets[within] - places[:, None]) / blur_px)
+    variance = wet.variance[:, None, None] + step * (dry.variance - wet.variance)[:, None, None]
+    rest = (profile[:, within] - step) / np.sqrt(variance)
+    correlation = wet.correlation + step[:, 1:] * (dry.correlation - wet.correlation)
+    fresh = 1.0 - np.square(correlation)
+    innovation = rest[..., 1:] - correlation * rest[..., :-1]
+    deviance = np.einsum("npk,npk,pk->np", innovation, innovation, 1.0 / fresh)
+    deviance += np.log(np.prod(variance[..., 1:] * fresh, axis=-1))
+    before, after = wet.deviance(profile, 0.0), dry.deviance(profile, 1.0)
+    return np.asarray(-0.5 * (deviance + before[:, first - 1] + after[:, -1:] - after[:, first + count - 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

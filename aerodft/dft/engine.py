@@ -14,6 +14,7 @@ from aerodft.dft.projection import ELEVATION, position_columns
 from aerodft.dft.request import Request, Setup
 from aerodft.geometry import camera_angles
 from aerodft.model import (
+    Batch,
     Camera,
     FloatArray,
     FloatLike,
@@ -100,7 +101,7 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tops:
+class _Tops(Batch):
     """Tops of an upright object in ``n`` images (the paper's Section 5.4), and the errors of their elevations.
 
     Attributes:
@@ -138,10 +139,6 @@ class _Tops:
         return ProjectedPixels.project(
             replace(setup, ground=None), poses, _pixels(requests, len(poses)), elevation, stds, cov
         )
-
-    def rows(self, rows: IntArray) -> "_Tops":
-        """Tops in images ``(m,)`` by their indices."""
-        return _Tops(self.elevation_m[rows], self.top_from_ground[rows], self.own_std_m[rows], self.ground_cov[rows])
 
 
 def _measure_rows(

@@ -16,7 +16,7 @@ from aerodft.dft.covariance import Z95, shared_covariance
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD
 from aerodft.dft.projection import GroundPoints, project
 from aerodft.dft.request import Setup
-from aerodft.model import BoolArray, FloatArray, IntArray, Pose
+from aerodft.model import Batch, BoolArray, FloatArray, IntArray, Pose
 
 _DRAW_COUNT: Final = 4000
 _SEED: Final = 7
@@ -48,7 +48,7 @@ class BankPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RiverWidths:
+class RiverWidths(Batch):
     """Widths of one image, with their joint covariance.
 
     Attributes:
@@ -81,16 +81,6 @@ class RiverWidths:
         """Which widths ``(n,)`` have ground at both ends, with a range that is known well enough."""
         with np.errstate(invalid="ignore"):
             return np.asarray(np.isfinite(self.width_m) & (self.relative_range_std <= MAX_RELATIVE_RANGE_STD))
-
-    def select(self, which: BoolArray) -> "RiverWidths":
-        """Select the widths where ``which (n,)`` is true."""
-        return RiverWidths(
-            self.width_m[which],
-            self.shared[which],
-            self.own_m[which],
-            self.relative_range_std[which],
-            self.points_enu_m[which],
-        )
 
     def covariance(self) -> FloatArray:
         """Joint covariance ``(n, n)``, m^2."""

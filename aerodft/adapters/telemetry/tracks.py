@@ -12,6 +12,7 @@ import numpy.typing as npt
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import (
     NO_BOOT_TIME,
+    Batch,
     BoolArray,
     CameraTrack,
     ClockTrack,
@@ -74,7 +75,7 @@ _MOST_RATIO: Final = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class Rows(Batch):
     """Rows of one message: ``(n,)`` structured payload, arrival and time since boot (ns).
 
     ``scale`` is what a field's numbers are multiplied by, where that is not 1.
@@ -105,10 +106,7 @@ class Rows:
             if fresh:
                 rejected[f"{self.name}: {fault}"] += fresh
                 bad |= where
-        if not bad.any():
-            return self
-        good = ~bad
-        return Rows(self.name, self.payload[good], self.arrival_ns[good], self.boot_ns[good], self.scale)
+        return self.rows(~bad) if bad.any() else self
 
     def stamps(self) -> dict[str, Any]:
         """The stamps as a track's arguments."""

@@ -25,7 +25,7 @@ from aerodft.geometry import (
     skew,
     to_rotation_vector,
 )
-from aerodft.model import BoolArray, Camera, FloatArray, ImageArray, IntArray
+from aerodft.model import Batch, BoolArray, Camera, FloatArray, ImageArray, IntArray
 from aerodft.vision.common import UndistortedView, track_lk
 
 _WIDEST_TANGENT = 2.0  # farther from the axis a pixel says little about a plane ahead
@@ -57,7 +57,7 @@ _LAYER_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Matches:
+class Matches(Batch):
     """Points matched between two images, as rays of both.
 
     Attributes:
@@ -72,10 +72,6 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.px)
-
-    def select(self, keep: BoolArray) -> "Matches":
-        """The matches at which ``keep (n,)`` is true."""
-        return Matches(earlier=self.earlier[keep], later=self.later[keep], px=self.px[keep])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -242,7 +238,7 @@ def plane_motion(pairs: Iterable[ImagePair]) -> PlaneMotion:
         if start is not None:
             near = _off_px(start, pair.matches) < 2 * STRAY_PX
             if np.count_nonzero(near) >= FEWEST:
-                fits.append((pair, pair.matches.select(near), start))
+                fits.append((pair, pair.matches.rows(near), start))
     return motion_of(fits)
 
 
@@ -317,8 +313,8 @@ def layered_motion(pairs: Sequence[ImagePair], rotvec_rad: FloatArray, normal_ca
             found = _layer(left, back, normal, draws) if len(left) >= fewest else None
             if found is None or np.count_nonzero(found[0]) < fewest:
                 break
-            fits.append((pair, left.select(found[0]), found[1]))
-            left = left.select(~found[0])
+            fits.append((pair, left.rows(found[0]), found[1]))
+            left = left.rows(~found[0])
     return motion_of(fits)
 
 

@@ -272,7 +272,7 @@ def _usable(look: River | NoRiver) -> ImageWidths:
     if isinstance(look, NoRiver):
         nothing = RiverWidths(np.empty(0), np.empty((0, 0)), np.empty(0), np.empty(0), np.empty((0, 2, 3)))
         return ImageWidths(np.empty(0, dtype=np.int64), nothing)
-    return ImageWidths(look.rows[look.used], look.widths.select(look.used))
+    return ImageWidths(look.rows[look.used], look.widths.rows(look.used))
 
 
 def _most_said(refusals: Sequence[NoRiver]) -> NoRiver:

@@ -11,7 +11,7 @@ import aerodft as ad
 from aerodft.model import Camera, CameraStd
 from tests.commands import run_aerodft
 
-CANON = "configs/cameras/canon-1000d.toml"
+CANON, DEMO = "configs/cameras/canon-1000d.toml", "configs/cameras/demo-1080p.toml"
 STD = ad.PoseStd(height_m=0.1, tilt_deg=0.2, pan_deg=0.1, roll_deg=0.3, heading_deg=1.0, position_m=0.5)
 POSE = ad.CameraPose(height_m=10.48, tilt_deg=60, roll_deg=2, heading_deg=130, std=STD)
 OPTIONS = ["--camera", CANON, "--height", 10.48, "--tilt", 60, "--roll", 2, "--heading", 130]
@@ -74,6 +74,20 @@ def test_what_nobody_says_how_well_it_is_known_is_assumed_and_said(camera):
         (lambda: ad.measure(None, POSE, ad.Range((1, 2))), "no camera"),
         (lambda: ad.measure(ad.load_camera(CANON), None, ad.Range((1, 2))), "no pose"),
         (lambda: ad.measure(ad.load_camera(CANON), POSE, [ad.Range((1, 2), name="a")] * 2), "probe 2"),
+        (lambda: ad.measure(ad.load_camera(CANON), POSE, [(1, 2)]), "`probes`"),
+        (lambda: ad.measure(ad.load_camera(CANON), POSE, ad.Range((1, 2)), model="pinole"), "`model`"),
+        (lambda: ad.measure(CANON, POSE, ad.Range((1, 2))), "`camera`"),
+        (lambda: ad.measure(ad.load_camera(CANON), 10.48, ad.Range((1, 2))), "`pose`"),
+        (lambda: ad.ground_points(CANON, POSE, [(1, 2)]), "`camera`"),
+        (lambda: ad.ground_points(ad.load_camera(CANON), POSE, [(1, 2, 3)]), "`pixels`"),
+        (lambda: ad.ground_points(ad.load_camera(CANON), POSE, [(1, 2)], covariance=True, std_px=-1), "`std_px`"),
+        (lambda: ad.CameraPose(height_m="3", tilt_deg=20), "`height_m`"),
+        (lambda: ad.CameraPose(height_m=3, tilt_deg=20, std=0.1), "`std`"),
+        (lambda: ad.PoseStd(tilt_deg=-0.1), "`tilt_deg`"),
+        (lambda: ad.Width("812,1604 1377,1611"), "a width"),
+        (lambda: ad.Range((1, 2), std_px=math.nan), "`std_px`"),
+        (lambda: ad.survey_river("nowhere", images=0), "`images`"),
+        (lambda: ad.calibrate("configs/calibration/bridge-landmarks.toml", DEMO, model="pinole"), "`model`"),
     ],
 )
 def test_what_is_impossible_is_an_error_that_names_the_parameter(wrong, what):

@@ -17,6 +17,7 @@ from aerodft.app import Progress, no_progress
 from aerodft.app.calibrate.checks import check_unique, check_unknowns, not_determined, unstated_value, wrong_unknowns
 from aerodft.app.calibrate.image_poses import views_of
 from aerodft.app.calibrate.markers import detected_evidence
+from aerodft.app.measure import projection_model
 from aerodft.errors import AerodftError, UsageError
 from aerodft.model import BIASES, BiasValues, Calibration, Camera, FloatArray, PoseStd, ProjectionModel
 from aerodft.reports.calibration import (
@@ -149,7 +150,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     camera: Camera | Path | str,
     unknowns: Sequence[str] = ("height", "tilt"),
     *,
-    model: ProjectionModel = ProjectionModel.PINHOLE,
+    model: ProjectionModel | str = ProjectionModel.PINHOLE,
     crs: str | None = None,
     plane_elevation_m: float | None = None,
     image: str | None = None,
@@ -169,7 +170,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         camera: The camera, or its file.
         unknowns: What to find: height, tilt, roll, heading, position, focal (or fx, fy), principal_point, elevation,
             k1, k2, ...; in many images height, tilt, roll, heading, pan, position and time.
-        model: Projection model.
+        model: ``"pinhole"``, or the paper's ``"dft"``.
         crs: Of a CSV file: local, geo or an EPSG code.
         plane_elevation_m: Of a CSV file or list of ground control points: elevation of the measured plane, in the
             heights of the landmarks.
@@ -186,7 +187,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
     Raises:
         NotDetermined: The evidence does not determine what is asked for, or contradicts itself; says what to add.
         InputError: A file is missing, unreadable or impossible, or the evidence looks mistaken: says what fits.
-        UsageError: Unknowns that there are not.
+        UsageError: Unknowns or a model that there are not.
 
     Example:
         >>> import aerodft as ad
@@ -200,7 +201,8 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         >>> found.save("bridge.toml")
     """
     lens = camera if isinstance(camera, Camera) else load_camera(Path(camera))
-    names = tuple(unknowns)
+    names = (unknowns,) if isinstance(unknowns, str) else tuple(unknowns)
+    model = projection_model(model)
     check_unique(names)
     if images is None:
         known = load_evidence(Path(evidence), crs, plane_elevation_m, image)

@@ -24,5 +24,7 @@ from aerodft.app.measure.scene import (
     PoseStd,
     Slope,
     image_setup,
+    in_range,
+    projection_model,
     with_pixels_noted,
 )

@@ -1,6 +1,7 @@
 """Measuring pixels of one image: what is asked for, and the measurements and ground points that answer it."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeAlias, overload
@@ -10,7 +11,15 @@ import numpy.typing as npt
 
 from aerodft import model
 from aerodft.adapters.wire.measurement import measurement_payload
-from aerodft.app.measure.scene import CameraPose, GroundTerms, MeasuredSurface, image_setup
+from aerodft.app.measure.scene import (
+    CameraPose,
+    GroundTerms,
+    MeasuredSurface,
+    image_setup,
+    in_range,
+    projection_model,
+    refuse_other,
+)
 from aerodft.conventions import LARGEST
 from aerodft.dft import PROBE_KINDS, Request, Share, advice, ground_frame_pose, link_requests
 from aerodft.dft import measure as measure_batch
@@ -20,6 +29,22 @@ from aerodft.model import Camera, FloatArray, Measurement, Pose, PoseBatch, Pose
 
 Pixels: TypeAlias = Sequence[float] | Sequence[tuple[float, float]] | FloatArray
 """One pixel ``(u, v)``, or several; (0, 0) is the middle of the top-left pixel."""
+
+
+_PAIRS: Final = "pixels (u, v) of finite numbers"
+
+
+def _pixels(told: npt.ArrayLike, what: str) -> FloatArray:
+    """Pixels ``(..., 2)``; ``what`` has them.
+
+    Raises:
+        UsageError: They are no pairs of numbers.
+    """
+    with suppress(TypeError, ValueError):
+        pixels = np.ascontiguousarray(told, dtype=np.float64)
+        if pixels.shape[-1:] == (2,) or not pixels.size:
+            return pixels if pixels.size else np.empty((0, 2))
+    raise UsageError(what, got=repr(told)[:80], expected=_PAIRS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +62,7 @@ class ImageProbe:
 
     Raises:
         UsageError: A pixel is no pair of finite numbers, or there are too few or too many of the kind.
+        InputError: A standard deviation is below 0.
     """
 
     kind: ClassVar[ProbeKind]
@@ -49,9 +75,11 @@ class ImageProbe:
     on_top_of: str | None = None
 
     def __post_init__(self) -> None:
-        pixels = np.asarray(self.pixels, dtype=np.float64)
-        if pixels.size % 2 or not np.all(np.abs(pixels) <= LARGEST):
-            raise UsageError(f"a {self.kind}", got=repr(self.pixels), expected="pixels (u, v) of finite numbers")
+        pixels = _pixels(self.pixels, f"a {self.kind}")
+        if not np.all(np.abs(pixels) <= LARGEST):
+            raise UsageError(f"a {self.kind}", got=repr(self.pixels), expected=_PAIRS)
+        for name in ("std_px", "elevation_std_m"):
+            in_range(name, getattr(self, name), 0.0, LARGEST, "a standard deviation of at least 0")
         pairs = tuple((u, v) for u, v in pixels.reshape(-1, 2).tolist())
         kind = PROBE_KINDS[self.kind]
         if not kind.takes_pixels(len(pairs)):
@@ -253,10 +281,12 @@ def measure(
         >>> f"{width.value:.2f} +- {width.std:.2f} {width.unit}, {width.status}"
         '3.99 +- 0.05 m, ok'
     """
-    chosen = None if model is None else ProjectionModel(model)
+    chosen = None if model is None else projection_model(model)
     surface = MeasuredSurface(max_range_m=max_range_m)
     setup, sample = image_setup(camera, pose, ground=ground, model=chosen, calibration=calibration, surface=surface)
-    wanted = (probes,) if isinstance(probes, ImageProbe) else probes
+    wanted = (probes,) if isinstance(probes, ImageProbe) else tuple(probes)
+    for probe in wanted:
+        refuse_other("probes", probe, ImageProbe, "probes, e.g. Width([(812, 1604), (1377, 1611)])")
     found = measure_batch(setup, PoseBatch.from_samples([sample]), requests_of(wanted))[0]
     return found[0] if isinstance(probes, ImageProbe) else found
 
@@ -314,7 +344,7 @@ def ground_points(
         covariances say (see ``measure``); the pixels' are independent.
 
     Raises:
-        AerodftError: The pose is impossible, or there is none.
+        AerodftError: The pose is impossible, or there is none; or ``pixels`` are no pairs.
 
     Example:
         >>> import aerodft as ad
@@ -327,11 +357,14 @@ def ground_points(
         >>> covariances.shape
         (1, 3, 3)
     """
+    refuse_other("camera", camera, Camera, "a camera, as `load_camera` reads it from a file")
     ground, own = _ground_map(camera, pose, float(elevation_m))
-    pixels_px = np.ascontiguousarray(pixels, dtype=np.float64)
+    pixels_px = _pixels(pixels, "`pixels`")
     points = ground.points_enu_m(pixels_px)
     if not covariance:
         return points
+    in_range("std_px", std_px, 0.0, LARGEST, "a standard deviation of at least 0")
+    in_range("elevation_std_m", elevation_std_m, 0.0, LARGEST, "a standard deviation of at least 0")
     found = ground_covariances(camera, own, pixels_px, elevation_m, elevation_std_m, std_px)
     found[np.isnan(points[..., 0])] = np.nan
     return points, found

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -35,9 +36,31 @@ def in_range(name: str, value: float, low: float, high: float, expected: str, hi
     Raises:
         InputError: It is not between ``low`` and ``high``, or no number.
     """
-    if not low <= value <= high:
-        raise InputError(f"`{name}`", got=f"{value:g}", expected=expected, hint=hint)
+    is_number = isinstance(value, Real)
+    if not (is_number and low <= value <= high):
+        raise InputError(f"`{name}`", got=f"{value:g}" if is_number else repr(value), expected=expected, hint=hint)
     return value
+
+
+def refuse_other(name: str, value: object, kinds: type | tuple[type, ...], expected: str) -> None:
+    """Refuse what is of no such kind, of a parameter with this name; None passes.
+
+    Raises:
+        UsageError: It is.
+    """
+    if value is not None and not isinstance(value, kinds):
+        raise UsageError(f"`{name}`", got=repr(value)[:80], expected=expected)
+
+
+def projection_model(name: ProjectionModel | str) -> ProjectionModel:
+    """The model of this name.
+
+    Raises:
+        UsageError: There is none.
+    """
+    if name not in list(ProjectionModel):
+        raise UsageError("`model`", got=repr(name), expected=" or ".join(ProjectionModel))
+    return ProjectionModel(name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +78,9 @@ class PoseStd:
         roll_deg: Of the rotation about its z axis (ahead).
         heading_deg: Of the rotation about the vertical.
 
+    Raises:
+        InputError: One is below 0.
+
     Example:
         >>> PoseStd(height_m=0.1).description(50.0)
         'std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading'
@@ -66,6 +92,11 @@ class PoseStd:
     pan_deg: float | None = None
     roll_deg: float | None = None
     heading_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            if (value := getattr(self, each.name)) is not None:
+                in_range(each.name, value, 0.0, LARGEST, "a standard deviation of at least 0")
 
     def with_assumed(self, height_m: float) -> "PoseStd":
         """The standard deviations with those that are assumed of a pose at this height."""
@@ -150,6 +181,7 @@ class CameraPose:
             in_range("lon_deg", self.lon_deg, -180.0, 360.0, "-180 to 360 deg")
         elif self.lat_deg is not None or self.lon_deg is not None:
             raise UsageError("`lat_deg` and `lon_deg` go together")
+        refuse_other("std", self.std, PoseStd, "a PoseStd, e.g. PoseStd(height_m=0.1)")
 
     @property
     def origin(self) -> GeoOrigin | None:
@@ -342,6 +374,8 @@ def image_setup(
         UsageError: There is no camera or no pose, or things do not go together.
         InputError: Something is impossible, or a file cannot be read.
     """
+    refuse_other("camera", camera, Camera, "a camera, as `load_camera` reads it from a file")
+    refuse_other("pose", pose, (CameraPose, PoseSample), "a CameraPose, e.g. CameraPose(height_m=40, tilt_deg=30)")
     known = None if calibration is None else load_calibration(Path(calibration))
     if known is not None and known.pose is not None:
         if pose is not None:

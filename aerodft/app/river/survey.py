@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from aerodft.adapters.images import read_camera_image
 from aerodft.app import Progress, no_progress
-from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup
+from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup, in_range
 from aerodft.app.river.images import filmed_images, is_recording, recorded_images
 from aerodft.conventions import LARGEST
 from aerodft.dft import Setup
@@ -195,6 +195,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         >>> len(rows) == len(reach.transects)
         True
     """
+    in_range("images", images, 1, LARGEST, "at least 1")
     source = Path(what)
     surface = MeasuredSurface(elevation_m, 0.0, max_range_m)
     network = None if water_model is None else WaterNetwork.read(Path(water_model))

@@ -1,5 +1,6 @@
 """What else the river may be: where two looks disagree, and other arms; and what frames a picture is no bank."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -7,18 +8,23 @@ import numpy as np
 
 from aerodft.dft import Setup
 from aerodft.geometry import camera_pose
+from aerodft.model import PoseSample, Status
 from aerodft.reports.river.document import doubts
 from aerodft.sim import default_camera
 from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.world import Island, furnished_world
 from aerodft.sim.world import River as SimulatedRiver
 from aerodft.vision.river import (
+    NoRiver,
+    Reach,
     River,
     RiverHints,
     RiverQuestion,
+    RiverView,
     WaterNetwork,
     WaterPlane,
     find_river,
+    measure_reach,
 )
 from tests.vision.painted_rivers import CAMERA, PaintedRiver
 
@@ -82,6 +88,24 @@ def test_an_arm_behind_a_long_island_is_said():
     assert isinstance(found, River)
     assert found.water.apart > 0.5
     assert any("another arm" in said for said in doubts([found.water]))
+
+
+def test_left_of_many_images_is_as_the_first_that_shows_the_river_has_it():
+    """The first image, of a meadow far off, looks south; the second looks north along the river."""
+    scene = PaintedRiver(seed=3, water="blue", land="grass", tilt_deg=0.0)
+    away = camera_pose(height_agl_m=40.0, tilt_rad=0.0, heading_rad=np.pi, east_m=500.0)
+    meadow = np.random.default_rng(1).normal((50.0, 120.0, 85.0), 8.0, (540, 960, 3)).astype(np.uint8)
+    views = [
+        RiverView(
+            index, Setup(camera=CAMERA), PoseSample(stamp_ns=0, status=Status.OK, pose=pose), partial(np.copy, image)
+        )
+        for index, (image, pose) in enumerate(((meadow, away), (scene.picture(), scene.pose)))
+    ]
+    reach = measure_reach(views, RiverQuestion(spacing_m=4.0))
+    assert isinstance(reach, Reach)
+    assert isinstance(reach.looks[0], NoRiver)
+    _, north_m = reach.line.places_en_m[-1] - reach.line.places_en_m[0]
+    assert north_m > 10.0
 
 
 def test_black_borders_are_no_banks():

@@ -230,7 +230,10 @@ def measure_reach(
     line = middle_line(_Votes(waters).water_map()) if waters else None
     if line is None:
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
-    line = oriented(views[0].plane, line, question.flow_rad)
+    if question.flow_rad is None:
+        line = along(line, next(look.line for look in looks if isinstance(look, River)))
+    else:
+        line = oriented(views[0].plane, line, question.flow_rad)
     for row, view in enumerate(views):
         looks[row] = _looked_across(view, looks[row], line, question, rough)
         advance(len(views) + row + 1)
@@ -240,6 +243,13 @@ def measure_reach(
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
     islands = common_islands([look for look in looks if isinstance(look, River)], len(stations))
     return Reach(line=line, stations_m=stations, found=found, islands=islands, looks=tuple(looks))
+
+
+def along(line: Centreline, other: Centreline) -> Centreline:
+    """A line in the direction of another that runs beside a part of it."""
+    ends = other.places_en_m[[0, -1]]
+    first, last = np.argmin(np.linalg.norm(line.places_en_m[:, None] - ends, axis=-1), axis=0)
+    return line if last >= first else line.reversed()
 
 
 def _asked(question: RiverQuestion, first: RiverView, view: RiverView) -> RiverQuestion:

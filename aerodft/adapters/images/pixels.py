@@ -4,17 +4,16 @@ import threading
 import warnings
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, cast
 
+import av
+import cv2
 import numpy as np
+from PIL import Image as PillowImage
 
 from aerodft.adapters.files import check_is_no_pipe, looks_like
 from aerodft.errors import InputError, os_errors_as
 from aerodft.model import Camera, Image, ImageArray
-
-if TYPE_CHECKING:
-    import av
-    from av.video.codeccontext import VideoCodecContext
 
 STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """What files of stills are called."""
@@ -23,7 +22,7 @@ STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 class FramePixels:
     """A decoded frame's pixels, converted once; may be called from several threads."""
 
-    def __init__(self, frame: "av.VideoFrame") -> None:
+    def __init__(self, frame: av.VideoFrame) -> None:
         self._lock = threading.Lock()
         self._frame: av.VideoFrame | None = frame
         self._pixels: ImageArray | None = None
@@ -118,22 +117,18 @@ class PacketDecoder:
     """
 
     def __init__(self, name: str, most_px: int | None = None) -> None:
-        import av  # noqa: PLC0415 - 15 MB, and most images are JPEGs
-
         codec = _CODECS.get(name.lower())
         if codec is None:
             raise ValueError(f"video format {name!r}, must be one of {', '.join(_CODECS)}")
-        self._context = cast("VideoCodecContext", av.CodecContext.create(codec, "r"))
+        self._context = cast("av.VideoCodecContext", av.CodecContext.create(codec, "r"))
         # One thread, or images would come out several packets late.
         self._context.thread_count = 1
         most_px = round(_PADDED * min(MOST_PX if most_px is None else most_px, MOST_PX)) + _PADDED_PX
         self._context.options = {"flags": "low_delay", "max_pixels": str(most_px)}
         self._count = 0
 
-    def decode(self, data: bytes) -> "av.VideoFrame | None":
+    def decode(self, data: bytes) -> av.VideoFrame | None:
         """A packet's image; None where it is damaged, or refers to images that are missing."""
-        import av  # noqa: PLC0415 - as above
-
         packet = av.Packet(data)
         packet.pts = packet.dts = self._count
         self._count += 1
@@ -181,8 +176,6 @@ def encode_jpeg(image: Image, quality: int) -> bytes:
         ValueError: The image has no pixels.
         InputError: The pixels cannot be encoded.
     """
-    import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
-
     if image.pixels is None:
         raise ValueError(f"image {image.index} has no pixels")
     try:
@@ -219,8 +212,6 @@ _MOST_PIXELS: Final = 1 << 28
 
 def _decoded(data: bytes) -> ImageArray | None:
     """An image file's pixels ``(height, width, 3)`` uint8 BGR, as stored; None where it is damaged."""
-    import cv2  # noqa: PLC0415 - 20 MB, and a recording need not have images
-
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     if not data or _pixels_of(data) > _MOST_PIXELS:
         return None
@@ -233,8 +224,6 @@ def _decoded(data: bytes) -> ImageArray | None:
 
 def _pixels_of(data: bytes) -> int:
     """Number of pixels by an image's header; 0 where none could be read."""
-    from PIL import Image as PillowImage  # noqa: PLC0415 - for what was recorded only
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)

@@ -12,6 +12,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Self
 
+import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
@@ -224,8 +225,6 @@ def _surveyed(table: MarkerTable, file: MarkersTable, frame: LocalFrame) -> Surv
 
 def _dictionary(text: str) -> tuple[str, int]:
     """OpenCV's name of a dictionary, and how many markers it has."""
-    import cv2  # noqa: PLC0415 - 18 MB, and few stations have markers
-
     names = {name.removeprefix(_PREFIX).lower(): name for name in dir(cv2.aruco) if name.startswith(_PREFIX)}
     wanted = re.sub(r"^(april)?tag_?(?=\d)", "apriltag_", text.lower().removeprefix(_PREFIX.lower()))
     if wanted not in names:

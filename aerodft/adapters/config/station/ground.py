@@ -14,7 +14,7 @@ from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, Table
 from aerodft.adapters.files import check_is_no_pipe, looks_like
 from aerodft.errors import ConfigError, os_errors_as
-from aerodft.geometry import Ground, Plane, east_north
+from aerodft.geometry import STANDARD_REFRACTION, Ground, Plane, Terrain, east_north
 from aerodft.model import GeoOrigin
 
 COPY_NAME = "terrain.tif"
@@ -98,7 +98,6 @@ def resolved_ground(table: GroundTable | None, folder: Path) -> GroundTable | No
     if table is None or table.path is None:
         return table
     from aerodft.adapters.terrain import RADIUS_M  # noqa: PLC0415 - compiled code, which few stations need
-    from aerodft.geometry import STANDARD_REFRACTION  # noqa: PLC0415 - as above
 
     path, radius_m = (folder / table.path).absolute(), RADIUS_M if table.radius_m is None else table.radius_m
     if table.cell_m is not None and table.cell_m > radius_m:
@@ -160,7 +159,6 @@ def enu_ground(table: GroundTable | None, origin: GeoOrigin | None, foot_m: tupl
 @lru_cache(maxsize=2)  # a station is made anew whenever the command line changes something of it
 def _terrain(table: GroundTable, path: Path, origin: GeoOrigin) -> Ground:
     from aerodft.adapters.terrain import RADIUS_M, load_elevation  # noqa: PLC0415 - as in resolved_ground
-    from aerodft.geometry import STANDARD_REFRACTION, Terrain  # noqa: PLC0415 - as in resolved_ground
 
     radius_m = RADIUS_M if table.radius_m is None else table.radius_m
     grid = load_elevation(

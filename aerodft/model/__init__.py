@@ -67,6 +67,7 @@ from aerodft.model.telemetry import (
     EstimatorTrack,
     GimbalFailureTrack,
     GimbalTrack,
+    GimbalTypeTrack,
     GpsTrack,
     Health,
     HeartbeatTrack,

@@ -264,6 +264,17 @@ class GimbalFailureTrack(Track):
     what: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GimbalTypeTrack(Track):
+    """What the followed gimbal says that it is (GIMBAL_DEVICE_INFORMATION).
+
+    Attributes:
+        identity: ``(n,)`` a number that is the same for the same maker, model, hardware and abilities.
+    """
+
+    identity: IntArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
     """Health of a vehicle and its link at one stamp; None for what was never reported.

@@ -1,6 +1,7 @@
 """Payload rows to telemetry tracks: units to SI, angles to quaternions, and what is no value left out and counted."""
 
 import math
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from aerodft.model import (
     GimbalFailureTrack,
     GimbalSource,
     GimbalTrack,
+    GimbalTypeTrack,
     GpsTrack,
     HeartbeatTrack,
     HeightSource,
@@ -58,6 +60,7 @@ _QUALITY_INVALID = 1
 _COVARIANCE_UNKNOWN = 255
 _DISTANCE_CLIPPED_CM = 65535
 _TERRAIN_UNKNOWN_M = -1000.0
+_GIMBAL_TYPE: Final = ("vendor_name", "model_name", "hardware_version", "uid", "cap_flags")
 _UNDERGROUND_M = -20.0  # a database without the tile that the vehicle is above
 _QUATERNION_NORM_SLACK = 0.1
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
@@ -433,6 +436,12 @@ def _estimator_track(
         has_attitude=((flags & _HAS_ATTITUDE) != 0) & ((flags & _UNINITIALIZED) == 0),
         **good.stamps(),
     )
+
+
+def gimbal_type_track(rows: Rows, _rejected: Counter[str]) -> Track:
+    """GIMBAL_DEVICE_INFORMATION: which gimbal it is."""
+    said = zip(*(rows.payload[field].tolist() for field in _GIMBAL_TYPE), strict=True)
+    return GimbalTypeTrack(identity=np.array([zlib.crc32(repr(each).encode()) for each in said]), **rows.stamps())
 
 
 def gimbal_failure_tracks(rows: Rows) -> Iterator[GimbalFailureTrack]:

@@ -187,7 +187,7 @@ class PoseSource:
 
     def _may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once."""
-        parts = (self._health, self._height, *(() if self._zoom is None else (self._zoom,)))
+        parts = (self._attitude, self._health, self._height, *(() if self._zoom is None else (self._zoom,)))
         return all(part.may_append_ticks(track) for part in parts)
 
     def _append_track(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray) -> None:

@@ -13,6 +13,7 @@ from aerodft.model import (
     ClockTrack,
     GimbalSource,
     GimbalTrack,
+    GimbalTypeTrack,
     HeartbeatTrack,
     HeightSource,
     HeightTrack,
@@ -334,3 +335,14 @@ def test_damaged_frames_are_left_out(pack: Pack, block: MakeBlock) -> None:
 def test_another_protocol_is_a_broken_contract(block: MakeBlock) -> None:
     with pytest.raises(ValueError, match="must be mavlink"):
         MavlinkDecoder().decode(replace(block([b"x" * 20]), protocol=WireProtocol.DATAFLASH))
+
+
+def test_a_gimbal_says_which_one_it_is(decode: Callable[..., tuple[Track, ...]]) -> None:
+    def information(model: bytes, uid: int) -> dialect.MAVLink_message:
+        return dialect.MAVLink_gimbal_device_information_message(
+            1000, b"maker", model, b"", 1, 1, uid, 7, 0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0
+        )
+
+    (track,) = decode(AUTOPILOT, information(b"one", 1), information(b"one", 1), information(b"two", 1))
+    assert isinstance(track, GimbalTypeTrack)
+    assert np.unique(track.identity, return_index=True)[1].tolist() in ([0, 2], [2, 0])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 
-from aerodft.model import GimbalSource, GimbalTrack, MountAxes, ReportFrame, VehicleTrack
+from aerodft.model import GimbalSource, GimbalTrack, GimbalTypeTrack, MountAxes, ReportFrame, VehicleTrack
 from aerodft.service import LAST, AttitudeSettings, FixedMount
 from aerodft.service.attitude import AttitudeSources
 from aerodft.service.attitude.gimbal_frame import mounted_wxyz
@@ -263,6 +263,27 @@ def test_a_report_against_the_vehicle_is_found_out_and_composed_as_rotations(sou
     ).at(stamps[-1], END_OF_TIME)
     assert isinstance(refused, str)
     assert str(source) in refused
+
+
+@pytest.mark.parametrize("is_another", [False, True])
+def test_what_was_told_of_a_gimbal_is_forgotten_when_another_one_answers(is_another):
+    """A servo mount for 40 s, then what it says of itself once more, or what a gimbal held to the horizon says."""
+    stamps = list(range(0, 80 * SECOND, 100 * MS))
+    bodies, cameras = swaying(stamps)
+    half = len(stamps) // 2
+    servo = [body.inv() * looking for body, looking in zip(bodies[:half], cameras[:half], strict=True)]
+    said = GimbalTypeTrack(**rows([stamps[0], stamps[half - 1]], identity=np.array([7, 8 if is_another else 7])))
+    attitude = sources(vehicle(stamps[:half], bodies[:half]), gimbal(stamps[:half], servo, earth=False))
+    assert "is body-frame" in attitude.at(stamps[half - 1], END_OF_TIME).reasons[0]
+    attitude.all.append(said, said.boot_ns)
+    assert (attitude.at(stamps[half - 1], END_OF_TIME) is Missing.STALE) == is_another
+    first = slice(half, half + 8)
+    attitude.all.append(vehicle(stamps[first], bodies[first]), np.array(stamps[first]))
+    attitude.all.append(gimbal(stamps[first], cameras[first], earth=True), np.array(stamps[first]))
+    found = attitude.at(stamps[half + 7], END_OF_TIME)
+    assert any("is body-frame" in reason for reason in found.reasons) != is_another
+    if is_another:
+        assert_same(found, camera(cameras[half + 7]))
 
 
 def test_the_doubt_is_the_vehicles_tilt_and_goes_with_the_evidence():

@@ -28,6 +28,7 @@ from aerodft.adapters.telemetry.tracks import (
     fov_track,
     gimbal_device_track,
     gimbal_failure_tracks,
+    gimbal_type_track,
     gps_track,
     heartbeat_track,
     mount_orientation_track,
@@ -49,7 +50,7 @@ HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
-TIMESYNC = 111
+TIMESYNC, GIMBAL_DEVICE_INFORMATION = 111, 283
 _OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS)
 OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_OF_HEALTH, TIMESYNC)
 OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
@@ -72,11 +73,14 @@ _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
     VIDEO_STREAM_INFORMATION: video_stream_track,
     CAMERA_FOV_STATUS: fov_track,
     TIMESYNC: sync_track,
+    GIMBAL_DEVICE_INFORMATION: gimbal_type_track,
 }
 """What makes a track of each message that is decoded; to decode another one, it gets an entry here."""
 
 WANTED: Final = tuple(_MAKERS)
-OF_POSES: Final = tuple(each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, *_OF_HEALTH, *OF_CAMERAS})
+OF_POSES: Final = tuple(
+    each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, GIMBAL_DEVICE_INFORMATION, *_OF_HEALTH, *OF_CAMERAS}
+)
 
 ORIENTATION_DOWN = 25
 

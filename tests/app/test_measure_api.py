@@ -79,6 +79,7 @@ def test_what_nobody_says_how_well_it_is_known_is_assumed_and_said(camera):
         (lambda: ad.measure(CANON, POSE, ad.Range((1, 2))), "`camera`"),
         (lambda: ad.measure(ad.load_camera(CANON), 10.48, ad.Range((1, 2))), "`pose`"),
         (lambda: ad.ground_points(CANON, POSE, [(1, 2)]), "`camera`"),
+        (lambda: ad.ground_points(ad.load_camera(CANON), 10.48, [(1, 2)]), "`pose`"),
         (lambda: ad.ground_points(ad.load_camera(CANON), POSE, [(1, 2, 3)]), "`pixels`"),
         (lambda: ad.ground_points(ad.load_camera(CANON), POSE, [(1, 2)], covariance=True, std_px=-1), "`std_px`"),
         (lambda: ad.CameraPose(height_m="3", tilt_deg=20), "`height_m`"),

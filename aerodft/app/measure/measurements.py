@@ -358,6 +358,9 @@ def ground_points(
         (1, 3, 3)
     """
     refuse_other("camera", camera, Camera, "a camera, as `load_camera` reads it from a file")
+    refuse_other(
+        "pose", pose, (CameraPose, PoseSample, Pose), "a CameraPose, e.g. CameraPose(height_m=40, tilt_deg=30)"
+    )
     ground, own = _ground_map(camera, pose, float(elevation_m))
     pixels_px = _pixels(pixels, "`pixels`")
     points = ground.points_enu_m(pixels_px)

@@ -99,7 +99,8 @@ def test_its_interval_near_nadir_is_drawn_and_holds_what_it_says():
     found = answer(pose, (969.5, 539.5), std_px=2.0)
     rng = np.random.default_rng(5)
     noisy = np.array([969.5, 539.5]) + 2.0 * rng.normal(size=(20000, 2))
-    drawn = [turned_deg(azimuth_deg((u - 959.5, 539.5 - v)), found.value) for u, v in noisy]
+    rays = (noisy - [959.5, 539.5]) / [CAMERA.fx_px, -CAMERA.fy_px]
+    drawn = [turned_deg(azimuth_deg(ray), found.value) for ray in rays]
     low, high = np.quantile(drawn, [0.025, 0.975])
     assert_allclose([found.ci95[0] - found.value, found.ci95[1] - found.value], [low, high], rtol=0.08)
 

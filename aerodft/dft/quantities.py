@@ -49,8 +49,9 @@ def slant_range(geometry: RayGeometry) -> FloatArray:
 
 def ground_distance(geometry: RayGeometry) -> FloatArray:
     """Horizontal distance ``(...)`` between the first two points, m."""
-    offset = geometry.points_enu_m[..., 1, :2] - geometry.points_enu_m[..., 0, :2]
-    return np.asarray(np.sqrt(offset[..., 0] * offset[..., 0] + offset[..., 1] * offset[..., 1]))
+    points_m = geometry.points_enu_m
+    east, north = (points_m[..., 1, axis] - points_m[..., 0, axis] for axis in (0, 1))
+    return np.asarray(np.sqrt(east * east + north * north))
 
 
 def polyline_length(geometry: RayGeometry) -> FloatArray:

@@ -29,6 +29,7 @@ from aerodft.dft.covariance import (
 from aerodft.dft.monte_carlo import (
     DrawInput,
     DrawResult,
+    FirstOrder,
     Interval,
     RangeLimits,
     draw,
@@ -331,7 +332,12 @@ class Answers:
             jac_px=self._range_jac_px[at],
             std_m=self._range_std_m[at],
         )
-        found: DrawResult = draw(self._draw_input(*at), limits, self.value[at], first_m)
+        first = None
+        if self._kind.scalar is not None:
+            first = FirstOrder(
+                value=self.value[at], jac_shared=self.jac_shared[at], jac_px=self.jac_px[at], std=self.linear_std[at]
+            )
+        found: DrawResult = draw(self._draw_input(*at), limits, first, first_m)
         half = np.full(self._range_m.shape, np.nan)
         half[images, requests] = found.ranges.half
         refused = np.zeros(self.code.shape, dtype=np.bool_)

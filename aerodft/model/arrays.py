@@ -22,9 +22,12 @@ class Batch:
     def rows(self, rows: Selection) -> Self:
         """The things of a mask ``(n,)``, of indices ``(m,)`` or of a slice."""
         columns = {each.name: getattr(self, each.name) for each in fields(self)}
-        arrays = {name: each[rows] for name, each in columns.items() if isinstance(each, np.ndarray)}
-        batches = {name: each.rows(rows) for name, each in columns.items() if isinstance(each, Batch)}
-        return replace(self, **arrays, **batches)
+        for name, column in columns.items():
+            if isinstance(column, np.ndarray):
+                columns[name] = column[rows]
+            elif isinstance(column, Batch):
+                columns[name] = column.rows(rows)
+        return type(self)(**columns)
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:

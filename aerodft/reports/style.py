@@ -12,7 +12,7 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patheffects import Normal, Stroke
+from matplotlib.patheffects import Normal, Stroke, withStroke
 from matplotlib.ticker import MaxNLocator
 
 from aerodft.errors import UsageError
@@ -152,8 +152,9 @@ def as_map(axes: Axes, points_m: Iterable[FloatArray]) -> None:
     axes.plot([left, left + bar_m], [bottom, bottom], color=BLACK, linewidth=3, solid_capstyle="butt")
     box = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1}
     axes.annotate(f"{bar_m:g} m", (left + bar_m / 2, bottom), (0, 4), textcoords="offset points", ha="center", bbox=box)
-    arrow = {"arrowstyle": "<|-", "color": BLACK, "linewidth": 1.5}
+    halo = [withStroke(linewidth=3, foreground="white")]
+    arrow = {"arrowstyle": "-|>", "color": BLACK, "linewidth": 1.5, "path_effects": halo}
     axes.annotate(
         "N", (0.96, 0.98), (0.96, 0.86), xycoords="axes fraction", textcoords="axes fraction", ha="center", va="top",
-        arrowprops={**arrow, "arrowstyle": "-|>"}, fontweight="bold",
+        arrowprops=arrow, fontweight="bold", path_effects=halo,
     )  # fmt: skip

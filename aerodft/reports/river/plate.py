@@ -27,7 +27,7 @@ _MOST_VIEW_PX: Final = 500_000
 ACROSS, UNUSED = SKY, GREY
 MOST_LINES: Final = 120
 """Transects that are drawn at the most: a plate has no room for more."""
-_VALUE_SHARE: Final = (0.14, 0.055)  # of the image's width and height, that a value takes
+_VALUE_SHARE: Final = (0.18, 0.055)  # of the image's width and height, that a value takes
 _WIDTH_IN, _DPI = 12.0, 110
 _FINE_M: Final = 0.05  # half an interval, below which centimetres are shown
 

@@ -57,7 +57,7 @@ class RiverQuestion:
     hints: RiverHints = field(default_factory=RiverHints)
     spacing_m: float = 1.0
     flow_rad: float | None = None
-    least_std_px: float = 0.15
+    least_std_px: float = 0.075
     network: WaterNetwork = field(default_factory=WaterNetwork.shipped)
 
 

@@ -21,7 +21,7 @@ _GAP_PX: Final = 9  # of the small copy: so short a piece at the image's border 
 _STONE: Final = 0.08  # of the longest bank: a shorter one would be a stone at the image's border
 _SMOOTH: Final = 3.0  # outline points
 _EVERY: Final = 4  # of them
-_JUMP: Final = 5  # neighbours that say whether a point's offset stands out
+_SIDE: Final = 11  # neighbours that say on which side of a centreline a point is
 _BORDER_PX: Final = 3
 _BESIDE: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy: so near an outline is beside a piece
 _FEWEST: Final = 3  # points that tell how clear an outline is
@@ -62,14 +62,11 @@ def _runs(outline: FloatArray, is_bank: BoolArray) -> list[FloatArray]:
 
 def _located(image: ImageArray, copy: SmallCopy, arc: FloatArray) -> FloatArray:
     """The points of a piece of outline, each moved to where its profile has the step."""
-    near, edges = _steps(image, copy, arc, np.arange(0, len(arc), _EVERY))
-    moved = np.sum((edges.pixels_px - near) * edges.across_px, axis=-1)
-    steady = median_filter(moved, _JUMP, mode="nearest")
-    return np.asarray(near + steady[:, None] * edges.across_px)
+    return _steps(image, copy, arc, np.arange(0, len(arc), _EVERY)).pixels_px
 
 
-def _steps(image: ImageArray, copy: SmallCopy, outline: FloatArray, rows: IntArray) -> tuple[FloatArray, Edges]:
-    """The image's pixels ``(k, 2)`` at some points of an outline, smoothed, and the steps across it there."""
+def _steps(image: ImageArray, copy: SmallCopy, outline: FloatArray, rows: IntArray) -> Edges:
+    """The steps across an outline, smoothed, at some of its points ``(k,)``."""
     smooth = np.asarray(gaussian_filter1d(outline, _SMOOTH, axis=0, mode="nearest"))
     along = np.gradient(smooth, axis=0)[rows]
     along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
@@ -78,7 +75,7 @@ def _steps(image: ImageArray, copy: SmallCopy, outline: FloatArray, rows: IntArr
     size = np.array([image.shape[1], image.shape[0]]) - 1
     room = np.min(np.minimum(near, size - near), axis=-1)
     window = np.minimum(window_px(room / 2), widest_px(copy.scale))
-    return near, locate_edges(image, near, across, along, window)
+    return locate_edges(image, near, across, along, window)
 
 
 def with_clearer_banks(image: ImageArray, copy: SmallCopy, water: WaterMask, wet: BoolArray) -> WaterMask:
@@ -119,7 +116,7 @@ def _spread_at(image: ImageArray, copy: SmallCopy, region: BoolArray, pieces: In
     rows = np.flatnonzero(beside)[::_EVERY]
     if len(rows) == 0 or len(outline) < 2 * _EVERY:
         return spread
-    _, edges = _steps(image, copy, outline.astype(np.float64), rows)
+    edges = _steps(image, copy, outline.astype(np.float64), rows)
     seen = edges.contrast > 0
     for piece in np.unique(beside[rows]).tolist():
         stds = edges.std_px[seen & (beside[rows] == piece)]
@@ -140,7 +137,7 @@ def by_side(plane: WaterPlane, arcs: list[FloatArray], line: Centreline) -> tupl
         nearest = np.argmin(np.linalg.norm(ground[:, None] - places[None], axis=-1), axis=-1)
         away = ground - places[nearest]
         left = along[nearest, 0] * away[:, 1] - along[nearest, 1] * away[:, 0] > 0
-        left = median_filter(left.astype(np.uint8), 2 * _JUMP + 1, mode="nearest") > 0
+        left = median_filter(left.astype(np.uint8), _SIDE, mode="nearest") > 0
         breaks = np.flatnonzero(np.diff(left.astype(np.int8))) + 1
         for piece in np.split(np.arange(len(left)), breaks):
             order = piece if nearest[piece[-1]] >= nearest[piece[0]] else piece[::-1]

@@ -13,7 +13,6 @@ from aerodft.vision.river.water.plane import Float32Image, SmallCopy
 
 _MARGIN: Final = 1.0  # of a logit: 73 %, and 27 %
 _SURE: Final = 2.0  # of a logit: 88 %
-_SPECK: Final = 3e-4  # of the image: what is drier and smaller is a wave, or a boat
 _LARGEST_ISLAND: Final = 0.3  # of the water, where the image cuts it
 _CUT_ISLAND: Final = 0.6  # of its shore's length: so short is where the image cuts it; a bank's corner has more
 
@@ -72,7 +71,7 @@ def find_water(copy: SmallCopy, network: WaterNetwork, hints: RiverHints, ground
 
 
 def _piece(wet: BoolArray, hint: BoolArray) -> tuple[BoolArray, float]:
-    """The piece with most of the hint, else the largest, without specks; and the next one's size, of its own."""
+    """The piece with most of the hint, else the largest; and the next one's size, of its own."""
     count, labels, facts, _ = cv2.connectedComponentsWithStats(opened(wet).astype(np.uint8), connectivity=4)
     if count == 1:
         return np.zeros(wet.shape, dtype=bool), 0.0
@@ -80,11 +79,11 @@ def _piece(wet: BoolArray, hint: BoolArray) -> tuple[BoolArray, float]:
     shares = np.bincount(labels[hint], minlength=count)[1:]
     chosen = int(np.argmax(shares if shares.any() else areas))
     others = np.delete(areas, chosen)
-    return without_specks(np.asarray(labels == chosen + 1)), float(others.max(initial=0) / areas[chosen])
+    return np.asarray(labels == chosen + 1), float(others.max(initial=0) / areas[chosen])
 
 
 def piece_with(wet: BoolArray, hint: BoolArray) -> BoolArray:
-    """The piece of a region that has most of ``hint (height, width)``, else the largest, without specks."""
+    """The piece of a region that has most of ``hint (height, width)``, else the largest."""
     return _piece(wet, hint)[0]
 
 
@@ -92,14 +91,6 @@ def opened(region: BoolArray) -> BoolArray:
     """A region without what is thinner than five pixels."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     return np.asarray(cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0)
-
-
-def without_specks(water: BoolArray) -> BoolArray:
-    """A region with its smallest holes filled."""
-    count, labels, facts, _ = cv2.connectedComponentsWithStats((~water).astype(np.uint8), connectivity=4)
-    speck = facts[:count, cv2.CC_STAT_AREA] < _SPECK * water.size
-    speck[0] = False
-    return np.asarray(water | speck[labels])
 
 
 def overlap(one: BoolArray, other: BoolArray) -> float:

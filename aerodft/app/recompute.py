@@ -105,7 +105,7 @@ def _recorded(job: "Recomputation", output: Path, progress: Progress) -> Recompu
         observers={} if redetection is None else job.observers.report(redetection.counts),
         warnings=() if redetection is None else _few_images(tuple(job.observers.by_name), redetection.moved.kept),
         provenance=provenance,
-        left_out=old.left_out(images=redetection is not None),
+        left_out=old.left_out(images=True),
         redetection=None if redetection is None else redetection.moved,
         image_segments=image_segments,
     )

@@ -4,7 +4,7 @@ import heapq
 import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -157,9 +157,10 @@ class Recording:
         self.station = next((segment.station for segment in self.data if segment.station), "")
         if not self._is_file:
             self._leave_out_foreign()
+            was_closed = all(segment.is_whole for segment in self.data)  # images that are not whole were cut later
             self._between = {
                 "data": _gaps_between(self.data, self.images),
-                "images": _gaps_between(self.images, ()),
+                "images": _gaps_between(self.images, self.data if was_closed else ()),
             }
             chunks = [chunk for segment in self.data for chunk in segment.chunks]
         self.start_ns = min(chunk.start_ns for chunk in chunks)
@@ -234,9 +235,10 @@ class Recording:
 
     def left_out(self, *, images: bool = False) -> LeftOut:
         """Known losses of the data so far; where asked, of the images too."""
-        segments = {id(each): each for each in (*self.data, *(self.images if images else ()))}.values()
+        series = (self.data, self.images) if images and self.images is not self.data else (self.data,)
+        segments = [segment for each in series for segment in each]
         stems = ("data", "images") if images else ("data",)
-        gaps = [gap for segment in segments for gap in segment.all_gaps()]
+        gaps = [gap for each in series for gap in _gaps_within(each)]
         gaps += [gap for stem in stems for gap in self._between[stem]]
         return LeftOut(
             damaged_chunks=sum(len(each.damaged_offsets) for each in segments),
@@ -329,6 +331,16 @@ class Recording:
                 yield from (payload for _, payload in payloads)
 
 
+def _gaps_within(segments: Sequence[SegmentScan]) -> Iterator[Gap]:
+    """Proven gaps of the segments of one series; those at a segment's start or end reach to the neighbour there."""
+    held = [segment for segment in segments if segment.chunks]
+    for before, segment, after in zip([None, *held], held, [*held[1:], None], strict=False):
+        for gap in segment.all_gaps():
+            from_ns = before.end_ns if gap.from_ns is None and before is not None else gap.from_ns
+            to_ns = after.start_ns if gap.to_ns is None and after is not None else gap.to_ns
+            yield replace(gap, from_ns=from_ns, to_ns=to_ns)
+
+
 def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
     """Proven gaps between segments, by what they and their neighbours count.
 
@@ -367,7 +379,7 @@ def _gaps_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan])
     if segments and not segments[-1].is_whole and not segments[-1].is_recovered:
         end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
         others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=None)
-        if end_ns is not None and others_ns is not None and others_ns > end_ns + _MOST_UNSYNCED_NS:
+        if others_ns is not None and (end_ns is None or others_ns > end_ns + _MOST_UNSYNCED_NS):
             gaps.append(Gap(from_ns=end_ns, to_ns=others_ns))
     return gaps
 

@@ -7,6 +7,7 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
+from aerodft.adapters.recording import MAGIC
 from aerodft.adapters.recording.write import segmented_writer
 from tests.nights import at_night
 
@@ -65,8 +66,25 @@ def test_a_damaged_chunk_is_counted_in_what_comes_of_it(aerodft, flight: Path, t
     assert done.last.startswith(
         "aerodft: the recording is not whole, and so is what came of it: without 1 damaged chunk and what was between "
     )
-    assert aerodft("recover", flight).code == 5
+    begin, end = (min(log_times(flight / name)) for name in ("data_001.mcap", "data_002.mcap"))
+    assert all(begin <= int(gap["from_ns"]) <= int(gap["to_ns"]) <= end for gap in done.json["gaps"])
+    recovered = aerodft("recover", flight)
+    assert recovered.code == 5
+    assert "a damaged chunk (checksum" in recovered.err
     assert aerodft("export", flight, "-o", tmp_path / "recovered.csv").code == 0, "what is lost was said"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5], ids=["all", "half"])
+def test_images_that_were_cut_are_a_loss_where_the_data_was_finished(
+    aerodft, flight_recording: Path, tmp_path: Path, share: float
+) -> None:
+    flight = shutil.copytree(flight_recording, tmp_path / "flight")
+    path = flight / "images_000.mcap"
+    cut(path, max(len(MAGIC), int(path.stat().st_size * share)))
+    exported, *others = commands(aerodft, flight, tmp_path)
+    assert (exported.code, [done.code for done in others]) == (0, [5, 5]), "a table needs no images"
+    assert all(done.json["gaps"][0]["to_ns"] is not None for done in others)
+    assert aerodft("recover", flight).code == 5
 
 
 def test_so_is_a_missing_segment_and_to_stdout(aerodft, flight: Path, tmp_path: Path) -> None:

@@ -421,13 +421,18 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
             found.losses = inside
         elif all(loss.messages is not None for loss in inside):
             place = torn[0] if torn else DataLoss(what=_CUT, from_ns=found.end_ns)
-            found.losses = [*inside, replace(place, what=_CUT, to_ns=end.start_ns, messages=missing)]
+            found.losses = [*inside, replace(_told(place), to_ns=end.start_ns, messages=missing)]
         return
     to_ns = end.start_ns
     if to_ns is None and found.end_ns is not None and end.others_ns > found.end_ns + _MOST_UNSYNCED_NS:
         to_ns = end.others_ns
     if torn and to_ns is not None and not found.has_end:
-        found.losses = [replace(loss, what=_CUT, to_ns=to_ns) if loss.to_ns is None else loss for loss in found.losses]
+        found.losses = [*inside, *(replace(_told(loss), to_ns=to_ns) for loss in torn)]
+
+
+def _told(loss: DataLoss) -> DataLoss:
+    """A loss at the end of a segment, now that more is known to have been recorded: damage stays what it is."""
+    return replace(loss, what=_CUT) if loss.is_torn else loss
 
 
 @dataclass(slots=True)
@@ -500,7 +505,7 @@ def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
             place = {"offset": item.offset, "length": item.length}
             found.losses.append(DataLoss(what=_message(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
     if not scanner.has_end and not any(loss.to_ns is None for loss in found.losses):
-        found.losses.append(DataLoss(what=_UNFINISHED, from_ns=found.end_ns))
+        found.losses.append(DataLoss(what=_UNFINISHED, from_ns=found.end_ns, is_torn=True))
     found.channels, found.has_end = scanner.channels, scanner.has_end
     found.after = scanner.count if scanner.has_end else None
     found.is_sound &= rebuilt.indexes == scanner.indexes and scanner.stated_messages == found.messages

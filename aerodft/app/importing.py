@@ -143,6 +143,7 @@ def _recorded(
         statistics=statistics,
         counts=pipeline.counts,
         observers=observers.report(flight.observed.counts),
+        unmeasured={"damaged": max(flight.stamped - statistics.images, 0)},
         warnings=() if flight.log is None else flight.log.warnings(),
         left_out=flight.log.left_out() if isinstance(flight.log, assembly.RecordedTelemetry) else LeftOut(),
     )
@@ -199,6 +200,7 @@ class Flight:
         first_ns: First arrival, roughly; for the progress bar.
         last_ns: Last arrival, roughly.
         observed: The images among them, and what is seen in them.
+        stamped: How many images there are with a stamp, damaged ones too; 0 where stamps come at a rate.
         log: The log among them; None for a fixed camera.
     """
 
@@ -206,6 +208,7 @@ class Flight:
     first_ns: int
     last_ns: int
     observed: ObservedImages
+    stamped: int
     log: LogSource | None = None
 
 
@@ -253,7 +256,7 @@ def open_flight(
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
     if stamps:
         ends += [stamp_ns + span.lateness_at(stamp_ns) for stamp_ns in (min(stamps.values()), max(stamps.values()))]
-    return Flight(tuple(sources), min(ends), max(ends), observed, source)
+    return Flight(tuple(sources), min(ends), max(ends), observed, len(stamps), source)
 
 
 def _has_own_images(station: StationConfig, recording: ForeignRecording | None) -> bool:

@@ -9,9 +9,11 @@ import orjson
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.wire.pose import POSE_SCHEMA
+from aerodft.adapters.wire.status import StationStatus
 from aerodft.app.measure import MeasuredSurface
 from aerodft.app.recordings import open_recording
 from aerodft.app.viewing import FixedCameraView, RecordingView
+from aerodft.app.viewing.live import Alerts
 
 FROZEN = Path("tests/cli/frozen-0.1")
 
@@ -29,6 +31,17 @@ def test_an_image_is_measured_with_the_pose_that_was_recorded_with_it():
         if sample.pose is not None:
             np.testing.assert_array_equal(sample.pose.wxyz, expected["wxyz"])
             np.testing.assert_array_equal(sample.pose.cov, expected["cov"])
+
+
+def test_every_cause_for_which_an_image_is_not_measured_is_an_alert():
+    counts = {"dropped": 2, "too_many": 3, "damaged": 5, "not_later": 7, "unstamped": 11}
+    unmeasured = {f"unmeasured_{cause}": count for cause, count in counts.items()}
+    status = StationStatus(station="a", stamp_ns=0, state="live", counts=unmeasured)
+    alerts = Alerts()
+    alerts.status(status)
+    said = {each["key"]: each["text"] for each in alerts.now(10**12)}
+    assert said["load"].startswith("5 images were not measured")
+    assert said["stream"].startswith("12 images were not measured"), "the first half second of a stream is none"
 
 
 def test_a_wrong_lens_is_named_and_nothing_is_used():

@@ -1,6 +1,7 @@
 """Flights that went wrong while they were recorded: clocks that are set, videos that hold nothing, garbled names."""
 
 import av
+import numpy as np
 import pytest
 
 FIXED = """
@@ -54,6 +55,25 @@ def test_a_video_that_ends_with_its_header_is_refused_before_anything_is_written
     assert (done.code, done.out) == (3, b"")
     assert done.last.endswith("cut.mkv: holds no image: expected at least one; it is cut or damaged")
     assert not (desk.folder / "rec").exists()
+
+
+def test_damaged_images_of_a_video_are_counted_as_never_measured(aerodft, desk):
+    noise, video = np.random.default_rng(1), desk.folder / "noisy.mp4"
+    with av.open(str(video), "w") as container:
+        stream = container.add_stream("libx264", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(60):
+            pixels = noise.integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="bgr24")))
+        container.mux(stream.encode())
+    data = bytearray(video.read_bytes())
+    data[len(data) // 3 : len(data) // 3 + 6000] = noise.bytes(6000)
+    video.write_bytes(data)
+    done = imported(aerodft, desk, desk.log, "--video", video, "--video-start", "2026-11-21T00:32:48.5Z")
+    damaged = done.json["unmeasured"]["damaged"]
+    assert damaged > 0
+    assert done.json["images"] + damaged == 60
+    assert f"images that were never measured: {damaged} damaged" in done.err
 
 
 def test_a_video_with_a_garbled_title_is_a_video(aerodft, desk):

@@ -105,7 +105,7 @@ class RunResult:
         counts: Observations that came, and those that could not be used.
         observers: What became of looking at the images, by the table that asks for it; empty where nobody looked.
         unmeasured: Images that came and were never measured, by cause: ``dropped``, as they came faster than they were
-            measured, and what the stream left out, as in ``StreamStatus``.
+            measured, and what the stream left out, as in ``StreamStatus``; of a file those that are ``damaged``.
         warnings: What is wrong with the input, one sentence each.
         left_out: What the recording that it was made of lacks.
     """

@@ -54,6 +54,11 @@ _LONGEST_S: Final = 3.0
 """Without an image; and how long without telemetry."""
 _MOST_LOSS: Final = 0.1
 _LEAST_FREE_BYTES: Final = 2_000_000_000
+_UNMEASURED: Final = (
+    ("load", ("dropped", "too_many"), "they come faster than this machine measures"),
+    ("stream", ("damaged", "not_later"), "they came damaged, or twice"),
+)
+"""Alerts by the causes that they sum up; the ``unstamped`` first half second of a stream is none."""
 
 Sentences = Iterator[tuple[str, str]]
 
@@ -113,8 +118,9 @@ def _of_status(status: StationStatus) -> Sentences:
     images = counts.get("shed_images", 0) + counts.get("lost_images", 0)
     if gone or images:
         yield "disk", f"{gone} messages and {images} images are not recorded: the disk is too slow, full or failing"
-    if dropped := counts.get("unmeasured_dropped", 0):
-        yield "load", f"{dropped} images were not measured: they come faster than this machine measures"
+    for key, causes, why in _UNMEASURED:
+        if images := sum(counts.get(f"unmeasured_{cause}", 0) for cause in causes):
+            yield key, f"{images} images were not measured: {why}"
     if health is None:
         return
     if health.heartbeat_age_s is None or health.heartbeat_age_s > _LONGEST_S:

@@ -133,7 +133,8 @@ def _print(found: "CalibrationResult") -> None:
         residuals.add_row(name, f"{left.px:.2f}", f"{left.sigma:.2f}", ground, loo_ground)
     tables().print(residuals)
     rms = "" if fit.rms_px is None else f"rms {fit.rms_px:.2f} px, "
-    chi2 = f"{rms}chi-square {fit.solution.chi2:.1f} with {fit.solution.dof} degrees of freedom"
+    dof = fit.solution.dof
+    chi2 = f"{rms}chi-square {fit.solution.chi2:.1f} with {dof} degree{'s' * (dof != 1)} of freedom"
     if not isinstance(fit, Result):
         tables().print(f"{chi2}; {len(fit.problem.views)} images")
         return

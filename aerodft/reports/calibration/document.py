@@ -65,8 +65,8 @@ def calibration_notes(result: Result | ImagesResult, evidence: EvidenceFile) -> 
         )
     elif solution.sigma_scale > _NOTICED:
         notes.append(
-            f"all stds are multiplied by {solution.sigma_scale:.2g}: {spare} tell little of whether the stated ones are"
-            " true"
+            f"all stds are multiplied by {solution.sigma_scale:.2g}: with {spare}, residuals tell little of whether"
+            " the stated ones are true"
         )
     elif solution.p_value is not None and solution.p_value > 1 - _SUSPICIOUS_P:
         notes.append("the residuals are much smaller than the stated stds: these may be too large")
@@ -476,7 +476,7 @@ def _fit_sentences(result: Result | ImagesResult) -> list[str]:
             " an observation is wrong."
         )
         return sentences
-    head = f"Chi-square is {solution.chi2:.1f} with {solution.dof} degrees of freedom:"
+    head = f"Chi-square is {solution.chi2:.1f} with {solution.dof} degree{'s' * (solution.dof != 1)} of freedom:"
     if solution.p_value < _UNLIKELY_P:
         chance = f"{100 * solution.p_value:.2g} %" if solution.p_value > _TINY else "less than a millionth"
         verdict = f"residuals so large would come up in {chance} of all calibrations if the stated stds were true."

@@ -72,6 +72,26 @@ def test_calm_water_that_mirrors_its_bank_is_water_and_a_dark_even_path_is_not(l
     assert np.mean(np.abs(error) < 0.03) > 0.9
 
 
+def test_intervals_hold_where_water_is_dimmer_towards_its_banks():
+    """Shade and mirrored banks fade into open water: a step's place is off by the same all along a bank."""
+    held = []
+    for number, (land, tilt_deg) in enumerate((land, tilt_deg) for land in LANDS for tilt_deg in TILTS_DEG):
+        look = {"dim": 0.06, "bushes": number % 2 == 0}
+        scene = PaintedRiver(seed=40 + number, water="teal", land=land, tilt_deg=tilt_deg, bend_m=3.0, look=look)
+        found, widths = measured(scene)
+        if isinstance(found, NoRiver):
+            print(f"{land} {tilt_deg:g}: {found.status}")
+            continue
+        width, std, true = widths.T
+        error, share = np.median(width / true - 1), np.median(std / width)
+        print(f"{land} {tilt_deg:g}: {100 * error:+.2f} %, std {100 * share:.2f} %")
+        held.append(np.abs(width - true) <= 1.96 * std)
+    together = np.concatenate(held)
+    print(f"{len(held)} rivers, {len(together)} widths: intervals hold {100 * together.mean():.1f} %")
+    assert len(held) >= 14
+    assert together.mean() > 0.9
+
+
 @pytest.mark.parametrize(("land", "tilt_deg"), [("sand", 0.0), ("rock", 0.0), ("soil", 40.0)])
 def test_intervals_reach_to_where_calm_water_mirrors_a_bank_that_is_brighter_than_it(land, tilt_deg):
     """It may as well be a beach in shallow water: the width is that without it, the interval contains that with it."""

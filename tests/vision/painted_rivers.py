@@ -95,6 +95,8 @@ class PaintedRiver:
         if self.look.get("bushes"):
             land = np.where((fine > 1.0)[..., None], np.array([28.0, 62.0, 40.0]) * (1 + 0.3 * detail)[..., None], land)
         water = np.array(WATERS[self.water], dtype=float) * (1 + 0.08 * waves + 0.03 * slow)[..., None]
+        if self.look.get("dim"):
+            water *= 1 - 0.4 * np.exp(np.minimum(beyond, 0) / (self.look["dim"] * self.width_m))[..., None]
         if self.look.get("foam"):
             water = np.where((fine > 1.9)[..., None], 0.4 * water + 0.6 * 203.0, water)
         if self.look.get("glare"):

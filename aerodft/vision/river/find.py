@@ -10,7 +10,7 @@ import numpy as np
 from aerodft.dft import BankPair, RiverWidths, Setup, river_widths
 from aerodft.model import BoolArray, FloatArray, ImageArray, IntArray, Pose
 from aerodft.vision.river.bank_lines import bank_lines, by_direction, by_side, with_clearer_banks
-from aerodft.vision.river.banks import Edges, Islands, flag_outliers, islands_across, locate_banks
+from aerodft.vision.river.banks import Edges, Islands, common_bias_px, flag_outliers, islands_across, locate_banks
 from aerodft.vision.river.centreline import (
     MOST_TRANSECTS,
     Centreline,
@@ -50,14 +50,14 @@ class RiverQuestion:
         hints: What a person says is water or land.
         spacing_m: Of the transects.
         flow_rad: Azimuth to which the river flows; None where it is not known.
-        least_std_px: What a bank is seen off by at the least, all of them alike.
+        least_std_px: What all banks of an image are seen off by together, at the least.
         network: Says where water is.
     """
 
     hints: RiverHints = field(default_factory=RiverHints)
     spacing_m: float = 1.0
     flow_rad: float | None = None
-    least_std_px: float = 0.075
+    least_std_px: float = 0.03
     network: WaterNetwork = field(default_factory=WaterNetwork.shipped)
 
 
@@ -228,7 +228,7 @@ def _across(
         edges.pixels_px[rows],
         edges.across_px[rows],
         edges.std_px[rows],
-        question.least_std_px,
+        max(question.least_std_px, common_bias_px(edges.std_px[rows])),
         np.where(np.isfinite(other_m[rows]), other_m[rows], 0.0) / _REACHES,
     )
     widths = river_widths(setup, pose, pair)

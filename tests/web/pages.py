@@ -74,6 +74,8 @@ def value_of(page, row=0):
 
 
 def copied(page, form):
+    """What a copy of the shown image's numbers is; right after an image changed they are still of the one before."""
+    expect(page.locator("#copies")).to_have_attribute("aria-busy", "false", timeout=PATIENCE_MS)
     page.click(f"[data-copy={form}]")
     return page.input_value("#copied")
 

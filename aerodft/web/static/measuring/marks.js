@@ -22,6 +22,7 @@ export class Marks {
     this.vertical = []; // the line that stands on the base of a height
     this.kind = "width";
     this.image = 0;
+    this.measured = null; // number of the image that the numbers are of
     this.selected = null;
     this.made = 0;
   }
@@ -98,6 +99,7 @@ export class Marks {
     const asked = this.items, probes = asked.map(probeOf);
     this.link.ask("marks", { image, probes, budget: true }, (answer) => {
       asked.forEach((mark, index) => { mark.found = answer.measurements?.[index] || refusal(answer.error); });
+      this.measured = image;
       this.changed();
     });
   }

@@ -25,6 +25,7 @@ export class Panel {
     if (rows.length !== list.children.length || rows.some((row, at) => row !== list.children[at])) list.replaceChildren(...rows);
     for (const mark of items) this.fill(mark, mark === current);
     this.detail(current?.found);
+    find("copies").ariaBusy = String(this.marks.measured !== this.marks.image); // numbers of the image before
     this.showProbes(probes);
   }
 

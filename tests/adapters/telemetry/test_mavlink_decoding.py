@@ -337,12 +337,31 @@ def test_another_protocol_is_a_broken_contract(block: MakeBlock) -> None:
         MavlinkDecoder().decode(replace(block([b"x" * 20]), protocol=WireProtocol.DATAFLASH))
 
 
-def test_a_gimbal_says_which_one_it_is(decode: Callable[..., tuple[Track, ...]]) -> None:
-    def information(model: bytes, uid: int) -> dialect.MAVLink_message:
-        return dialect.MAVLink_gimbal_device_information_message(
-            1000, b"maker", model, b"", 1, 1, uid, 7, 0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0
-        )
+def _information(model: bytes, device: int = 0) -> dialect.MAVLink_message:
+    return dialect.MAVLink_gimbal_device_information_message(
+        1000, b"maker", model, b"", 1, 1, 1, 7, 0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, gimbal_device_id=device
+    )
 
-    (track,) = decode(AUTOPILOT, information(b"one", 1), information(b"one", 1), information(b"two", 1))
+
+def test_a_gimbal_says_which_one_it_is(decode: Decode) -> None:
+    (track,) = decode(AUTOPILOT, _information(b"one"), _information(b"one"), _information(b"two"))
     assert isinstance(track, GimbalTypeTrack)
     assert np.unique(track.identity, return_index=True)[1].tolist() in ([0, 2], [2, 0])
+
+
+@pytest.mark.parametrize("gimbal", [None, 1, 2])
+def test_two_gimbals_of_one_autopilot_are_not_one_that_changes(decode: Decode, gimbal: int | None) -> None:
+    said = [_information(b"one", 1), _information(b"two", 2)] * 3
+    (track,) = decode(*said, decoder=MavlinkDecoder(FollowedIds(gimbal=gimbal)))
+    (alone,) = decode(_information(b"two" if gimbal == 2 else b"one", gimbal or 1))
+    assert track.identity.tolist() == alone.identity.tolist() * 3
+
+
+@pytest.mark.parametrize(("gimbal", "model"), [(None, b"one"), (154, b"one"), (171, b"two")])
+def test_a_chosen_gimbal_alone_says_which_one_it_is(
+    decode: Decode, pack: Pack, block: MakeBlock, gimbal: int | None, model: bytes
+) -> None:
+    said = [pack(_information(b"one"), component=154), pack(_information(b"two"), component=171)] * 3
+    (track,) = _besides_life(MavlinkDecoder(FollowedIds(gimbal=gimbal)), block([pack(AUTOPILOT), *said]))
+    (alone,) = decode(_information(model))
+    assert track.identity.tolist() == alone.identity.tolist() * 3

@@ -105,6 +105,7 @@ _TYPE_AT = field_offset(HEARTBEAT, "type")
 _AUTOPILOT_AT = field_offset(HEARTBEAT, "autopilot")
 _ORIENTATION_AT = field_offset(DISTANCE_SENSOR, "orientation")
 _DEVICE_AT = field_offset(GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal_device_id")
+_DESCRIBED_AT = field_offset(GIMBAL_DEVICE_INFORMATION, "gimbal_device_id")  # 0 where the gimbal itself says it
 _SPACING_AT = field_offset(TERRAIN_REPORT, "spacing")
 _SENSOR_AT = field_offset(DISTANCE_SENSOR, "id")
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
@@ -197,14 +198,14 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
 def _is_of_chosen_gimbal(state: IntArray, message_id: int, component: int, device: int) -> bool:
     """Whether a message comes from the chosen gimbal, or from no gimbal at all."""
     chosen = state[State.CHOSEN_GIMBAL]
-    if chosen == _UNDECIDED or message_id not in (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS):
+    if chosen == _UNDECIDED or message_id not in (*_OF_GIMBALS, GIMBAL_DEVICE_INFORMATION):
         return True
     if chosen >= _FIRST_GIMBAL_COMPONENT:
         return bool(component == chosen)
     if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != chosen:
         state[State.OTHER_GIMBALS] += 1
         return False
-    return True
+    return message_id != GIMBAL_DEVICE_INFORMATION or device in (0, chosen)
 
 
 @njit
@@ -234,6 +235,8 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
     """The number of the gimbal or sensor that a message is of; -1 of a sensor that does not look down."""
     if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
         return _byte(data, payload_at, length, _DEVICE_AT)
+    if message_id == GIMBAL_DEVICE_INFORMATION:
+        return _byte(data, payload_at, length, _DESCRIBED_AT)
     if message_id == DISTANCE_SENSOR:
         looks_down = _byte(data, payload_at, length, _ORIENTATION_AT) == ORIENTATION_DOWN
         return _byte(data, payload_at, length, _SENSOR_AT) if looks_down else -1

@@ -4,6 +4,9 @@ import av
 import numpy as np
 import pytest
 
+from aerodft.conventions import SECOND_NS
+from aerodft.sim.video import write_video
+
 FIXED = """
 [station]
 name = "mast"
@@ -59,13 +62,8 @@ def test_a_video_that_ends_with_its_header_is_refused_before_anything_is_written
 
 def test_damaged_images_of_a_video_are_counted_as_never_measured(aerodft, desk):
     noise, video = np.random.default_rng(1), desk.folder / "noisy.mp4"
-    with av.open(str(video), "w") as container:
-        stream = container.add_stream("libx264", rate=20)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        for _ in range(60):
-            pixels = noise.integers(0, 255, (48, 64, 3), dtype=np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="bgr24")))
-        container.mux(stream.encode())
+    images = ((k * SECOND_NS // 20, noise.integers(0, 255, (48, 64, 3), dtype=np.uint8)) for k in range(60))
+    write_video(video, images, fps=20.0)
     data = bytearray(video.read_bytes())
     data[len(data) // 3 : len(data) // 3 + 6000] = noise.bytes(6000)
     video.write_bytes(data)

@@ -189,8 +189,8 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         >>> std = ad.PoseStd(height_m=0.1, tilt_deg=0.2)
         >>> pose = ad.CameraPose(height_m=7.93, tilt_deg=62.3, roll_deg=-0.6, std=std)
         >>> reach = ad.survey_river("configs/calibration/bridge.jpg", camera, pose, spacing_m=2)
-        >>> f"{reach.status}: {reach.width_m['median']:.0f} m"
-        'ok: 9 m'
+        >>> f"{reach.status}: {reach.width_m['median']:.1f} m"
+        'ok: 9.5 m'
         >>> rows = reach.transects.rows()
         >>> len(rows) == len(reach.transects)
         True

@@ -321,7 +321,7 @@ def test_damage_costs_no_more_than_with_pymavlink_and_invents_nothing(kind: str,
         theirs_lost += (intact - _read_by_pymavlink(path)).total()
         invented += (found - intact - damaged).total()
     print(f"\n{kind}, {cuts} messages: {lost} intact ones lost (pymavlink {theirs_lost}), {invented} invented")
-    assert lost <= (theirs_lost if kind in {"cut", "flipped"} else 4e-3 * cuts)  # rare values before noise look like it
+    assert lost <= (0 if kind in {"cut", "flipped"} else 4e-3 * cuts)  # rare values before noise look like it
     assert invented <= 1e-3 * cuts  # a cut of one byte that the first of the next head fills cannot be told
 
 

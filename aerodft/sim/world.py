@@ -171,7 +171,7 @@ class Post:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walker:
-    """A person-sized object that walks to and fro between two points; ``from_s`` of the flight on it is to be seen."""
+    """A person-sized object that walks to and fro between two points, seen from ``from_s`` after the start on."""
 
     start_en_m: tuple[float, float]
     end_en_m: tuple[float, float]

@@ -93,8 +93,8 @@ _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
 _TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
 _TIME_SIZE: Final = 8
-_NOISE_BITS: Final = 3  # what chance alone makes of a last byte that takes any value
-_FILL_BYTES: Final = 8
+_NOISE_BITS: Final = 3  # so much noise may look likelier by chance, where a last byte takes any value
+_FILL_BYTES: Final = 8  # as many equal ones behind a message are a fill, as of zeros
 _NEAR_US: Final = 10_000_000  # of two messages side by side; one that stands there by chance is years away
 _TYPES: Final = 256
 _BLOCK_MESSAGES: Final = 1 << 15
@@ -361,7 +361,7 @@ def _starts(data: Bytes, at: int) -> bool:
 
 @njit_inline
 def _may_hold_head(data: Bytes) -> bool:
-    """Whether the byte is among these that every message starts with; without an early end many are taken at once."""
+    """Whether the first byte of a head is among the bytes; the loop has no early end, so that it is vectorised."""
     found = False
     for i in range(len(data)):
         found |= data[i] == _FIRST
@@ -498,7 +498,7 @@ def scan_dataflash(
 
 
 def _resemble(data: Bytes, doubtful: IntArray, sure: IntArray, size: int) -> BoolArray:
-    """Whether messages ``(m,)`` before damage are rather whole than overwritten from some byte on.
+    """Whether messages ``(m,)`` before damage are whole, rather than overwritten from some byte on.
 
     Args:
         data: What they are in.
@@ -507,8 +507,8 @@ def _resemble(data: Bytes, doubtful: IntArray, sure: IntArray, size: int) -> Boo
         size: Bytes of each.
 
     Returns:
-        ``(m,)``: the bits by which whole messages' frequencies of values at each place explain the bytes better than
-        noise, summed up from the end, never say noise.
+        ``(m,)``. At each place whole messages' frequencies of values explain the byte so many bits better than noise
+        does; a message is whole where the sum of these over its last bytes, however many, does not speak for noise.
     """
     places = np.arange(size)
     counts = np.bincount((places * 256 + data[sure[:, None] + places]).ravel(), minlength=size * 256)

@@ -231,7 +231,7 @@ def measure_reach(
     if line is None:
         return _most_said([look for look in looks if isinstance(look, NoRiver)])
     if question.flow_rad is None:
-        line = along(line, next(look.line for look in looks if isinstance(look, River)))
+        line = _directed_as(line, next(look.line for look in looks if isinstance(look, River)))
     else:
         line = oriented(views[0].plane, line, question.flow_rad)
     for row, view in enumerate(views):
@@ -245,8 +245,8 @@ def measure_reach(
     return Reach(line=line, stations_m=stations, found=found, islands=islands, looks=tuple(looks))
 
 
-def along(line: Centreline, other: Centreline) -> Centreline:
-    """A line in the direction of another that runs beside a part of it."""
+def _directed_as(line: Centreline, other: Centreline) -> Centreline:
+    """A line, reversed where it runs against another one beside a part of it."""
     ends = other.places_en_m[[0, -1]]
     first, last = np.argmin(np.linalg.norm(line.places_en_m[:, None] - ends, axis=-1), axis=0)
     return line if last >= first else line.reversed()

@@ -421,17 +421,17 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
             found.losses = inside
         elif all(loss.messages is not None for loss in inside):
             place = torn[0] if torn else DataLoss(what=_CUT, from_ns=found.end_ns)
-            found.losses = [*inside, replace(_told(place), to_ns=end.start_ns, messages=missing)]
+            found.losses = [*inside, replace(_more_followed(place), to_ns=end.start_ns, messages=missing)]
         return
     to_ns = end.start_ns
     if to_ns is None and found.end_ns is not None and end.others_ns > found.end_ns + _MOST_UNSYNCED_NS:
         to_ns = end.others_ns
     if torn and to_ns is not None and not found.has_end:
-        found.losses = [*inside, *(replace(_told(loss), to_ns=to_ns) for loss in torn)]
+        found.losses = [*inside, *(replace(_more_followed(loss), to_ns=to_ns) for loss in torn)]
 
 
-def _told(loss: DataLoss) -> DataLoss:
-    """A loss at the end of a segment, now that more is known to have been recorded: damage stays what it is."""
+def _more_followed(loss: DataLoss) -> DataLoss:
+    """A loss at a segment's end, behind which more was recorded: what seemed unfinished was cut; damage stays so."""
     return replace(loss, what=_CUT) if loss.is_torn else loss
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 from functools import partial
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import tomli_w
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.reports.river import COLUMNS
+from aerodft.reports.river import COLUMNS, plate
 from tests.vision.river_scenes import picture, river_scene, true_crossing
 
 
@@ -31,6 +32,20 @@ def shot(tmp_path_factory):
     options = ["--camera", folder / "cam.toml", "--height", scene.height_m, "--tilt", scene.tilt_deg]
     options += ["--roll", scene.roll_deg, "--heading", scene.heading_deg]
     return scene, folder / "river.png", options
+
+
+def test_values_on_the_plate_stay_in_the_image_and_off_each_other(river, tmp_path, monkeypatch):
+    """Transects lie close together at the bridge's right edge, where values stand at the left of their bank."""
+    figures, close = [], plate.plt.close
+    monkeypatch.setattr(plate.plt, "close", figures.append)
+    options = "--camera configs/cameras/demo-1080p.toml --height 7.93 --tilt 62.3 --std height=0.1,tilt=0.2 --spacing 2"
+    assert river("configs/calibration/bridge.jpg", "--roll=-0.6", *options.split(), "-o", tmp_path).code == 0
+    axes = figures[0].axes[0]
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert len(boxes) >= 3
+    assert all(axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 for box in boxes)
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    close(figures[0])
 
 
 def test_widths_are_those_of_the_river(river, shot, tmp_path):

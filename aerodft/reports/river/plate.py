@@ -1,7 +1,7 @@
 """A river's plates: images with banks and transects, the river from above, and the width's profile."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,9 +63,8 @@ def _draw_image(
         label = f"{SIDES[side]} bank, {told_by}"
         axes.plot(*banks_px[:, side].T, color=color, linewidth=1.4, label=label, path_effects=OUTLINED)
     height, width = image.shape[:2]
-    for row in _with_room(banks_px, used, (_VALUE_SHARE[0] * width, _VALUE_SHARE[1] * height)):
-        end = max(banks_px[row].tolist())  # the one that is farther to the right
-        aside, towards = (-6, "right") if end[0] > (1 - _VALUE_SHARE[0]) * width else (6, "left")
+    for row, end, is_at_right in _with_room(banks_px, used, width, height):
+        aside, towards = (6, "left") if is_at_right else (-6, "right")
         box = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
         axes.annotate(
             values[row], end, (aside, 0), textcoords="offset points", color="white", fontsize=7, ha=towards,
@@ -76,15 +75,24 @@ def _draw_image(
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.06), ncols=len(BANKS), fontsize="small")  # below the image
 
 
-def _with_room(banks_px: FloatArray, used: BoolArray, size_px: tuple[float, float]) -> list[int]:
-    """Used transects beside which there is room for a value of some width and height, from the first."""
-    rows: list[int] = []
+def _with_room(
+    banks_px: FloatArray, used: BoolArray, width_px: int, height_px: int
+) -> Iterator[tuple[int, tuple[float, float], bool]]:
+    """Used transects beside which there is room for a value in an image of that size, from the first.
+
+    Yields:
+        The transect's index, its end that is farther to the right, and whether the value stands at the right of that:
+        at the left where it would leave the image.
+    """
+    wide, high = _VALUE_SHARE[0] * width_px, _VALUE_SHARE[1] * height_px
+    middles: list[tuple[float, float]] = []
     for row in np.flatnonzero(used & np.isfinite(banks_px).all(axis=(1, 2))).tolist():
-        end = max(banks_px[row].tolist())  # where its value stands
-        others = (max(banks_px[other].tolist()) for other in rows)
-        if all(abs(end[0] - u) > size_px[0] or abs(end[1] - v) > size_px[1] for u, v in others):
-            rows.append(row)
-    return rows
+        u, v = max(banks_px[row].tolist())
+        is_at_right = u + wide <= width_px
+        middle = u + (wide if is_at_right else -wide) / 2, v
+        if all(abs(middle[0] - other) > wide or abs(v - beside) > high for other, beside in middles):
+            middles.append(middle)
+            yield row, (u, v), is_at_right
 
 
 def _value_of(transect: dict[str, Any]) -> str:

@@ -146,7 +146,7 @@ def test_a_viewer_sees_what_is_recorded_and_what_is_drawn_over_the_images(flown)
         assert got
         assert topic == "status" or {(f"{root}/{topic}", data) for data in got} <= recorded
     assert not any("mavlink" in topic for topic in viewer.channels)
-    images = {int(json.loads(data)["stamp_ns"]) for data in viewer.of(f"{root}/image")}
+    images = {int(json.loads(data)["stamp_ns"]) for topic, data in recorded if topic == f"{root}/image"}
     pictures = list(map(CompressedImage.FromString, viewer.of(f"{root}/image/jpeg")))
     assert {picture.timestamp.ToNanoseconds() for picture in pictures} <= images
     assert PIL.Image.open(io.BytesIO(pictures[-1].data)).size == (640, 360)
@@ -158,7 +158,9 @@ def test_a_viewer_sees_what_is_recorded_and_what_is_drawn_over_the_images(flown)
     numbers = [json.loads(data)["value"] for data in viewer.of(f"{root}/number/centre")]
     values = [each["value"] for each in map(json.loads, recording.measurements()) if each["name"] == "centre"]
     assert len(numbers) > 10
-    assert numbers == values[-len(numbers) :]
+    later = iter(values)
+    assert all(number in later for number in numbers)  # in order; a slow viewer misses some
+    assert numbers[-1] == values[-1]
     assert any("ws://127.0.0.1:" in line for line in said)
 
 

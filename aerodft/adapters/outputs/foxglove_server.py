@@ -72,8 +72,9 @@ class FoxgloveServer:
         self._jpegs = protobuf_channel(keys.jpeg, CompressedImage)
         self._calibrations = protobuf_channel(keys.camera, CameraCalibration)
         self._annotator.messages(self._calibration_at(0))  # says in which frame the images are
-        for channel in (*self._encoder.channels, self._jpegs, self._calibrations):
-            self._channel(channel)
+        drawn = self._annotator.channels(probe.name for probe in run.probes)
+        for channel in (*self._encoder.channels, self._jpegs, self._calibrations, *drawn):
+            self._channel(channel)  # a viewer has to have subscribed before the first message
         self._queue: WorkerQueue[_Work] = WorkerQueue("foxglove", self._show, capacity=_QUEUED_TICKS)
         self._images: WorkerQueue[Image] = WorkerQueue("foxglove-images", self._show_image, capacity=_QUEUED_IMAGES)
         _log.info("open ws://%s:%d in Foxglove", _HOST, port)

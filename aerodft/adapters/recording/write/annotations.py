@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import orjson
@@ -68,6 +68,10 @@ class Annotator:
                 _log.warning("%s: a message is damaged; it is kept as it is, and nothing is drawn of it", topic)
             self._damaged[topic] += 1
             return []
+
+    def channels(self, probes: Iterable[str]) -> tuple[Channel, ...]:
+        """All that ``messages`` sends where these probes are measured."""
+        return (self._annotations, self._transform, *map(self._number, probes))
 
     @property
     def damaged_messages(self) -> int:

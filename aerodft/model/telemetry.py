@@ -266,12 +266,14 @@ class GimbalFailureTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GimbalTypeTrack(Track):
-    """What the followed gimbal says that it is (GIMBAL_DEVICE_INFORMATION).
+    """What is said of the followed gimbal (GIMBAL_DEVICE_INFORMATION, GIMBAL_MANAGER_INFORMATION).
 
     Attributes:
-        identity: ``(n,)`` a number that is the same for the same maker, model, hardware and abilities.
+        message: Name of the message.
+        identity: ``(n,)`` a number that is the same for the same maker, model, abilities and limits.
     """
 
+    message: str
     identity: IntArray
 
 

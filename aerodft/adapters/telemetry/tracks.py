@@ -60,7 +60,7 @@ _QUALITY_INVALID = 1
 _COVARIANCE_UNKNOWN = 255
 _DISTANCE_CLIPPED_CM = 65535
 _TERRAIN_UNKNOWN_M = -1000.0
-_GIMBAL_TYPE: Final = ("vendor_name", "model_name", "hardware_version", "uid", "cap_flags")
+_BOOT_FIELD: Final = "time_boot_ms"
 _UNDERGROUND_M = -20.0  # a database without the tile that the vehicle is above
 _QUATERNION_NORM_SLACK = 0.1
 _MAX_LAT_DEG, _MAX_LON_DEG = 90.0, 180.0
@@ -315,8 +315,8 @@ def height_track(source: HeightSource, rows: Rows, value_m: FloatArray, *, slant
 def boot_ns_of(payload: npt.NDArray[np.void]) -> IntArray:
     """Time since boot in ns ``(n,)``; ``NO_BOOT_TIME`` where the message has none."""
     fields = payload.dtype.names or ()
-    if "time_boot_ms" in fields:
-        return payload["time_boot_ms"].astype(np.int64) * 1_000_000
+    if _BOOT_FIELD in fields:
+        return payload[_BOOT_FIELD].astype(np.int64) * 1_000_000
     if "time_usec" in fields:
         time_us = payload["time_usec"]
         known = time_us < _MAX_BOOT_US
@@ -439,9 +439,11 @@ def _estimator_track(
 
 
 def gimbal_type_track(rows: Rows, _rejected: Counter[str]) -> Track:
-    """GIMBAL_DEVICE_INFORMATION: which gimbal it is."""
-    said = zip(*(rows.payload[field].tolist() for field in _GIMBAL_TYPE), strict=True)
-    return GimbalTypeTrack(identity=np.array([zlib.crc32(repr(each).encode()) for each in said]), **rows.stamps())
+    """GIMBAL_DEVICE_INFORMATION or GIMBAL_MANAGER_INFORMATION: which gimbal it is, by all fields but the time."""
+    fields = [field for field in rows.payload.dtype.names or () if field != _BOOT_FIELD]
+    said = rows.payload[fields].tolist()
+    identity = np.array([zlib.crc32(repr(each).encode()) for each in said])
+    return GimbalTypeTrack(message=rows.name, identity=identity, **rows.stamps())
 
 
 def gimbal_failure_tracks(rows: Rows) -> Iterator[GimbalFailureTrack]:

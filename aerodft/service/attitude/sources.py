@@ -294,7 +294,7 @@ class AttitudeSources:
             source: Gimbal(settings) for source in settings.order if source is not GimbalSource.FIXED_MOUNT
         }
         self._resolver = Resolver(settings)
-        self._gimbal_type: int | None = None
+        self._gimbal_types: dict[str, int] = {}  # by message
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, for the watermark."""
@@ -319,18 +319,18 @@ class AttitudeSources:
         elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
             self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
         elif isinstance(track, GimbalTypeTrack):
-            self._follow_type(track.identity)
+            self._follow_type(track.message, track.identity)
 
     def may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once: a gimbal's type may change what came before."""
         return not isinstance(track, GimbalTypeTrack)
 
-    def _follow_type(self, identity: IntArray) -> None:
+    def _follow_type(self, message: str, identity: IntArray) -> None:
         """Remove samples and evidence of the gimbals where one is another from now on."""
-        if np.any(identity != (identity[0] if self._gimbal_type is None else self._gimbal_type)):
+        if np.any(identity != self._gimbal_types.get(message, identity[0])):
             for gimbal in self._gimbals.values():
                 gimbal.clear()
-        self._gimbal_type = int(identity[-1])
+        self._gimbal_types[message] = int(identity[-1])
 
     def commit(self) -> None:
         """End the step."""

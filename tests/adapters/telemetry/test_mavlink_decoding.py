@@ -343,17 +343,35 @@ def _information(model: bytes, device: int = 0) -> dialect.MAVLink_message:
     )
 
 
-def test_a_gimbal_says_which_one_it_is(decode: Decode) -> None:
-    (track,) = decode(AUTOPILOT, _information(b"one"), _information(b"one"), _information(b"two"))
+def _managed(abilities: int, device: int = 1) -> dialect.MAVLink_message:
+    return dialect.MAVLink_gimbal_manager_information_message(1000, abilities, device, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0)
+
+
+@pytest.mark.parametrize(("one", "two"), [(_information(b"one"), _information(b"two")), (_managed(1), _managed(2))])
+def test_a_gimbal_says_which_one_it_is(
+    decode: Decode, one: dialect.MAVLink_message, two: dialect.MAVLink_message
+) -> None:
+    (track,) = decode(AUTOPILOT, one, one, two)
     assert isinstance(track, GimbalTypeTrack)
     assert np.unique(track.identity, return_index=True)[1].tolist() in ([0, 2], [2, 0])
 
 
 @pytest.mark.parametrize("gimbal", [None, 1, 2])
 def test_two_gimbals_of_one_autopilot_are_not_one_that_changes(decode: Decode, gimbal: int | None) -> None:
-    said = [_information(b"one", 1), _information(b"two", 2)] * 3
-    (track,) = decode(*said, decoder=MavlinkDecoder(FollowedIds(gimbal=gimbal)))
-    (alone,) = decode(_information(b"two" if gimbal == 2 else b"one", gimbal or 1))
+    said = [_information(b"one", 1), _information(b"two", 2), _managed(1, 1), _managed(2, 2)] * 3
+    decoder = MavlinkDecoder(FollowedIds(gimbal=gimbal))
+    tracks = decode(*said, decoder=decoder)
+    alone = decode(*said[gimbal - 1 if gimbal else 0 :: 2][:2])
+    assert {track.message: track.identity.tolist() for track in tracks} == {
+        track.message: track.identity.tolist() * 3 for track in alone
+    }
+    assert not decoder.rejected
+
+
+def test_an_autopilot_speaks_for_a_gimbal_that_is_a_component(decode: Decode) -> None:
+    said = [_managed(1, 154), _managed(2, 171)] * 3
+    (track,) = decode(*said, decoder=MavlinkDecoder(FollowedIds(gimbal=171)))
+    (alone,) = decode(_managed(2, 171))
     assert track.identity.tolist() == alone.identity.tolist() * 3
 
 

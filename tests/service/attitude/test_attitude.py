@@ -272,7 +272,8 @@ def test_what_was_told_of_a_gimbal_is_forgotten_when_another_one_answers(is_anot
     bodies, cameras = swaying(stamps)
     half = len(stamps) // 2
     servo = [body.inv() * looking for body, looking in zip(bodies[:half], cameras[:half], strict=True)]
-    said = GimbalTypeTrack(**rows([stamps[0], stamps[half - 1]], identity=np.array([7, 8 if is_another else 7])))
+    identity = np.array([7, 8 if is_another else 7])
+    said = GimbalTypeTrack(message="any", **rows([stamps[0], stamps[half - 1]], identity=identity))
     attitude = sources(vehicle(stamps[:half], bodies[:half]), gimbal(stamps[:half], servo, earth=False))
     assert "is body-frame" in attitude.at(stamps[half - 1], END_OF_TIME).reasons[0]
     attitude.all.append(said, said.boot_ns)

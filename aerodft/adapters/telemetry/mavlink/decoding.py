@@ -50,7 +50,7 @@ HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
-TIMESYNC, GIMBAL_DEVICE_INFORMATION = 111, 283
+TIMESYNC, GIMBAL_MANAGER_INFORMATION, GIMBAL_DEVICE_INFORMATION = 111, 280, 283
 _OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS)
 OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_OF_HEALTH, TIMESYNC)
 OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
@@ -73,13 +73,15 @@ _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
     VIDEO_STREAM_INFORMATION: video_stream_track,
     CAMERA_FOV_STATUS: fov_track,
     TIMESYNC: sync_track,
+    GIMBAL_MANAGER_INFORMATION: gimbal_type_track,
     GIMBAL_DEVICE_INFORMATION: gimbal_type_track,
 }
 """What makes a track of each message that is decoded; to decode another one, it gets an entry here."""
 
 WANTED: Final = tuple(_MAKERS)
+_DESCRIPTIONS: Final = (GIMBAL_MANAGER_INFORMATION, GIMBAL_DEVICE_INFORMATION)
 OF_POSES: Final = tuple(
-    each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, GIMBAL_DEVICE_INFORMATION, *_OF_HEALTH, *OF_CAMERAS}
+    each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, *_DESCRIPTIONS, *_OF_HEALTH, *OF_CAMERAS}
 )
 
 ORIENTATION_DOWN = 25
@@ -106,6 +108,7 @@ _AUTOPILOT_AT = field_offset(HEARTBEAT, "autopilot")
 _ORIENTATION_AT = field_offset(DISTANCE_SENSOR, "orientation")
 _DEVICE_AT = field_offset(GIMBAL_DEVICE_ATTITUDE_STATUS, "gimbal_device_id")
 _DESCRIBED_AT = field_offset(GIMBAL_DEVICE_INFORMATION, "gimbal_device_id")  # 0 where the gimbal itself says it
+_MANAGED_AT = field_offset(GIMBAL_MANAGER_INFORMATION, "gimbal_device_id")
 _SPACING_AT = field_offset(TERRAIN_REPORT, "spacing")
 _SENSOR_AT = field_offset(DISTANCE_SENSOR, "id")
 _DEVICE_BITS, _COMPONENT_MASK = 8, 0xFF
@@ -198,8 +201,10 @@ def _is_vehicle(data: Bytes, message_id: int, component: int, payload_at: int, l
 def _is_of_chosen_gimbal(state: IntArray, message_id: int, component: int, device: int) -> bool:
     """Whether a message comes from the chosen gimbal, or from no gimbal at all."""
     chosen = state[State.CHOSEN_GIMBAL]
-    if chosen == _UNDECIDED or message_id not in (*_OF_GIMBALS, GIMBAL_DEVICE_INFORMATION):
+    if chosen == _UNDECIDED or message_id not in (*_OF_GIMBALS, *_DESCRIPTIONS):
         return True
+    if message_id == GIMBAL_MANAGER_INFORMATION:
+        return bool(device == chosen)
     if chosen >= _FIRST_GIMBAL_COMPONENT:
         return bool(component == chosen)
     if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS and device != chosen:
@@ -225,7 +230,9 @@ def _is_from_followed(state: IntArray, message_id: int, slot: int, component: in
     sender = component | device << _DEVICE_BITS
     if state[State.SENDERS + slot] == _UNDECIDED:
         state[State.SENDERS + slot] = sender
-    if component == state[State.SENDERS + slot] & _COMPONENT_MASK and sender != state[State.SENDERS + slot]:
+    if message_id not in _DESCRIPTIONS and (
+        component == state[State.SENDERS + slot] & _COMPONENT_MASK and sender != state[State.SENDERS + slot]
+    ):
         state[State.OTHER_SENSORS if message_id == DISTANCE_SENSOR else State.OTHER_GIMBALS] += 1
     return bool(sender == state[State.SENDERS + slot])
 
@@ -237,6 +244,8 @@ def _device(data: Bytes, message_id: int, payload_at: int, length: int) -> int:
         return _byte(data, payload_at, length, _DEVICE_AT)
     if message_id == GIMBAL_DEVICE_INFORMATION:
         return _byte(data, payload_at, length, _DESCRIBED_AT)
+    if message_id == GIMBAL_MANAGER_INFORMATION:
+        return _byte(data, payload_at, length, _MANAGED_AT)
     if message_id == DISTANCE_SENSOR:
         looks_down = _byte(data, payload_at, length, _ORIENTATION_AT) == ORIENTATION_DOWN
         return _byte(data, payload_at, length, _SENSOR_AT) if looks_down else -1

@@ -3,7 +3,8 @@
 Intervals are first order where that is enough, Monte-Carlo where it is not: where the slant range's relative standard
 deviation is above 5 %; below that, where neither a bound of the second-order term is negligible nor a few draws agree
 with first order (at a stationary point only second order is left). The bias of a line's length by pixel noise is
-subtracted. The dft model has first order only.
+subtracted. The dft model has first order only. Whether a slant range is known well enough is decided without draws, so
+that what is refused stays refused when an error grows.
 
 ``n`` images, ``g`` requests of a kind with ``q`` pixels each, ``s`` shared errors as in ``projection``.
 """
@@ -21,6 +22,8 @@ from aerodft.dft.covariance import (
     Share,
     ellipses95,
     point_covariances,
+    range_covariances,
+    relative_range_halves,
     scalar_jacobians,
     shared_covariance,
     standard_deviations,
@@ -28,10 +31,8 @@ from aerodft.dft.covariance import (
 )
 from aerodft.dft.monte_carlo import (
     DrawInput,
-    DrawResult,
     FirstOrder,
     Interval,
-    RangeLimits,
     draw,
     draw_lengths,
     draw_ranges,
@@ -244,7 +245,7 @@ class Answers:
         )
 
     def _compute_ranges(self) -> None:
-        """Slant ranges ``(n, g, k)`` of points that must lie on the ground, with first-order standard deviations."""
+        """Slant ranges ``(n, g, k)`` of points that must lie on the ground, and how well they are known."""
         ground = self._ground[:, :, : self._on_ground]
         away = ground.points_enu_m - self._camera_m[:, :, None]
         self._range_m = np.sqrt(away[..., 0] ** 2 + away[..., 1] ** 2 + away[..., 2] ** 2)
@@ -252,10 +253,13 @@ class Answers:
         self._range_jac_shared = np.einsum("ngqi,ngqis->ngqs", unit, ground.jac_shared)
         self._range_jac_shared[..., POSITION] -= unit
         self._range_jac_px = np.einsum("ngqi,ngqij->ngqj", unit, ground.jac_px)
-        shape = self._range_m.shape
-        vars_ = [np.repeat(each, shape[2]) for each in self._vars]
-        by = [each.reshape(shape[0], -1, each.shape[-1]) for each in (self._range_jac_shared, self._range_jac_px)]
-        self._range_std_m = standard_deviations(by[0], by[1], self._view.shared_cov, *vars_).reshape(shape)
+        by_errors = self._range_jac_shared, self._range_jac_px, self._view.shared_cov
+        cov = range_covariances(self._range_m, *by_errors, *self._vars)
+        up_cam = matrix(self._view.poses.pose.wxyz)[:, 2]
+        level = np.eye(3) - up_cam[:, :, None] * up_cam[:, None]
+        self._tilt_cov = level @ self._view.shared_cov[:, ROTATION, ROTATION] @ level
+        self._relative_range_std = np.sqrt(np.maximum(np.sum(cov, axis=(-2, -1)), 0.0))
+        self._range_half_m = self._range_m * relative_range_halves(cov, self._tilt_cov[:, None, None])
 
     def _refuse_undefined(self) -> None:
         """Refuse requests that have no value however small the errors."""
@@ -304,56 +308,42 @@ class Answers:
         return standard_deviations(jac_shared, px, self._view.shared_cov, *self._vars)
 
     def _refine_by_draws(self) -> None:
-        """Replace first order by draws where it is not enough; refuse requests whose ranges are too uncertain."""
-        worst = np.max(self._range_std_m / self._range_m, axis=-1, initial=0.0)
-        if not self.is_pinhole:
-            half = Z95 * self._range_std_m
-            self._refuse(worst > MAX_RELATIVE_RANGE_STD, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
-            return
-        needs_draws = self.is_open & (worst > FIRST_ORDER_LIMIT)
-        has_length_bias = self._has_length_bias() & self.is_open
-        needs_draws |= has_length_bias
-        needs_draws |= self._is_nonlinear(self.is_open & ~needs_draws)
-        surface = self._view.setup.ground
+        """Refuse requests whose ranges are too uncertain; replace first order by draws where it is not enough."""
+        surface, differs = self._view.setup.ground, np.zeros(self.code.shape, dtype=np.bool_)
         if surface is not None and surface.has_edges and self._on_ground:
-            needs_draws |= self._differs_over_edges(self.is_open & ~needs_draws)
+            differs = self._differs_over_edges()
+        is_known = np.all(self._range_half_m <= Z95 * MAX_RELATIVE_RANGE_STD * self._range_m, axis=-1)
+        self._refuse(~is_known, Status.ILL_CONDITIONED, self._say_range)
+        if not self.is_pinhole:
+            return
+        needs_draws = np.max(self._relative_range_std, axis=-1, initial=0.0) > FIRST_ORDER_LIMIT
+        has_length_bias = self._has_length_bias() & self.is_open
+        needs_draws = self.is_open & (needs_draws | differs | has_length_bias)
+        needs_draws |= self._is_nonlinear(self.is_open & ~needs_draws)
         if needs_draws.any():
             self._draw_intervals(*np.nonzero(needs_draws))
         if has_length_bias.any():
             self._subtract_noise_length(*np.nonzero(has_length_bias & self.is_open))
 
     def _draw_intervals(self, images: IntArray, requests: IntArray) -> None:
-        """Intervals from Monte-Carlo draws; refuse requests whose ranges are too uncertain by these."""
-        first_m = self._ground.points_enu_m[images, requests, 0]
-        at = images, requests
-        limits = RangeLimits(
-            max_half_m=Z95 * MAX_RELATIVE_RANGE_STD * self._range_m[at],
-            jac_shared=self._range_jac_shared[at],
-            jac_px=self._range_jac_px[at],
-            std_m=self._range_std_m[at],
-        )
-        first = None
+        """Intervals from Monte-Carlo draws; refuse requests of which too many draws have no value."""
+        at, first = (images, requests), None
         if self._kind.scalar is not None:
             first = FirstOrder(
                 value=self.value[at], jac_shared=self.jac_shared[at], jac_px=self.jac_px[at], std=self.linear_std[at]
             )
-        found: DrawResult = draw(self._draw_input(*at), limits, first, first_m)
-        half = np.full(self._range_m.shape, np.nan)
-        half[images, requests] = found.ranges.half
-        refused = np.zeros(self.code.shape, dtype=np.bool_)
-        refused[images, requests] = ~found.is_known
-        if self._on_ground and not self._kind.may_be_unbounded and self._kind.scalar is not None:
-            refused[images, requests] |= ~np.isfinite(found.scalar.high)
-        self._refuse(refused, Status.ILL_CONDITIONED, lambda *at: self._say_range(half, *at))
-        self._cov[images, requests] = found.cov_enu_m2
-        if self._kind.scalar is not None:
-            low, high = found.scalar.low, found.scalar.high
+        scalar, self._cov[at] = draw(self._draw_input(*at), first, self._ground.points_enu_m[images, requests, 0])
+        if self._on_ground and not self._kind.may_be_unbounded:
+            refused = np.zeros(self.code.shape, dtype=np.bool_)
+            refused[at] = ~np.isfinite(self._cov[at][:, 0, 0] if first is None else scalar.high)
+            self._range_half_m[refused] = np.inf
+            self._refuse(refused, Status.ILL_CONDITIONED, self._say_range)
+        if first is not None:
+            low, high = scalar.low, scalar.high
             if not self._kind.is_signed:  # a value not significantly above 0 may be 0
-                low = np.where(
-                    self.value[images, requests] <= math.sqrt(CHI2_2D_95) * self.std[images, requests], 0.0, low
-                )
-            self._ends.low[images, requests], self._ends.high[images, requests] = low, high
-            self.std[images, requests] = (high - low) / (2 * Z95)
+                low = np.where(self.value[at] <= math.sqrt(CHI2_2D_95) * self.std[at], 0.0, low)
+            self._ends.low[at], self._ends.high[at] = low, high
+            self.std[at] = (high - low) / (2 * Z95)
 
     def _has_length_bias(self) -> BoolArray:
         """Whether pixel noise makes a line of several segments significantly longer, by second order."""
@@ -396,8 +386,7 @@ class Answers:
         view, is_nonlinear = self._view, np.zeros(self.code.shape, dtype=np.bool_)
         if view.setup.ground is None:
             camera, rotation = view.setup.camera, view.shared_cov[:, ROTATION, ROTATION]
-            up_cam = matrix(view.poses.pose.wxyz)[:, 2]
-            tilt_var = np.trace(rotation, axis1=1, axis2=2) - np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)
+            tilt_var = np.trace(self._tilt_cov, axis1=1, axis2=2)
             lens = slice(FOCAL.start, PRINCIPAL_POINT.stop)
             lens_var = np.trace(view.shared_cov[:, lens, lens], axis1=1, axis2=2) / camera.fx_px**2
             self.ray_std_rad = np.sqrt((tilt_var + lens_var)[:, None] + self._vars[1] / camera.fx_px**2)
@@ -406,7 +395,7 @@ class Answers:
             self.slant = np.max(slant, axis=-1, initial=1.0)
             self.noise_m = np.max(self._range_m * slant, axis=-1, initial=0.0) * self.std_px / camera.fx_px
             if self._kind.scalar is None:
-                vertical_var = np.einsum("ni,nij,nj->n", up_cam, rotation, up_cam)[:, None]
+                vertical_var = (np.trace(rotation, axis1=1, axis2=2) - tilt_var)[:, None]
                 second = self._range_m[..., 0] * (np.square(self.ray_std_rad * self.slant) + vertical_var / 2)
                 axes = ellipses95(self._cov) / math.sqrt(CHI2_2D_95)
                 first = np.maximum(axes[..., 1], _MIN_ELLIPSE_RATIO * axes[..., 0])
@@ -436,14 +425,16 @@ class Answers:
         det = bound_cov[:, 0, 0] * bound_cov[:, 1, 1] - bound_cov[:, 0, 1] * bound_cov[:, 1, 0]
         return np.asarray(~((bound_cov[:, 0, 0] >= 0) & (bound_cov[:, 1, 1] >= 0) & (det >= 0)))  # semidefinite
 
-    def _differs_over_edges(self, candidates: BoolArray) -> BoolArray:
-        """Whether draws over the actual ground give other range intervals than its slope at the point (first order)."""
+    def _differs_over_edges(self) -> BoolArray:
+        """Whether draws over the actual ground give other range intervals than its slope at the point; keeps these."""
         differs = np.zeros(self.code.shape, dtype=np.bool_)
-        images, requests = np.nonzero(candidates)
-        if len(images):
-            ranges = draw_ranges(self._draw_input(images, requests), self._on_ground, _QUICK_DRAWS)
-            width = 2 * Z95 * self._range_std_m[images, requests]
-            differs[images, requests] = np.any(np.abs(2 * ranges.half - width) > _MAX_WIDTH_CHANGE * width, axis=-1)
+        at = np.nonzero(self.is_open)
+        if len(at[0]):
+            by_slope_m = self._range_half_m[at]
+            drawn_m = draw_ranges(self._draw_input(*at), self._on_ground, _QUICK_DRAWS)
+            is_other = ~(np.abs(drawn_m - by_slope_m) <= _MAX_WIDTH_CHANGE * np.minimum(drawn_m, by_slope_m))
+            self._range_half_m[at] = np.where(is_other, drawn_m, by_slope_m)
+            differs[at] = np.any(is_other, axis=-1)
         return differs
 
     def _draw_input(self, images: IntArray, requests: IntArray) -> DrawInput:
@@ -509,24 +500,18 @@ class Answers:
             limit = self._view.setup.max_range_m
             yield f"point {farthest} is {ranges[farthest]:.1f} m away, the limit is {limit:g} m"
 
-    def _say_range(self, half_m: FloatArray, images: IntArray, requests: IntArray) -> Iterable[str]:
-        """Reasons that name the most uncertain point, its range and the main cause.
-
-        Args:
-            half_m: ``(n, g, k)`` half widths of the slant ranges' 95 % intervals.
-            images: ``(r,)`` indices.
-            requests: ``(r,)`` indices.
-        """
-        index = np.argmax(half_m[images, requests] / self._range_m[images, requests], axis=-1)
+    def _say_range(self, images: IntArray, requests: IntArray) -> Iterable[str]:
+        """Reasons that name the most uncertain point, its range and the main cause."""
+        index = np.argmax(self._range_half_m[images, requests] / self._range_m[images, requests], axis=-1)
         worst = images, requests, index
         pixel_var = self._vars[1][requests] * np.sum(np.square(self._range_jac_px[worst]), axis=-1)
         poses = self._view.poses.rows(images)
         covs = self._cov_of(images, requests)
         budgets = variance_budgets(self._range_jac_shared[worst], pixel_var, poses, covs, largest=1)
-        numbers = (half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
+        numbers = (self._range_half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
         columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):
-            spread = f"+- {half:.0f} m (95 %)" if math.isfinite(half) else "and may be anything"
+            spread = f"+- {half:.0f} m (95 %)" if half < range_m else "and may be more than twice as far"
             where = f" is {math.degrees(below_rad):.1f} deg below the horizon" if below_rad < _GRAZING_RAD else ""
             cause = _main_cause(budget[0], poses.variants[variant], stds) if budget else "its error is not known"
             yield f"point {point}{where}, range {range_m:.0f} m {spread}: {cause}"

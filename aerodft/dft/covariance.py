@@ -32,6 +32,8 @@ Z95 = 1.959963984540054
 
 CHI2_2D_95 = 5.991464547107979
 """95 % quantile of chi-square with two degrees of freedom."""
+_SECOND_ORDER_TAIL: Final = 1.5
+"""A square of a normal error has a longer tail than a normal one: by how much its variance counts for more."""
 _NEGLIGIBLE_FRACTION = 1e-12
 _REMEDIES = {
     "height": "measure the height better: a rangefinder, or a surveyed point",
@@ -171,6 +173,56 @@ def point_covariances(
     rows[..., ELEVATION] += elevation_var[:, None] * jac_shared[..., ELEVATION]
     rows[..., errors:] = pixel_var[:, None, None] * jac_px
     return np.asarray(np.einsum("ngis,ngjs->ngij", rows, by_errors))
+
+
+def range_covariances(
+    range_m: FloatArray,
+    jac_shared: FloatArray,
+    jac_px: FloatArray,
+    shared_cov: FloatArray,
+    elevation_var: FloatArray,
+    pixel_var: FloatArray,
+) -> FloatArray:
+    """First-order covariances ``(n, g, k, 2, 2)`` of the two parts of relative errors of slant ranges.
+
+    One is that of the height above the ground, the other that of the ray's slope, ``height / range``; both together are
+    the range's.
+
+    Args:
+        range_m: ``(n, g, k)``.
+        jac_shared: ``(n, g, k, s)`` derivatives of the ranges.
+        jac_px: ``(n, g, k, 2)`` by the points' own pixels.
+        shared_cov: ``(n, s, s)``.
+        elevation_var: ``(g,)`` of each request's own elevation, in addition.
+        pixel_var: ``(g,)`` of each pixel coordinate.
+    """
+    count, _, points = range_m.shape
+    by_errors, by_px = np.zeros((*range_m.shape, 2, jac_shared.shape[-1])), np.zeros((*range_m.shape, 2, 2))
+    by_errors[..., 1, :], by_px[..., 1, :] = jac_shared, jac_px
+    for columns in (POSITION, slice(ELEVATION, ELEVATION + 1)):
+        by_errors[..., 0, columns], by_errors[..., 1, columns] = jac_shared[..., columns], 0.0
+    shared, px = (each.reshape(count, -1, *each.shape[3:]) for each in (by_errors, by_px))
+    cov = point_covariances(shared, px, shared_cov, np.repeat(elevation_var, points), np.repeat(pixel_var, points))
+    return np.asarray(cov.reshape(*range_m.shape, 2, 2) / np.square(range_m)[..., None, None])
+
+
+def relative_range_halves(cov: FloatArray, tilt_cov: FloatArray) -> FloatArray:
+    """Half widths ``(...)`` of 95 % intervals of slant ranges, relative; infinite where the ray may meet no ground.
+
+    A range is the height over the ray's slope, whose interval has a closed form (E. C. Fieller, "Some problems in
+    interval estimation", 1954): the larger any error, the wider. A tilt by an angle ``a`` changes the slope by the
+    fraction ``a**2 / 2`` to second order, which is all that is left straight down: its mean square is added.
+
+    Args:
+        cov: ``(..., 2, 2)``, see ``range_covariances``.
+        tilt_cov: ``(..., 3, 3)`` of the rotation without that about the vertical.
+    """
+    mean_square = np.square(np.trace(tilt_cov, axis1=-2, axis2=-1)) / 4 + np.sum(np.square(tilt_cov), axis=(-2, -1)) / 2
+    height, slope, cross = cov[..., 0, 0], cov[..., 1, 1] + _SECOND_ORDER_TAIL * mean_square, cov[..., 0, 1]
+    square = height + slope + 2 * cross - Z95**2 * (height * slope - cross * cross)
+    rest = 1 - Z95**2 * slope
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(rest > 0, Z95 * np.sqrt(np.maximum(square, 0.0)) / rest, np.inf)
 
 
 def ellipses95(cov_enu_m2: FloatArray) -> FloatArray:

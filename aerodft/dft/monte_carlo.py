@@ -31,8 +31,6 @@ DRAWS: Final = 1024
 _SEED: Final = 10
 """With this one 95 % intervals of 806 values of every kind end off by 1.5 % of half of their length, root mean square,
 and by 12 % at most; their widths are off by 1.0 and 6 %."""
-_DRAWN_WIDTH_NOISE: Final = 0.15
-"""More than any drawn interval's width is off by, as a share of it."""
 _WINDOW: Final = 0.014
 """Share of the draws, to either side of an end, that decide it together."""
 _RAYS_PER_CHUNK: Final = 32 * DRAWS
@@ -114,11 +112,6 @@ class Interval:
     low: FloatArray
     high: FloatArray
 
-    @property
-    def half(self) -> FloatArray:
-        """Half of the width; NaN where both ends are infinite."""
-        return (self.high - self.low) / 2
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FirstOrder:
@@ -137,99 +130,40 @@ class FirstOrder:
     std: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RangeLimits:
-    """Limits of the slant ranges of ``p`` probes with ``k`` points on the ground, and first order of the ranges.
-
-    Attributes:
-        max_half_m: ``(p, k)`` half width of the widest acceptable interval.
-        jac_shared: ``(p, k, s)`` derivatives by the shared errors.
-        jac_px: ``(p, k, 2)`` derivatives by each point's own pixel.
-        std_m: ``(p, k)`` first-order standard deviations.
-    """
-
-    max_half_m: FloatArray
-    jac_shared: FloatArray
-    jac_px: FloatArray
-    std_m: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class DrawResult:
-    """Intervals and covariances of ``p`` probes from draws.
-
-    Attributes:
-        ranges: ``(p, k)`` of the slant ranges of the points on the ground.
-        is_known: ``(p,)`` whether all ranges are known well enough; NaN below where they are not.
-        scalar: ``(p,)`` of the value; NaN for a position.
-        cov_enu_m2: ``(p, 3, 3)`` of the first point on the ground: its 95 % ellipse holds 95 % of the draws.
-    """
-
-    ranges: Interval
-    is_known: BoolArray
-    scalar: Interval
-    cov_enu_m2: FloatArray
-
-
-def draw(probes: DrawInput, limits: RangeLimits, first: FirstOrder | None, first_enu_m: FloatArray) -> DrawResult:
-    """Intervals of values and ranges, and covariances, from all draws.
+def draw(probes: DrawInput, first: FirstOrder | None, first_enu_m: FloatArray) -> tuple[Interval, FloatArray]:
+    """Intervals of values, and covariances of the first points, from all draws.
 
     Args:
         probes: The probes.
-        limits: Of the slant ranges of the first ``k`` points: those on the ground.
         first: Of the values; None for positions.
         first_enu_m: ``(p, 3)`` first points without errors.
+
+    Returns:
+        ``(p,)`` intervals of the values, NaN for positions; ``(p, 3, 3)`` covariances whose 95 % ellipses hold 95 % of
+        the draws, NaN without a point on the ground, or where too many draws miss it.
     """
-    count, on_ground = limits.std_m.shape
-    scalars, ranges = np.full((2, count), np.nan), np.empty((2, count, on_ground))
-    cov, is_known = np.full((count, 3, 3), np.nan), np.empty(count, dtype=np.bool_)
-    kind = PROBE_KINDS[probes.kind]
+    count, kind = len(first_enu_m), PROBE_KINDS[probes.kind]
+    scalars, cov = np.full((2, count), np.nan), np.full((count, 3, 3), np.nan)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         roots = _covariance_roots(probes)
         for chunk, draws in _draws(probes, roots, DRAWS):
-            ranges[:, chunk] = _quantile_ends(_ranges(draws, on_ground))
-            shares = _shares_of_limits(probes, roots, limits, chunk, Interval(*ranges[:, chunk]))
-            is_known[chunk] = np.all(shares <= 1, axis=-1)
-            known = np.flatnonzero(is_known[chunk])
-            if not len(known):
-                continue
-            rows, kept = chunk.start + known, draws if is_known[chunk].all() else tuple(part[known] for part in draws)
-            if kind.scalar is not None and first is not None:
-                values = kind.scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in kept)))
+            if first is not None and kind.scalar is not None:
+                values = kind.scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in draws)))
                 if kind.is_angle:
-                    values = _unwrap_around(first.value[rows, None], values)
-                by = first.jac_shared[rows, None], first.jac_px[rows, None]
-                linear = _linear_draws(probes, roots, rows, by, DRAWS)[:, 0] / first.std[rows, None]
-                scalars[:, rows] = _interval_with(values, linear, first.value[rows])
-            if on_ground:
-                cov[rows] = _scaled_moments(np.ascontiguousarray(kept[-1][:, 0]), first_enu_m[rows])
-    return DrawResult(Interval(*ranges), is_known, Interval(*scalars), cov)
+                    values = _unwrap_around(first.value[chunk, None], values)
+                by = first.jac_shared[chunk, None], first.jac_px[chunk, None]
+                linear = _linear_draws(probes, roots, chunk, by, DRAWS)[:, 0] / first.std[chunk, None]
+                scalars[:, chunk] = _interval_with(values, linear, first.value[chunk])
+            if kind.on_ground(draws[-1].shape[1]):
+                cov[chunk] = _scaled_moments(np.ascontiguousarray(draws[-1][:, 0]), first_enu_m[chunk])
+    return Interval(*scalars), cov
 
 
-def _shares_of_limits(
-    probes: DrawInput, roots: _Roots, limits: RangeLimits, chunk: slice, drawn: Interval
-) -> FloatArray:
-    """Half widths ``(m, k)`` of a chunk's slant ranges, as shares of what is acceptable.
-
-    Near the limits they are freed from the noise of the draws: by how much wider or narrower the same draws make the
-    intervals of ranges that are linear, whose widths are known (a control variate). What is refused would else be
-    accepted by chance when an error grows.
-    """
-    shares = drawn.half / limits.max_half_m[chunk]
-    near = np.flatnonzero(np.any(np.abs(shares - 1) < _DRAWN_WIDTH_NOISE, axis=-1))
-    if len(near):
-        rows, points = chunk.start + near, np.arange(shares.shape[1])
-        jac_px = np.zeros((len(rows), len(points), probes.rays.rays_cam.shape[1], 2))
-        jac_px[:, points, points] = limits.jac_px[rows]
-        linear = _linear_draws(probes, roots, rows, (limits.jac_shared[rows], jac_px), DRAWS)
-        shares[near] *= Z95 * limits.std_m[rows] / Interval(*_quantile_ends(linear)).half
-    return shares
-
-
-def draw_ranges(probes: DrawInput, on_ground: int, count: int) -> Interval:
-    """Intervals of slant ranges ``(p, k)`` from ``count`` draws."""
+def draw_ranges(probes: DrawInput, on_ground: int, count: int) -> FloatArray:
+    """Half widths ``(p, k)`` of intervals of slant ranges from ``count`` draws; not finite where too many miss."""
     drawn = _draws(probes, _covariance_roots(probes), count)
-    return Interval(*np.concatenate([_quantile_ends(_ranges(seen, on_ground)) for _, seen in drawn], axis=1))
+    low, high = np.concatenate([_quantile_ends(_ranges(seen, on_ground)) for _, seen in drawn], axis=1)
+    return np.asarray((high - low) / 2)
 
 
 def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArray, first: FloatArray) -> FloatArray:
@@ -242,7 +176,7 @@ def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArr
         first: ``(p, c)`` values without errors.
     """
     kind, roots = PROBE_KINDS[probes.kind], _covariance_roots(probes)
-    linear = first[..., None] + _linear_draws(probes, roots, np.arange(len(first)), (jac_shared, jac_px), _SAMPLE)
+    linear = first[..., None] + _linear_draws(probes, roots, slice(None), (jac_shared, jac_px), _SAMPLE)
     if kind.scalar is None:
         drawn = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, roots, _SAMPLE)])
     else:
@@ -252,14 +186,14 @@ def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArr
 
 
 def _linear_draws(
-    probes: DrawInput, roots: _Roots, rows: IntArray, jac: tuple[FloatArray, FloatArray], size: int
+    probes: DrawInput, roots: _Roots, rows: slice, jac: tuple[FloatArray, FloatArray], size: int
 ) -> FloatArray:
-    """Draws ``(m, c, d)`` of the errors of ``c`` first-order functions of probes by their indices ``rows (m,)``.
+    """Draws ``(m, c, d)`` of the errors of ``c`` first-order functions of ``m`` probes.
 
     Args:
         probes: The probes.
         roots: Of their covariances.
-        rows: Some of them.
+        rows: Which of them.
         jac: Derivatives by the shared errors ``(m, c, s)`` and by the pixels ``(m, c, q, 2)``.
         size: How many draws.
     """
@@ -597,7 +531,7 @@ def _scaled_moments(points_m: FloatArray, middle_m: FloatArray) -> FloatArray:
     """Second moments ``(m, 3, 3)`` of draws ``(m, 3, d)`` about ``(m, 3)``, scaled so that 95 % ellipses hold 95 %.
 
     Their shapes are of the nearer 95 % of the draws, because a few draws near the horizon would stretch them without
-    bound. More draws than these meet the ground where the range is known well enough.
+    bound. NaN where fewer meet the ground.
     """
     count = points_m.shape[-1]
     squares_m2 = _squared_distances(points_m, middle_m, np.tile(np.eye(2), (len(points_m), 1, 1)))
@@ -643,7 +577,7 @@ def _symmetric_inverses(moments: FloatArray) -> FloatArray:
     det = moments[:, 0, 0] * moments[:, 1, 1] - moments[:, 0, 1] * moments[:, 1, 0]
     trace = moments[:, 0, 0] + moments[:, 1, 1]
     inverses = np.array([[1.0, -1.0], [-1.0, 1.0]]) * moments[:, ::-1, ::-1] / det[:, None, None]
-    is_singular = ~(det > _MIN_DETERMINANT * trace * trace)
+    is_singular = det <= _MIN_DETERMINANT * trace * trace
     if is_singular.any():
         inverses[is_singular] = np.linalg.pinv(moments[is_singular])
     return inverses

@@ -4,6 +4,7 @@ from typing import Any, Final, TypeAlias
 
 import orjson
 
+from aerodft.adapters.wire.payload import as_json
 from aerodft.app.viewing import View, evidence_of, landmarks_in, probe_of
 from aerodft.errors import UsageError
 
@@ -47,7 +48,7 @@ class Answers:
         except orjson.JSONDecodeError as error:
             raise UsageError("the request is no JSON", got=error) from None
         if not isinstance(asked, dict) or type(asked.get("image")) is not int or not self._works.keys() & asked.keys():
-            raise UsageError("the request", got=repr(asked)[:80], expected='such as {"image": 0, "probes": [...]}')
+            raise UsageError("the request", got=as_json(asked), expected='such as {"image": 0, "probes": [...]}')
         return asked
 
     def is_quick(self, asked: Document) -> bool:
@@ -88,7 +89,7 @@ class Answers:
         if use:
             self._refuse_read_only("to use a calibration")
         if not isinstance(unknowns, list) or not all(isinstance(each, str) for each in unknowns):
-            raise UsageError("the unknowns", got=repr(unknowns)[:80], expected="a list of their names")
+            raise UsageError("the unknowns", got=as_json(unknowns), expected="a list of their names")
         evidence, accept = evidence_of(asked["evidence"]), bool(asked.get("accept"))
         return {"calibration": self._view.calibrate(evidence, unknowns, accept=accept, use=use)}
 
@@ -100,7 +101,7 @@ class Answers:
         told = asked["river"] if isinstance(asked["river"], dict) else {}
         hinted = told.get("image", asked["image"])
         if type(hinted) is not int:
-            raise UsageError("the image of the strokes", got=repr(hinted)[:40], expected="its number")
+            raise UsageError("the image of the strokes", got=as_json(hinted), expected="its number")
         return {"river": self._view.river(asked["image"], told, hinted)}
 
     def _refuse_read_only(self, what_for: str) -> None:

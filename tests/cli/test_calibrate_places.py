@@ -139,6 +139,12 @@ def test_local_metres_under_a_code_are_told_so(tmp_path, crs):
     run, _ = calibrate(tmp_path, f'crs = "{crs}"\n' + landmarks(field.pixels, field.places))
     assert run.code == 3
     assert 'they look like metres from a zero of your own: write crs = "local"' in run.last
+    listed = tmp_path / "field.csv"
+    rows = [",".join(map(str, each)) for each in np.column_stack([field.pixels, field.places]).tolist()]
+    listed.write_text("\n".join(["u,v,x,y,z", *rows]))
+    run = run_aerodft("calibrate", listed, "--camera", tmp_path / "camera.toml", "--crs", crs)
+    assert run.code == 3
+    assert "they look like metres from a zero of your own: take them as a CSV file with --crs local" in run.last
 
 
 @pytest.mark.parametrize("by_view", [False, True])

@@ -23,6 +23,7 @@ MOST_JSON_BYTES: Final = 4 << 20
 """Of a payload without an image: a thousand measurements of one image take one or two."""
 MOST_PICTURE_BYTES: Final = 16 << 20
 """Of a payload with an image as text."""
+_MOST_SHOWN: Final = 80  # letters of a value in a sentence
 _MOST_COMMAS: Final = 200_000  # there is one for each value; an object of one key takes 300 bytes
 
 Schema = dict[str, Any]
@@ -90,8 +91,13 @@ def load_object(data: bytes, what: str, where: str, example: str) -> Json:
     except orjson.JSONDecodeError as error:
         raise InputError(f"{what} is not JSON", where=where, got=error, expected=example) from error
     if not isinstance(payload, dict):
-        raise InputError(f"{what} is no JSON object", where=where, got=repr(payload)[:60], expected=example)
+        raise InputError(f"{what} is no JSON object", where=where, got=as_json(payload), expected=example)
     return payload
+
+
+def as_json(value: object) -> str:
+    """A value as JSON shows it, its first letters, for a sentence that refuses it."""
+    return orjson.dumps(value, default=str).decode()[:_MOST_SHOWN]
 
 
 def _digits(value: object) -> object:

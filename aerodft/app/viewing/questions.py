@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from aerodft.adapters.config.evidence import GEO_KEYS, LOCAL, landmark_tables
+from aerodft.adapters.wire.payload import as_json
 from aerodft.app.measure import PROBES, ImageProbe
 from aerodft.errors import UsageError, located
 from aerodft.model import ProbeKind
@@ -26,14 +27,14 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
         UsageError: It is something else.
     """
     if not isinstance(document, Mapping) or not set(document) <= {"kind", "pixels", "name"}:
-        raise UsageError("a probe", got=repr(document)[:80], expected="kind, pixels and perhaps a name")
+        raise UsageError("a probe", got=as_json(document), expected="kind, pixels and perhaps a name")
     kind, pixels, name = (document.get(key) for key in ("kind", "pixels", "name"))
     if not isinstance(kind, str) or kind not in PROBES:
-        raise UsageError("a probe's kind", got=repr(kind)[:40], expected=f"one of {', '.join(PROBES)}")
+        raise UsageError("a probe's kind", got=as_json(kind), expected=f"one of {', '.join(PROBES)}")
     if not isinstance(pixels, list) or len(pixels) > MOST_POINTS or not all(map(is_pixel, pixels)):
-        raise UsageError("a probe's pixels", got=repr(pixels)[:80], expected=f"up to {MOST_POINTS} pairs of numbers")
+        raise UsageError("a probe's pixels", got=as_json(pixels), expected=f"up to {MOST_POINTS} pairs of numbers")
     if name is not None and not _is_name(name):
-        raise UsageError("a probe's name", got=repr(name)[:80], expected=f"up to {_MOST_NAME} letters, no space")
+        raise UsageError("a probe's name", got=as_json(name), expected=f"up to {_MOST_NAME} letters, no space")
     return PROBES[ProbeKind(kind)]([(u, v) for u, v in pixels], name=name, std_px=std_px)
 
 
@@ -49,21 +50,21 @@ def evidence_of(document: object) -> dict[str, Any]:
     """
     if not isinstance(document, Mapping) or not set(document) <= {*EVIDENCE_KINDS, "crs", "elevation_m"}:
         expected = f"tables of {', '.join(EVIDENCE_KINDS)}, and perhaps crs and elevation_m"
-        raise UsageError("what is known of the view", got=repr(document)[:80], expected=expected)
+        raise UsageError("what is known of the view", got=as_json(document), expected=expected)
     tables = {kind: document[kind] for kind in EVIDENCE_KINDS if document.get(kind)}
     for kind, rows in tables.items():
         if not isinstance(rows, list) or len(rows) > _MOST_EVIDENCE or not all(isinstance(row, dict) for row in rows):
-            raise UsageError(f"the {kind}s", got=repr(rows)[:80], expected=f"a list of up to {_MOST_EVIDENCE} tables")
+            raise UsageError(f"the {kind}s", got=as_json(rows), expected=f"a list of up to {_MOST_EVIDENCE} tables")
         for row in rows:
             if not _is_name(row.get("name")):
                 expected = f"up to {_MOST_NAME} letters, no space"
-                raise UsageError(f"the name of a {kind}", got=repr(row.get("name"))[:80], expected=expected)
+                raise UsageError(f"the name of a {kind}", got=as_json(row.get("name")), expected=expected)
     crs = document.get("crs", LOCAL)
     if not isinstance(crs, str) or len(crs) > _MOST_NAME:
-        raise UsageError("the crs", got=repr(crs)[:80], expected="local, geo or an EPSG code")
+        raise UsageError("the crs", got=as_json(crs), expected="local, geo or an EPSG code")
     plane_m = document.get("elevation_m")
     if plane_m is not None and not _are_numbers([plane_m], 1):
-        raise UsageError("the elevation_m", got=repr(plane_m)[:80], expected="a number of metres")
+        raise UsageError("the elevation_m", got=as_json(plane_m), expected="a number of metres")
     return {"crs": crs, **({} if plane_m is None else {"elevation_m": plane_m}), **tables}
 
 
@@ -82,7 +83,7 @@ def landmarks_in(text: object) -> dict[str, Any]:
         ConfigError: It is no such list.
     """
     if not isinstance(text, str):
-        raise UsageError("a list of landmarks", got=repr(text)[:80], expected="the text of a CSV file or gcp_list.txt")
+        raise UsageError("a list of landmarks", got=as_json(text), expected="the text of a CSV file or gcp_list.txt")
     with located("the list"):
         crs, tables = landmark_tables(text)
     places = [[row[key] for key in GEO_KEYS] if "position_m" not in row else row["position_m"] for row in tables]

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from aerodft.adapters.wire.payload import as_json
 from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.questions import MOST_POINTS, is_pixel
 from aerodft.app.viewing.view import View
@@ -54,11 +55,9 @@ def _river_view(view: View, number: int) -> RiverView:
 def _hints_of(document: object) -> RiverHints:
     strokes = [document.get(side) for side in ("water", "land")] if isinstance(document, Mapping) else []
     if not strokes or not all(isinstance(each, list) and len(each) <= _MOST_STROKES for each in strokes):
-        raise UsageError(
-            "the hints", got=repr(document)[:80], expected=f"water and land, up to {_MOST_STROKES} strokes"
-        )
+        raise UsageError("the hints", got=as_json(document), expected=f"water and land, up to {_MOST_STROKES} strokes")
     for stroke in (stroke for side in strokes for stroke in side or ()):
         if not isinstance(stroke, list) or not 0 < len(stroke) <= MOST_POINTS or not all(map(is_pixel, stroke)):
-            raise UsageError("a stroke", got=repr(stroke)[:80], expected=f"1 to {MOST_POINTS} pairs of numbers")
+            raise UsageError("a stroke", got=as_json(stroke), expected=f"1 to {MOST_POINTS} pairs of numbers")
     water, land = strokes
     return RiverHints(water or [], land or [])

@@ -68,6 +68,7 @@ def test_who_saw_nothing_says_so_and_why(tmp_path: Path) -> None:
     [
         (b"{", "not JSON"),
         (b"[1]", "no JSON object"),
+        (b"null", "no JSON object: got null,"),
         ({**GOOD, "colour": 1}, "colour: unknown key"),
         ({**GOOD, "name": ""}, 'name: got "", expected text'),
         ({**GOOD, "name": None}, "name: got null, expected text"),

@@ -5,6 +5,7 @@ import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -34,6 +35,7 @@ _LARGE_M = 1e5  # local coordinates beyond it are somebody's projection, and los
 _DATUM_M, _STDS = 10.0, 6.0  # by which datums differ at least, where it matters
 _DEGREE_DIGITS = 5  # a metre
 _NEAR_ZERO_M = 1e4  # coordinates within it of a projection's zero are rather somebody's own
+SAY_LOCAL: Final = 'write crs = "local"'
 _DEGREE_WIDE = 0.5  # by which a scene's latitudes and longitudes differ at most
 
 
@@ -272,7 +274,9 @@ def check_datums(stated: Sequence[StatedObservation], camera: CameraPriorTable, 
         raise ConfigError(f"{label}: place", got=got, expected=expected, hint=hint)
 
 
-def frame_around(stated: Sequence[StatedObservation], table: EvidenceTable, crs: str) -> LocalFrame:
+def frame_around(
+    stated: Sequence[StatedObservation], table: EvidenceTable, crs: str, say_local: str = SAY_LOCAL
+) -> LocalFrame:
     """The frame to compute in.
 
     Local coordinates stay as they are, unless they are beyond 100 km, which is somebody's projection. The zero of
@@ -283,13 +287,14 @@ def frame_around(stated: Sequence[StatedObservation], table: EvidenceTable, crs:
         stated: The observations.
         table: The file.
         crs: Its coordinate reference system.
+        say_local: Advice on how its places are said to be metres from a zero of somebody's own.
 
     Raises:
         ConfigError: A place is not where the projection is used, or there is none at all.
     """
     camera = table.camera.place
     placed = [(each.label, each.place) for each in stated if each.place is not None]
-    hint = _own_metres(stated, crs)
+    hint = f"they look like metres from a zero of your own: {say_local}" if _are_own_metres(stated, crs) else ""
     for label, (first, second, *_) in [*placed, *([] if camera is None else [("camera", camera)])]:
         if first is not None and second is not None:
             check_on_map(crs, (first, second), f"{label}: place", hint)
@@ -302,30 +307,29 @@ def frame_around(stated: Sequence[StatedObservation], table: EvidenceTable, crs:
         return LocalFrame(crs, (0.0, 0.0, zero_m or 0.0))
     x, y = middle if crs != LOCAL else (each or 0.0 for each in middle)
     if x is None or y is None:
-        got, hint = f'"{crs}" and no place in it', 'without any place on the map, write crs = "local"'
+        got, hint = f'"{crs}" and no place in it', f"without any place on the map, {say_local}"
         raise ConfigError("crs", got=got, expected="a landmark, or the camera's position", hint=hint)
     return LocalFrame(crs, (x, y, _zero(places, camera) if zero_m is None else zero_m))
 
 
-def _own_metres(stated: Sequence[StatedObservation], crs: str) -> str:
-    """Advice where all places look like metres from a zero of somebody's own; empty where they do not."""
+def _are_own_metres(stated: Sequence[StatedObservation], crs: str) -> bool:
+    """Whether all places look like metres from a zero of somebody's own."""
     places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
     if crs == LOCAL or takes_degrees(crs) or not places:
-        return ""
+        return False
     at = np.array(places, dtype=np.float64)
     are_degrees = len(at) > 1 and float(np.max(np.ptp(at, axis=0))) < _DEGREE_WIDE
-    if are_degrees or float(np.max(np.abs(at))) > _LARGE_M or any(is_used_at(crs, (x, y)) for x, y in at.tolist()):
-        return ""
-    return 'they look like metres from a zero of your own: write crs = "local"'
+    are_large = float(np.max(np.abs(at))) > _LARGE_M
+    return not (are_degrees or are_large or any(is_used_at(crs, (x, y)) for x, y in at.tolist()))
 
 
-def check_is_map(stated: Sequence[StatedObservation], crs: str) -> Iterator[str]:
+def check_is_map(stated: Sequence[StatedObservation], crs: str, say_local: str) -> Iterator[str]:
     """A sentence where a projection's coordinates are so near its zero that they may be somebody's own metres."""
     places = [each.place[:2] for each in stated if each.place is not None and None not in each.place[:2]]
     if crs == LOCAL or takes_degrees(crs) or not places:
         return
     if float(np.max(np.abs(np.array(places, dtype=np.float64)))) <= _NEAR_ZERO_M:
-        yield f'all places are near the zero of {crs}: if they are metres of your own, write crs = "local"'
+        yield f"all places are near the zero of {crs}: if they are metres of your own, {say_local}"
 
 
 def _check_elevation(ground_m: float, std_m: float, heights_m: Sequence[float]) -> None:

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import StdTable, stds_from
 from aerodft.adapters.config.evidence.cross_checks import (
+    SAY_LOCAL,
     StatedObservation,
     check_datums,
     check_degrees,
@@ -410,7 +411,8 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
     check_duplicates(stated)
     if takes_degrees(crs):
         check_degrees(stated)
-    frame = frame_around(stated, table.model_copy(update={"camera": table.cameras[0]}), crs)
+    say_local = "take them as a CSV file with `crs` local" if file.is_list else SAY_LOCAL
+    frame = frame_around(stated, table.model_copy(update={"camera": table.cameras[0]}), crs, say_local)
     check_together(stated, frame)
     priors, fixed = priors_from(table, frame)
     evidence = tuple(row.table.observation(name, frame) for row, name in zip(rows, names, strict=True))
@@ -425,7 +427,7 @@ def _check_and_resolve(file: _File, path: Path, sha256: str) -> EvidenceFile:
         sha256=sha256,
         path=path,
         flight=flight_from(table, stated, evidence, frame, path) if isinstance(table, ImagesEvidenceTable) else None,
-        notes=(*check_is_map(stated, crs), *_plane_note(file, frame)),
+        notes=(*check_is_map(stated, crs, say_local), *_plane_note(file, frame)),
         image_paths=tuple(each for each in images if each.is_file()),
     )
 

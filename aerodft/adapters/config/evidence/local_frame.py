@@ -20,7 +20,7 @@ from aerodft.model import FloatArray, GeoOrigin
 
 _WGS84 = "EPSG:4326"
 _STEP_M = 10.0
-_HINT = 'write crs = "local", crs = "geo" for WGS84, or an EPSG code like crs = "EPSG:28992"'
+_HINT = '"local" is metres from a zero of your own, "geo" WGS84, "EPSG:28992" a map\'s projection'
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 from aerodft.adapters.config import GEO, LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, StatedObservation, takes_degrees
 from aerodft.errors import AerodftError, InputError, NotDetermined
-from aerodft.geometry import rays_from_pixels, reproject
+from aerodft.geometry import in_image, rays_from_pixels, reproject
 from aerodft.model import (
     Camera,
     Evidence,
@@ -206,7 +206,6 @@ def _shown(stated: StatedObservation) -> str:
     return f"{pixel} at [{', '.join('?' if value is None else f'{value:.10g}' for value in stated.place)}]"
 
 
-_EDGE_PX: Final = 0.5
 _MAX_LANDMARKS: Final = 60  # that a reading is tried with
 _FOOT_M: Final = 0.3048
 _SMALLER: Final = (1.5, 2.0, 3.0, 4.0)
@@ -293,23 +292,18 @@ def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, 
             yield Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence, priors=others), names=unknowns)
     here_m = found.frame.local_m(points.places)
     for what, hint, pixels in _other_pixels(points.pixels, camera):
-        if _is_inside(pixels, camera):
+        if in_image(camera, pixels).all():
             known = EvidenceSet(evidence=points.at(pixels, here_m), priors=priors)
             yield Reading(what=what, hint=hint, known=known, names=names)
 
 
 def columns_swapped(points: CompleteLandmarks, camera: Camera) -> Reading | None:
     """Pixels as places and places as pixels; None where no place could be a pixel."""
-    if not points.landmarks or not _is_inside(points.places[:, :2], camera):
+    if not points.landmarks or not in_image(camera, points.places[:, :2]).all():
         return None
     evidence = points.at(points.places[:, :2], np.column_stack([points.pixels, points.places[:, 2]]))
     what, hint = "pixels and places look interchanged", "swap their columns"
     return Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence), names=_POSE)
-
-
-def _is_inside(pixels: FloatArray, camera: Camera) -> bool:
-    """Whether all pixels ``(n, 2)`` lie in the image."""
-    return bool(np.all((pixels >= -_EDGE_PX) & (pixels <= np.array([camera.width_px, camera.height_px]) - _EDGE_PX)))
 
 
 def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, FloatArray]]:

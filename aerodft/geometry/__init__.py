@@ -1,6 +1,6 @@
 """Pure array functions: rotations, lens, rays, ground, geodesy. Batch-first, no I/O, no state."""
 
-from aerodft.geometry.footprints import footprint, horizon_line, ring_area
+from aerodft.geometry.footprints import footprint, horizon_line, in_image, ring_area
 from aerodft.geometry.ground import Ground, GroundHits, Plane, jacobians, meet_level
 from aerodft.geometry.kernels import (
     GSD,

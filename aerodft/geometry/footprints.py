@@ -47,11 +47,11 @@ def horizon_line(camera: Camera, pose: Pose) -> tuple[FloatArray, ...]:
         level = np.stack([np.sin(azimuth_rad), np.cos(azimuth_rad), np.zeros_like(azimuth_rad)], axis=-1)
         return pixels_from_rays(camera, level @ matrix(pose.wxyz))
 
-    def in_image(azimuth_rad: FloatArray) -> BoolArray:
-        return _in_image(camera, pixels_at(azimuth_rad))
+    def is_shown(azimuth_rad: FloatArray) -> BoolArray:
+        return in_image(camera, pixels_at(azimuth_rad), -_BORDER_TOLERANCE_PX)
 
     azimuths_rad = np.linspace(0.0, 2 * math.pi, _AZIMUTH_COUNT + 1)
-    intervals = _intervals(azimuths_rad, in_image(azimuths_rad[:-1]), in_image)
+    intervals = _intervals(azimuths_rad, is_shown(azimuths_rad[:-1]), is_shown)
     return tuple(pixels_at(np.linspace(part[0], part[-1], min(len(part), _MAX_HORIZON_POINTS))) for part in intervals)
 
 
@@ -190,11 +190,11 @@ def border_pixels(camera: Camera, perimeter: FloatArray) -> FloatArray:
     return np.stack([x * camera.width_px, y * camera.height_px], axis=-1) - PIXEL_CENTRE_OFFSET_PX
 
 
-def _in_image(camera: Camera, pixels_px: FloatArray) -> BoolArray:
-    size = np.array([camera.width_px, camera.height_px])
-    slack = PIXEL_CENTRE_OFFSET_PX + _BORDER_TOLERANCE_PX
-    low, high = -slack, size - 1 + slack
-    return np.asarray(np.all((pixels_px >= low) & (pixels_px <= high), axis=-1))
+def in_image(camera: Camera, pixels_px: FloatArray, margin_px: float = 0.0) -> BoolArray:
+    """Whether pixels ``(..., 2)`` are in the image, so far from its border; false for NaN."""
+    nearest = margin_px - PIXEL_CENTRE_OFFSET_PX
+    farthest = np.array([camera.width_px, camera.height_px]) - 1 - nearest
+    return np.asarray(np.all((pixels_px >= nearest) & (pixels_px <= farthest), axis=-1))
 
 
 def _border_rays(camera: Camera, perimeter: FloatArray) -> FloatArray:
@@ -224,7 +224,8 @@ def _range_circle(camera: Camera, plane_from_cam: FloatArray, reach_m: float, he
     azimuth = np.arange(0.0, 2 * math.pi, _ARC_STEP_RAD)
     circle_m = reach_m * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     rays = np.concatenate([circle_m, np.full((len(circle_m), 1), -height_m)], axis=-1) @ plane_from_cam
-    return circle_m if np.all(_in_image(camera, pixels_from_rays(camera, rays))) else None
+    is_whole = np.all(in_image(camera, pixels_from_rays(camera, rays), -_BORDER_TOLERANCE_PX))
+    return circle_m if is_whole else None
 
 
 def _arc(start_m: FloatArray, end_m: FloatArray, reach_m: float) -> FloatArray:

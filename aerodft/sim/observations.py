@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from aerodft.geometry import camera_angles, inverse, matrix, pixels_from_rays
+from aerodft.geometry import camera_angles, in_image, inverse, matrix, pixels_from_rays
 from aerodft.model import BoolArray, Camera, FloatArray, IntArray, Pose, ProbeKind
 from aerodft.sim.trajectory import Trajectory
 from aerodft.sim.world import World
@@ -188,10 +188,8 @@ def _fixed_targets(world: World, observing: ObserverModel) -> dict[str, FloatArr
 
 def _observable(camera: Camera, pose: Pose, points_enu_m: FloatArray, observing: ObserverModel) -> BoolArray:
     """Whether points ``(..., 3)`` are in the image, off its border, and in range, ``(...)``."""
-    pixels = pixels_of(camera, pose, points_enu_m)
-    low, high = MARGIN_PX - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - MARGIN_PX
     is_near = np.linalg.norm(points_enu_m - pose.position_enu_m, axis=-1) <= observing.max_range_m
-    return np.asarray(is_near & np.all((pixels >= low) & (pixels <= high), axis=-1))
+    return np.asarray(is_near & in_image(camera, pixels_of(camera, pose, points_enu_m), MARGIN_PX))
 
 
 def _central_crossing(camera: Camera, pose: Pose, banks_enu_m: FloatArray, observing: ObserverModel) -> int | None:

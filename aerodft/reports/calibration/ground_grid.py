@@ -10,7 +10,7 @@ import numpy as np
 from aerodft.adapters.config import LOCAL
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX
-from aerodft.geometry import camera_angles, horizon_line
+from aerodft.geometry import camera_angles, horizon_line, in_image
 from aerodft.model import BoolArray, FloatArray, Landmark, ProjectionModel
 from aerodft.reports.calibration.marks import from_foot, pixels_of
 from calibration.pose import Result, State
@@ -248,7 +248,7 @@ class _Line:
         with np.errstate(invalid="ignore", divide="ignore"):
             area = np.abs(across[..., 0] * along[..., 1] - across[..., 1] * along[..., 0])
             gap = area / np.linalg.norm(along, axis=-1)
-            return np.asarray((gap >= gap_px) & in_image(self._state, here))
+            return np.asarray((gap >= gap_px) & in_image(self._state.camera, here))
 
     def _edge(self, inside: float, outside: float, gap_px: float) -> float:
         for _ in range(_BISECTIONS):
@@ -260,13 +260,6 @@ class _Line:
         return inside
 
 
-def in_image(state: State, pixels_px: FloatArray) -> BoolArray:
-    """Whether pixels ``(..., 2)`` are in the image; false for NaN."""
-    size = np.array([state.camera.width_px, state.camera.height_px])
-    inside = (pixels_px >= -PIXEL_CENTRE_OFFSET_PX) & (pixels_px <= size - PIXEL_CENTRE_OFFSET_PX)
-    return np.asarray(np.all(inside, axis=-1))
-
-
 def horizon_px(state: State) -> tuple[FloatArray, ...]:
     """The horizon's polylines ``(k, 2)`` in the image; under the paper's model a row of it."""
     if state.model is ProjectionModel.PINHOLE:
@@ -275,4 +268,4 @@ def horizon_px(state: State) -> tuple[FloatArray, ...]:
     tilt, _, _ = camera_angles(state.wxyz)
     row = camera.height_px * (0.5 - (math.pi / 2 - float(tilt)) / camera.vfov_rad)
     line = np.array([[-PIXEL_CENTRE_OFFSET_PX, row], [camera.width_px - PIXEL_CENTRE_OFFSET_PX, row]])
-    return (line,) if np.all(in_image(state, line)) else ()
+    return (line,) if np.all(in_image(camera, line)) else ()

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
+from aerodft.geometry import in_image
 from aerodft.model import FloatArray, ImageArray
-from aerodft.reports.calibration.ground_grid import Grid, horizon_px, in_image
+from aerodft.reports.calibration.ground_grid import Grid, horizon_px
 from aerodft.reports.calibration.marks import Mark, from_foot, ground_of, pixels_of
 from calibration.pose import State, angles_deg
 
@@ -248,7 +249,7 @@ def _draw_foot(picture: Picture, pen: Pen) -> None:
     foot = state.position_m.copy()
     foot[2] = picture.grid.axes.elevation_m
     pixel = pixels_of(state, foot)
-    if in_image(state, pixel):
+    if in_image(state.camera, pixel):
         pen.cross(pixel[None], _NORTH, "x")
         pen.text("camera's foot", pixel, _NORTH, must=True)
 

@@ -15,6 +15,7 @@ from aerodft.geometry import (
     MIN_POINTS,
     RelativeRotation,
     find_rotation,
+    in_image,
     inverse,
     matrix,
     multiply,
@@ -31,7 +32,6 @@ from aerodft.vision.common import (
     nodes_px,
     spread_corners,
     track_lk,
-    well_inside,
 )
 
 _FEATURES: Final = 2500
@@ -44,7 +44,7 @@ _FOUND_AGAIN: Final = 0.3  # of its points, so that an image is no broken one; m
 Polygon = tuple[tuple[float, float], ...]
 _NODE_PX: Final = 8  # between these, a map from pixels to pixels is as good as straight
 _SAME_RAD: Final = 1e-6
-_MARGIN_PX: Final = 24.0
+_MARGIN_PX: Final = 24.5
 _NO_TURN: Final = np.array([1.0, 0.0, 0.0, 0.0])
 _ANOTHER_VIEW_RAD: Final = 0.009  # half a degree: templates look different from there on
 _RECOGNISED_PX: Final = 4.0  # descriptors are no more precise
@@ -201,7 +201,7 @@ class _HeldReference:
             seen = cv2.remap(grey, columns_px, rows_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
             grey, self._view_px = np.asarray(seen, dtype=np.uint8), rotated_pixels(camera, wxyz, self._points_px)
         self._view = local_contrast(grey)
-        self._inside = well_inside(camera, self._view_px, _MARGIN_PX)
+        self._inside = in_image(camera, self._view_px, _MARGIN_PX)
 
     def look(self, now: ImageArray) -> _Pairs:
         """Pixels ``(n, 2)`` then and now of what is found of the reference in an image's local contrast."""

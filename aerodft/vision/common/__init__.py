@@ -35,5 +35,4 @@ from aerodft.vision.common.tracking import (
     nodes_px,
     spread_corners,
     track_lk,
-    well_inside,
 )

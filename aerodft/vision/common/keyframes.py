@@ -16,7 +16,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry import Ground, matrix, rays_from_pixels
+from aerodft.geometry import Ground, in_image, matrix, rays_from_pixels
 from aerodft.model import (
     BoolArray,
     Camera,
@@ -29,7 +29,7 @@ from aerodft.model import (
     Status,
     read_only,
 )
-from aerodft.vision.common.tracking import UndistortedView, well_inside
+from aerodft.vision.common.tracking import UndistortedView
 
 FREE: Final = 8
 """Numbers that a homography is known by."""
@@ -64,7 +64,7 @@ _QUALITY: Final = 0.01
 _APART_PX: Final = 6
 _NEAR_PX: Final = 48.0  # of a probe ...
 _MOST_NEAR: Final = 12  # ... that many in a cell
-_MARGIN_PX: Final = 12.0
+_MARGIN_PX: Final = 12.5
 _SCALES: Final = (0.7, 1.45)  # a template that is seen larger or smaller than that looks different
 
 
@@ -400,7 +400,7 @@ class Keyframe:
     def seen_px(self, view: UndistortedView, onto: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Small pixels ``(n, 2)`` of its corners in a view that a homography leads to, and which are well inside."""
         there_px = view.map_from(onto, self.corners_px, self.plane_image.view)
-        return there_px, well_inside(view.camera, there_px, _MARGIN_PX)
+        return there_px, in_image(view.camera, there_px, _MARGIN_PX)
 
     def is_shown(self, view: UndistortedView, onto: FloatArray, least_share: float) -> bool:
         """Whether at least that share of its corners is in a view that a homography leads to, in about its size."""

@@ -196,12 +196,6 @@ def spread_corners(local_contrast: ImageArray, allowed: BoolArray) -> FloatArray
     return np.stack([columns[kept], rows[kept]], axis=-1).astype(np.float64)
 
 
-def well_inside(camera: Camera, points_px: FloatArray, margin_px: float) -> BoolArray:
-    """Which of the points ``(n, 2)`` are so far from the image's edges; NaN is outside."""
-    farthest = np.array([camera.width_px, camera.height_px]) - 1 - margin_px
-    return np.asarray(np.all((points_px >= margin_px) & (points_px <= farthest), axis=-1))
-
-
 def track_lk(
     old: ImageArray, new: ImageArray, points_px: FloatArray, guess_px: FloatArray
 ) -> tuple[FloatArray, BoolArray]:

@@ -19,11 +19,11 @@ from aerodft.errors import os_errors_as
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
 from aerodft.reports import style
-from aerodft.reports.recording_plot import amounts, digits_of, draw_recording, typical, unit_of
+from aerodft.reports.recording_plot import amounts, draw_recording, typical
 from aerodft.reports.recording_series import RecordingSeries, Series
 from aerodft.reports.river_folder import RiverFolder
 from aerodft.version import SOFTWARE
-from replay.export import time_utc
+from replay.export import digits_of, time_utc, written_unit
 
 _MOST_ROWS: Final = 40
 """Of one probe in the table of values."""
@@ -236,7 +236,8 @@ def _summary(probes: Iterable[Series]) -> str:
             form = f"z.{digits_of(middle[1])}f"
             shown = [format(number, form) for number in middle] if len(known) else ["", ""]
             span = f"{known.min():{form}} to {known.max():{form}}" if len(known) else ""
-            unit = f"{unit_of(each)} {axis} of the origin" if axis else unit_of(each) if len(known) else ""
+            unit = written_unit(each.unit) if len(known) or axis else ""
+            unit += f" {axis} of the origin" if axis else ""
             answered = f"{each.answered} of {len(each.stamps_ns)}"
             rows.append((each.name, each.kind, answered, *shown, span, unit, why))
     head = ("quantity", "kind", "answered", "median", "± (95 %)", "least to largest", "unit", "without a value")
@@ -252,7 +253,7 @@ def _values(probes: Iterable[Series]) -> str:
         for row in chosen[np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), _MOST_ROWS)).astype(int))]:
             value, low, high = (float(each.numbers(name)[row]) for name in ("value", "ci95_low", "ci95_high"))
             digits = digits_of((high - low) / 2)
-            numbers = (f"{value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", unit_of(each))
+            numbers = (f"{value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", written_unit(each.unit))
             rows.append((each.name, time_utc(each.stamps_ns[row])[:-9].replace("T", " "), *numbers))
     if not rows:
         return ""
@@ -422,16 +423,7 @@ def _river_place(river: RiverFolder) -> str:
 def _profile(transects: Sequence[Mapping[str, Any]]) -> Figure:
     """Widths along the river with their 95 % intervals, with gaps where a transect has none."""
     figure = Figure(figsize=(9, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    columns = ("station_m", "width_m", "wetted_m")
-    at, width, wetted = np.array([[each[name] for each in transects] for name in columns], dtype=np.float64)
-    low, high = np.array([each["ci95"] or (None, None) for each in transects], dtype=np.float64).T
-    style.draw_band(axes, at, low, high, style.BLUE, label=style.BAND)
-    axes.plot(at, width, ".-", color=style.BLUE, markersize=3, linewidth=0.8, label="width")
-    if any((each["channels"] or 1) > 1 for each in transects):
-        axes.plot(at, wetted, ":", color=style.BLACK, label="wetted, without islands")
-    axes.set(xlabel="along the river (m)", ylabel="width (m)")
-    axes.legend(loc="best")
+    style.draw_widths(figure.add_subplot(), transects)
     return figure
 
 

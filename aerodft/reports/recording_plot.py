@@ -17,11 +17,11 @@ from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import FloatArray, IntArray, ProbeKind, Status
 from aerodft.reports import style
 from aerodft.reports.recording_series import Event, RecordingSeries, Series, runs
+from replay.export import digits_of, written_unit
 
 MOST_PROBES: Final = 12
 """More have no room in a figure."""
 
-_UNITS: Final = {"m2": "m²", "deg": "°"}
 _MOST_POINTS: Final = 3000
 _MOST_SPANS: Final = 1000
 _WIDTH_IN, _PANEL_IN = 11.0, 1.9
@@ -30,16 +30,6 @@ _STATUS_COLOURS: Final = ("#D55E00", "#E69F00", "#CC79A7", "#56B4E9", "#F0E442",
 _MOST_LETTERS: Final = 40  # of a name, or of an event
 _LETTER_SHARE: Final = 0.0075  # of the figure's width
 _TIMES: Final = ((3 * 3600, 3600, "hours"), (600, 60, "minutes"), (0, 1, "seconds"))
-
-
-def unit_of(series: Series) -> str:
-    """The unit of a probe's values, as people write it."""
-    return _UNITS.get(series.unit, series.unit)
-
-
-def digits_of(half: float) -> int:
-    """Decimals that a value deserves that is known to so much on each side."""
-    return 2 if not 0 < half < math.inf else int(np.clip(1 - math.floor(math.log10(half)), 0, 4))
 
 
 def amounts(series: Series) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -161,7 +151,7 @@ def write_recording_plot(found: RecordingSeries, probes: Sequence[Series], stati
 
 def _draw_values(axes: Axes, series: Series, clock: _Clock) -> None:
     """One probe's values, or of a position its east and north from where it is in the median."""
-    name, unit = f"{_short(series.name)} ({_short(series.kind)})", unit_of(series)
+    name, unit = f"{_short(series.name)} ({_short(series.kind)})", written_unit(series.unit)
     known = f"{series.answered} of {len(series.stamps_ns)} answered"
     found = amounts(series)
     if "" not in found:

@@ -1,11 +1,11 @@
 """The one look of all figures: colours that the colour-blind tell apart (Okabe and Ito, 2008), bands, maps, files."""
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -107,6 +107,19 @@ def draw_band(
     known = np.pad(np.isfinite(low) & np.isfinite(high), 1)
     alone = known[1:-1] & ~known[:-2] & ~known[2:]
     axes.vlines(x[alone], low[alone], high[alone], color=colour, alpha=0.35, linewidth=2)
+
+
+def draw_widths(axes: Axes, transects: Sequence[Mapping[str, Any]]) -> None:
+    """Draw the widths of a river's document along it, with gaps where a transect has none."""
+    columns = ("station_m", "width_m", "wetted_m")
+    at, width, wetted = np.array([[each[name] for each in transects] for name in columns], dtype=np.float64)
+    low, high = np.array([each["ci95"] or (None, None) for each in transects], dtype=np.float64).T
+    draw_band(axes, at, low, high, BLUE, label=BAND)
+    axes.plot(at, width, ".-", color=BLUE, markersize=3, linewidth=0.8, label="width")
+    if any((each["channels"] or 1) > 1 for each in transects):
+        axes.plot(at, wetted, ":", color=BLACK, linewidth=0.8, label="wetted, without islands")
+    axes.set(xlabel="along the river (m)", ylabel="width (m)")
+    axes.legend(loc="best")
 
 
 def with_gaps(x: FloatArray, *columns: FloatArray) -> tuple[FloatArray, ...]:

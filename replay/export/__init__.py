@@ -22,4 +22,4 @@ from replay.export.table import (
     row_of,
     time_utc,
 )
-from replay.export.video import COLOURS, Overlay, best_image, measured_images, write_video
+from replay.export.video import COLOURS, Overlay, best_image, digits_of, measured_images, write_video, written_unit

@@ -25,7 +25,7 @@ from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, UsageError
 from aerodft.model import ProbeKind, Status
 from replay.export.table import COLUMNS, LISTS, ColumnType, geometry_of, parse_measurement, row_of
-from replay.export.video import COLOURS
+from replay.export.video import COLOURS, written_unit
 
 _WGS84_ID: Final = 4326
 _LOCAL_ID: Final = -1
@@ -386,8 +386,7 @@ def _symbol(shape: str, row: int, colour: tuple[int, int, int]) -> str:
 def _label(value: str) -> str:
     unit = value.rpartition("_")[2]
     half = f'format_number(("ci95_high_{unit}" - "ci95_low_{unit}") / 2, 2)'
-    shown = {"m2": "m²", "deg": "°"}.get(unit, unit)
-    expression = f"""format_number("{value}", 2) || ' ± ' || {half} || ' {shown} (95 %)'"""
+    expression = f"""format_number("{value}", 2) || ' ± ' || {half} || ' {written_unit(unit)} (95 %)'"""
     style = f'<text-style isExpression="1" fontSize="8" fieldName={quoteattr(expression)}/>'
     return f'<labeling type="simple"><settings calloutType="simple">{style}</settings></labeling>'
 

@@ -30,7 +30,6 @@ COLOURS: Final = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (240, 228, 66), 
 """RGB; told apart by the colour-blind as well (Okabe and Ito)."""
 _NO_NUMBER: Final = (150, 30, 30)
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
-_UNITS: Final = {"m2": "m²", "deg": "°"}
 
 
 class _Box(NamedTuple):
@@ -173,16 +172,26 @@ def _font_file() -> Path:
     return Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 
+def written_unit(unit: str) -> str:
+    """A unit as people write it."""
+    return {"m2": "m²", "deg": "°"}.get(unit, unit)
+
+
+def digits_of(spread: float) -> int:
+    """Decimals that a number deserves whose interval, or half of it, is so wide."""
+    return 2 if not 0 < spread < math.inf else int(np.clip(1 - math.floor(math.log10(spread)), 0, 4))
+
+
 def label_of(item: Item) -> str:
     """A measurement in a few words: name, value and 95 % interval, or its status."""
-    name, unit = item["name"], _UNITS.get(item["unit"], item["unit"])
+    name, unit = item["name"], written_unit(item["unit"])
     if item["status"] != Status.OK:
         return f"{name}  {item['status']}"
     if item["value"] is not None:
         space = "" if unit == "°" else " "
         if not item["ci95"]:
             return f"{name}  {item['value']:.2f}{space}{unit}"
-        digits = _digits(item["ci95"][1] - item["ci95"][0])
+        digits = digits_of(item["ci95"][1] - item["ci95"][0])
         low, high = (f"{bound:.{digits}f}" for bound in item["ci95"])
         return f"{name}  {item['value']:.{digits}f}{space}{unit}  [{low} … {high}]"
     return f"{name}  {_place(item)}"
@@ -197,11 +206,6 @@ def _place(item: Item) -> str:
     if enu:
         return f"east {enu[0][0]:.2f} m, north {enu[0][1]:.2f} m{spread}"
     return str(item["status"])
-
-
-def _digits(width: float) -> int:
-    """Decimals in which an interval of this width has two digits or three."""
-    return 2 if not 0 < width < math.inf else int(np.clip(1 - math.floor(math.log10(width)), 0, 4))
 
 
 def _header(items: Sequence[Item], stamp_ns: int, index: int) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from aerodft.dft.maps import Sampling, TopView, top_view
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.reports.river.document import SIDES, RiverImages, water_confidence
-from aerodft.reports.style import BAND, BANKS, BLUE, GREY, OUTLINED, SKY, as_map, draw_band, second_utc, styled
+from aerodft.reports.style import BANKS, GREY, OUTLINED, SKY, as_map, draw_widths, second_utc, styled
 from aerodft.vision.river import Centreline, Reach, River, RiverStatus, RiverView
 
 mpl.use("Agg")
@@ -105,24 +105,12 @@ def _value_of(transect: dict[str, Any]) -> str:
 
 
 def _draw_profile(axes: Axes, document: dict[str, Any]) -> None:
-    """Widths along the river with their 95 % band, with gaps where a transect has none."""
-    transects = document["transects"]
-    if any(each["ci95"] is not None for each in transects):
-        columns = ("station_m", "width_m", "wetted_m")
-        station_m, width_m, wetted_m = np.array([[each[name] for each in transects] for name in columns], dtype=float)
-        low_m, high_m = np.array([each["ci95"] or (None, None) for each in transects], dtype=float).T
-        draw_band(axes, station_m, low_m, high_m, BLUE, label=BAND)
-        axes.plot(station_m, width_m, ".-", color=BLUE, markersize=3, linewidth=0.8, label="width")
-        if any((each["channels"] or 0) > 1 for each in transects):
-            axes.plot(station_m, wetted_m, linewidth=0.8, linestyle=":", color="black", label="wetted, without islands")
-        width = document["width_m"]
+    """Widths along the river with their 95 % band and their median."""
+    draw_widths(axes, document["transects"])
+    if width := document["width_m"]:
         axes.axhline(width["median"], color="black", linewidth=0.8)
         low, high = width["ci95"]
         axes.set_title(f"median {width['median']:.2f} m, {low:.2f} to {high:.2f} m (95 %)")
-        axes.legend(loc="best", fontsize="small")
-    axes.set_xlabel("along the river (m)")
-    axes.set_ylabel("width (m)")
-    axes.grid(alpha=0.3)
 
 
 def _title(view: RiverView, *, is_utc: bool) -> str:

@@ -5,19 +5,21 @@ A FMT message names the fields of every other message.
 
 import math
 import re
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from aerodft.adapters.files import looks_like
-from aerodft.adapters.telemetry.log_file import LogFile
+from aerodft.adapters.telemetry.log_file import LogFile, Piece
 from aerodft.adapters.telemetry.mavlink import (
     AT_SYNC,
+    JUMP_US,
     MAX_STAMP_US,
     N_OK,
     N_SKIPPED,
@@ -37,6 +39,7 @@ from aerodft.model import (
     FloatArray,
     GimbalSource,
     HeightSource,
+    ImageArray,
     IntArray,
     RawBlock,
     Track,
@@ -93,10 +96,12 @@ _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
 _TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
 _TIME_SIZE: Final = 8
-_NOISE_BITS: Final = 3  # so much noise may look likelier by chance, where a last byte takes any value
+_WHOLE_ODDS: Final = 1 / 3  # before noise, of a whole message to one that is overwritten from some byte on
 _FILL_BYTES: Final = 8  # as many equal ones behind a message are a fill, as of zeros
 _NEAR_US: Final = 10_000_000  # of two messages side by side; one that stands there by chance is years away
 _TYPES: Final = 256
+_MOST_HALF_HEADS: Final = 8  # one behind the other, where a log goes on
+_SECTION_BYTES: Final = 1 << 19  # of a log: a message is judged by those of its own and of the sections beside it
 _BLOCK_MESSAGES: Final = 1 << 15
 _FIRST_MESSAGES: Final = 1 << 12
 
@@ -312,7 +317,7 @@ class DataflashDecoder:
         }
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's messages, at most one a message; no message is an error.
+        """The tracks of this block's messages, at most one a message and layout; no message is an error.
 
         Raises:
             ValueError: The block is not DataFlash.
@@ -323,17 +328,26 @@ class DataflashDecoder:
         whole = (block.offset >= 0) & (block.length >= HEAD_SIZE) & (block.offset + block.length <= len(data))
         kinds = np.full(len(whole), -1, dtype=np.int16)
         kinds[whole] = data[block.offset[whole] + HEAD_SIZE - 1]
-        self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
+        change = self._learn(block, np.flatnonzero(kinds == FMT_TYPE))
+        if change:  # what is before it is of the layout that was known
+            return (*self.decode(block.rows(slice(change))), *self.decode(block.rows(slice(change, None))))
         wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in self._makers)
         wanted.sort(key=lambda kind: self.formats[kind].name != _PARAMETER)  # those of a block hold for its readings
         tracks = (self._track(kind, np.flatnonzero(kinds == kind), block) for kind in wanted)
         return tuple(track for track in tracks if track is not None)
 
-    def _learn(self, block: RawBlock, index: IntArray) -> None:
-        for offset, length in zip(block.offset[index].tolist(), block.length[index].tolist(), strict=True):
-            declared = parse_format(block.data[offset : offset + length])
-            if declared is not None:
-                self.formats[declared[0]] = declared[1]
+    def _learn(self, block: RawBlock, index: IntArray) -> int:
+        """Take in what FMT messages declare; returns the row of the first one that changes a layout, 0 for none."""
+        for row, offset, length in zip(
+            index.tolist(), block.offset[index].tolist(), block.length[index].tolist(), strict=True
+        ):
+            kind, layout = parse_format(block.data[offset : offset + length]) or (FMT_TYPE, None)
+            if layout is None:
+                continue
+            if row and self.formats.get(kind, layout) is not layout:
+                return int(row)
+            self.formats[kind] = layout
+        return 0
 
     def _track(self, kind: int, index: IntArray, block: RawBlock) -> Track | None:
         """The track of one message's rows."""
@@ -375,7 +389,9 @@ def _goes_on(data: Bytes, at: int, types: IntArray) -> bool:
     A head with one wrong byte is one where the log goes on behind the message that it is the head of; of heads that
     were cut off, their first byte may be left.
     """
-    while at < len(data):
+    for _ in range(_MOST_HALF_HEADS):
+        if at >= len(data):
+            break
         first, second = data[at] == _FIRST, at + 1 >= len(data) or data[at + 1] == _SECOND
         if first and second:
             return True
@@ -497,31 +513,154 @@ def scan_dataflash(
     return found, at
 
 
-def _resemble(data: Bytes, doubtful: IntArray, sure: IntArray, size: int) -> BoolArray:
-    """Whether messages ``(m,)`` before damage are whole, rather than overwritten from some byte on.
+def _resemble(doubtful: ImageArray, after: ImageArray, sure: ImageArray) -> BoolArray:
+    """Whether messages before damage are whole, rather than overwritten from some byte on, each as likely as another.
 
     Args:
-        data: What they are in.
-        doubtful: ``(m,)`` where they start.
-        sure: ``(n,)`` where whole messages of the same type start.
-        size: Bytes of each.
+        doubtful: ``(m, size)`` their bytes.
+        after: ``(m, k)`` what follows each: noise, or a fill of equal bytes.
+        sure: ``(n, size)`` the bytes of whole messages of the same type.
 
     Returns:
-        ``(m,)``. At each place whole messages' frequencies of values explain the byte so many bits better than noise
-        does; a message is whole where the sum of these over its last bytes, however many, does not speak for noise.
+        ``(m,)``. By the frequencies of whole messages' values at each place, the last bytes, however many, are likelier
+        than noise; before a fill, so many last bytes that are of the fill are likelier than a place of its beginning.
     """
-    places = np.arange(size)
-    counts = np.bincount((places * 256 + data[sure[:, None] + places]).ravel(), minlength=size * 256)
-    counts = counts.reshape(size, 256)
+    size, places = sure.shape[1], np.arange(sure.shape[1])
+    counts = np.bincount((places * 256 + sure).ravel(), minlength=size * 256).reshape(-1, 256)
     new_values = np.count_nonzero(counts, axis=1, keepdims=True)  # of n, as 1 in 256 of noise's
-    bits = np.log2(np.maximum(256 * counts / len(sure), new_values / (len(sure) + 1)))
-    values = data[doubtful[:, None] + places]
-    after = data[np.minimum(doubtful[:, None] + size + np.arange(_FILL_BYTES), len(data) - 1)]
-    is_fill = (after == after[:, :1]).all(axis=1, keepdims=True)  # as of zeros, which alone would be in the message
-    of_fill = np.where(values == after[:, :1], np.maximum(bits[places, values] - 8, -np.log2(len(sure) + 2)), np.inf)
-    found = np.where(is_fill, of_fill, bits[places, values])
-    whole: BoolArray = np.cumsum(found[:, ::-1], axis=1).min(axis=1) > -_NOISE_BITS
+    bits = np.log2(np.maximum(256 * counts / len(sure), new_values / (len(sure) + 1)))[places, doubtful]
+    whole: BoolArray = np.cumsum(bits[:, ::-1], axis=1).min(axis=1) > -np.log2(_WHOLE_ODDS * size)
+    is_fill = (after == after[:, :1]).all(axis=1)
+    for value in np.unique(after[is_fill, 0]).tolist():
+        filled = np.flatnonzero(is_fill & (after[:, 0] == value))
+        ends = np.bincount(_end_bytes(sure, value), minlength=size + 1)
+        end = _end_bytes(doubtful[filled], value)
+        whole[filled] = (end == 0) | (ends[end] * size > len(sure))  # an even chance: logs are allocated ahead
     return whole
+
+
+def _end_bytes(messages: ImageArray, value: int) -> IntArray:
+    """``(n,)`` how many of the last bytes of messages ``(n, size)`` have a value."""
+    others = messages[:, ::-1] != value
+    ends: IntArray = np.where(others.any(axis=1), others.argmax(axis=1), messages.shape[1])
+    return ends
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Messages that were found one behind the other.
+
+    Attributes:
+        piece: The part of the log that they are in.
+        rows: ``(3, n)`` as of ``scan_dataflash``, with at least one.
+    """
+
+    piece: Piece
+    rows: IntArray
+
+    @cached_property
+    def is_sure(self) -> BoolArray:
+        """``(n,)`` whether no damage follows a message."""
+        is_sure: BoolArray = self.rows[1] > 0
+        return is_sure
+
+    @cached_property
+    def layouts(self) -> IntArray:
+        """``(n,)`` one number for each type and size."""
+        layouts: IntArray = self.bytes_at(HEAD_SIZE - 1, 1)[:, 0] * np.int64(_TYPES) + np.abs(self.rows[1])
+        return layouts
+
+    @cached_property
+    def sure(self) -> dict[int, IntArray]:
+        """The messages of each layout that no damage follows."""
+        index = np.flatnonzero(self.is_sure)
+        index = index[np.argsort(self.layouts[index], kind="stable")]
+        layouts, starts = np.unique(self.layouts[index], return_index=True)
+        return dict(zip(layouts.tolist(), np.split(index, starts[1:]), strict=True))
+
+    @property
+    def last_section(self) -> int:
+        """The section of the log that the last message starts in."""
+        return int(self.sections(slice(-1, None))[0])
+
+    def sections(self, index: slice | IntArray) -> IntArray:
+        """``(m,)`` the sections of the log that some messages start in."""
+        sections: IntArray = (self.piece.first + self.rows[0, index]) // _SECTION_BYTES
+        return sections
+
+    def bytes_at(self, skip: int, size: int, index: slice | IntArray = slice(None)) -> ImageArray:
+        """``(m, size)`` bytes that stand so many behind the start of some messages."""
+        data = np.frombuffer(self.piece.raw, dtype=np.uint8)
+        places = self.rows[0, index, None] + skip + np.arange(size)
+        found: ImageArray = data[np.minimum(places, len(data) - 1)]
+        return found
+
+    def is_surrounded(self, last: "_Found") -> bool:
+        """Whether all that this is judged by was found, up to the last."""
+        return bool(self.is_sure.all()) or last.last_section > self.last_section + 1
+
+    def is_whole(self, surroundings: Iterable["_Found"], before_us: int) -> BoolArray:
+        """``(n,)`` whether no damage has reached a message, as far as bytes tell; its time where no other is like it.
+
+        Args:
+            surroundings: What was found in the same sections and in those beside them.
+            before_us: The last time since boot before the first message.
+        """
+        is_whole, doubtful = self.is_sure.copy(), np.flatnonzero(~self.is_sure)
+        timed = np.flatnonzero(self.rows[2] >= 0)
+        is_whole[timed] |= np.abs(np.diff(self.rows[2, timed], prepend=before_us)) < _NEAR_US
+        places = np.stack([self.sections(doubtful), self.layouts[doubtful]])
+        alike, number = np.unique(places, axis=1, return_inverse=True)
+        for k, (section, layout) in enumerate(alike.T.tolist()):
+            size, index = layout % _TYPES, doubtful[number == k]
+            sure = np.concatenate([each.sure_bytes(section, layout, size) for each in surroundings])
+            if len(sure):
+                doubted, after = self.bytes_at(0, size, index), self.bytes_at(size, _FILL_BYTES, index)
+                is_whole[index] = _resemble(doubted, after, sure)
+        return is_whole
+
+    def sure_bytes(self, section: int, layout: int, size: int) -> ImageArray:
+        """``(m, size)`` bytes of messages of a layout, in a section or beside it, that no damage follows."""
+        index = self.sure.get(layout, np.empty(0, dtype=np.int64))
+        return self.bytes_at(0, size, index[np.abs(self.sections(index) - section) <= 1])
+
+
+def _with_surroundings(batches: Iterable[_Found]) -> Iterator[tuple[_Found, Iterable[_Found]]]:
+    """Each batch, and all that have messages of the same sections of the log or of those beside them."""
+    held: deque[_Found] = deque()
+    turn = 0
+    for batch in chain(batches, (None,)):
+        if batch is not None:
+            held.append(batch)
+        while turn < len(held) and (batch is None or held[turn].is_surrounded(batch)):
+            yield held[turn], held
+            while held[0].last_section < held[turn].last_section - 1:
+                held.popleft()
+                turn -= 1
+            turn += 1
+
+
+def _with_following(batches: Iterable[_Found]) -> Iterator[tuple[_Found, int]]:
+    """Each batch, and the first time since boot (us) that can be read behind it, where its last one needs it; else -1.
+
+    A batch is not held back without need: what was just found is decoded in half the time.
+    """
+    held: list[_Found] = []
+    for batch in batches:
+        times_us = batch.rows[2]
+        if held and (first_us := _first_time(times_us)) >= 0:
+            yield from ((each, first_us) for each in held)
+            held = []
+        if held or times_us[-2:].min() < 0 or np.ptp(times_us[-2:]) > JUMP_US or len(times_us) == 1:
+            held.append(batch)
+        else:
+            yield batch, -1
+    yield from ((each, -1) for each in held)
+
+
+def _first_time(times_us: IntArray) -> int:
+    """The first time since boot that can be read, of some; -1 where none can."""
+    return int(times_us[np.argmax(times_us >= 0)])
 
 
 class DataflashSource(LogFile):
@@ -557,31 +696,26 @@ class DataflashSource(LogFile):
         def scan(data: Bytes, start: int, limit: int, rows: IntArray, state: IntArray) -> tuple[int, int]:
             return scan_dataflash(data, start, limit, types, rows, state)
 
-        for piece, found in self.scan_pieces(scan, most, self.size):
-            rows = self._whole(np.frombuffer(piece.raw, dtype=np.uint8), found)
-            if not rows.size:
-                continue
-            stamps_us = rows[2]
-            plausible_stamps(stamps_us, last_us)
+        found = (_Found(piece, rows) for piece, rows in self.scan_pieces(scan, most, self.size))
+        for batch, following_us in _with_following(self._whole(found)):
+            stamps_us = batch.rows[2]
+            plausible_stamps(stamps_us, last_us, following_us)
             last_us = int(stamps_us[-1])
-            yield piece.block(rows, WireProtocol.DATAFLASH, self.path.name)
+            yield batch.piece.block(batch.rows, WireProtocol.DATAFLASH, self.path.name)
 
-    def _whole(self, data: Bytes, rows: IntArray) -> IntArray:
-        """The rows without messages that damage follows and has reached, as far as their bytes tell."""
-        is_whole = rows[1] > 0
-        if is_whole.all():
-            return rows
-        sizes, kinds = np.abs(rows[1]), data[rows[0] + HEAD_SIZE - 1]
-        is_next = np.abs(np.diff(rows[2])) < _NEAR_US
-        is_near = np.append(is_next, False) | np.append(False, is_next)
-        for kind in np.unique(kinds[~is_whole]):
-            doubtful = np.flatnonzero((kinds == kind) & (rows[1] < 0))
-            sure = rows[0, (kinds == kind) & (rows[1] == sizes[doubtful[0]])]
-            size = int(sizes[doubtful].min())
-            is_whole[doubtful] = _resemble(data, rows[0, doubtful], sure, size) if len(sure) else is_near[doubtful]
-        self._state[N_OK] -= np.count_nonzero(~is_whole)
-        self._state[N_SKIPPED] += sizes[~is_whole].sum()
-        return np.stack([rows[0], sizes, rows[2]])[:, is_whole]
+    def _whole(self, batches: Iterable[_Found]) -> Iterator[_Found]:
+        """Batches without messages that damage has reached."""
+        last_us = 0
+        for batch, surroundings in _with_surroundings(batches):
+            before_us, last_us = last_us, max(_first_time(batch.rows[2, ::-1]), 0) or last_us
+            if batch.is_sure.all():
+                yield batch
+                continue
+            is_whole, rows = batch.is_whole(surroundings, before_us), batch.rows
+            self._state[N_OK] -= np.count_nonzero(~is_whole)
+            self._state[N_SKIPPED] += np.abs(rows[1, ~is_whole]).sum()
+            if is_whole.any():
+                yield _Found(batch.piece, np.stack([rows[0], np.abs(rows[1]), rows[2]])[:, is_whole])
 
     def _boot_to_utc(self) -> tuple[int, int, bool]:
         """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.

@@ -94,8 +94,8 @@ class Piece:
             protocol=protocol,
             sender=sender,
             arrival_ns=rows[2] * 1000,
-            offset=rows[0].copy(),
-            length=rows[1].copy(),
+            offset=rows[0],
+            length=rows[1],
             data=self.raw,
             checked=checked,
         )
@@ -179,15 +179,15 @@ class LogFile:
             stop: Nothing is looked for in pieces that begin there or behind.
 
         Yields:
-            A piece, and the rows in it, valid until the next.
+            A piece, and the rows in it.
         """
-        rows = np.empty((3, most), dtype=np.int64)
         self._state = state = np.zeros_like(self._state)
         at, piece = 0, Piece(b"", 0, 0)
         while at < stop:
             if at >= piece.stop:
                 last, piece = piece, self.piece(at)
                 state[[AT_SYNC, AT_QUIET]] -= piece.first - last.first
+            rows = np.empty((3, most), dtype=np.int64)
             found, end = scan(np.frombuffer(piece.raw, dtype=np.uint8), at - piece.first, piece.limit, rows, state)
             at = piece.first + end
             if found:

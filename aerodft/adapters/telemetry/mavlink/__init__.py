@@ -38,6 +38,7 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     AT_SYNC,
     BACKWARDS,
     FRAME,
+    JUMP_US,
     MAX_STAMP_US,
     MIN_FRAME,
     N_OK,

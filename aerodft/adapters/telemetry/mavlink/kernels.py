@@ -256,14 +256,15 @@ def plausible_stamp(stamp_us: int, last_us: int, following_us: int) -> int:
 
 
 @njit
-def plausible_stamps(stamps_us: IntArray, last_us: int) -> None:
+def plausible_stamps(stamps_us: IntArray, last_us: int, behind_us: int) -> None:
     """Replace stamps ``(n,)``, -1 where unreadable, by arrivals that do not decrease (``plausible_stamp``).
 
     Args:
         stamps_us: Replaced in place.
         last_us: The arrival before them; 0 for none.
+        behind_us: The first readable stamp behind them; -1 for none.
     """
-    following_us = np.full(len(stamps_us) + 1, -1)
+    following_us = np.full(len(stamps_us) + 1, behind_us)
     for k in range(len(stamps_us) - 1, -1, -1):  # the first readable stamp from each on
         following_us[k] = stamps_us[k] if stamps_us[k] >= 0 else following_us[k + 1]
     for k in range(len(stamps_us)):

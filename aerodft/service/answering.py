@@ -30,6 +30,7 @@ from aerodft.dft import (
 from aerodft.geometry import camera_pose, inverse, multiply, rotated_pixels
 from aerodft.model import (
     CODE_OF,
+    FIXED_POINTS,
     Batch,
     Camera,
     FloatArray,
@@ -190,7 +191,7 @@ class ReadyWork(Batch):
         poses: Unrefined poses ``(n,)``.
         tick: ``(n,)`` number of the tick, in the step, at which each is answered.
         group: ``(n,)`` number of the answer time, not decreasing; landmarks of one group refine only later stamps in
-            it.
+            it, steady points also their own.
     """
 
     work: WorkList
@@ -247,6 +248,7 @@ class Answering:
         self._setup = setup
         self._is_watched = settings.fixed_pose is not None and estimators.calibrator is not None
         self._calibrator, self._observer, self._tracker = estimators.calibrator, estimators.observer, estimators.tracker
+        self._learns_of_same_image = self._observer is not None and self._observer.observes(FIXED_POINTS)
         self._height_source: HeightSource | None = None
         self._states = [None if self._calibrator is None else self._calibrator.known()]
         self._begin_step()
@@ -359,14 +361,16 @@ class Answering:
     def _in_answer_order(self, ready: ReadyWork) -> Iterator[tuple[Task, IntArray]]:
         """Segments of rows in the order of their answers, with their task.
 
-        Within a group, landmarks are used in the order of their stamps, before work with later stamps; objects are
-        tracked last. Other work is one segment across groups where nothing is between.
+        Within a group, landmarks are used in the order of their stamps, before work with later stamps; steady points
+        before that of their own image too, which may be the first after a bump. Objects are tracked last. Other work is
+        one segment across groups where nothing is between.
         """
         task, stamp_ns, group = ready.work.task, ready.work.stamp_ns, ready.group
         is_measured = ~np.isin(task, (Task.LEARN, Task.TRACK))
         answered_with = np.where(is_measured, np.arange(len(task)), len(task))  # or before that row
         for row in np.flatnonzero(task == Task.LEARN).tolist():
-            later = np.flatnonzero(is_measured & (group == group[row]) & (stamp_ns > stamp_ns[row]))
+            first_ns = stamp_ns[row] + (not self._learns_of_same_image)
+            later = np.flatnonzero(is_measured & (group == group[row]) & (stamp_ns >= first_ns))
             if len(later):  # else it is used at the end of its group
                 answered_with[row] = later[0]
         order = np.lexsort((stamp_ns, np.where(is_measured, len(Task), task), answered_with, group))

@@ -204,9 +204,10 @@ class Answers:
         """Upper limits ``(n, g)`` of the 95 % intervals of the values."""
         return self._ends.high
 
-    def std_of(self, by: Gradient) -> FloatArray:
-        """First-order standard deviations ``(n, g)`` of scalars from their gradients."""
-        return self._std(*scalar_jacobians(by, self._ground, self._rays))
+    def std_of(self, by: Gradient, *, pixels_alone: bool = False) -> FloatArray:
+        """First-order standard deviations ``(n, g)`` of scalars from their gradients, by all errors or the pixels'."""
+        jac_shared, jac_px = scalar_jacobians(by, self._ground, self._rays)
+        return self._std(np.zeros_like(jac_shared) if pixels_alone else jac_shared, jac_px)
 
     def reported_points_enu_m(self) -> FloatArray:
         """Points ``(n, g, q, 3)`` in ENU reported with the values; none for the bearing of a ray."""

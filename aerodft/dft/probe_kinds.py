@@ -96,8 +96,8 @@ class FirstOrder(Protocol):
         """Upper limits ``(n, g)`` of the 95 % intervals of the values."""
         ...
 
-    def std_of(self, by: Gradient) -> FloatArray:
-        """First-order standard deviations ``(n, g)`` of scalars from their gradients."""
+    def std_of(self, by: Gradient, *, pixels_alone: bool = False) -> FloatArray:
+        """First-order standard deviations ``(n, g)`` of scalars from their gradients, by all errors or the pixels'."""
         ...
 
 
@@ -268,10 +268,13 @@ class _Bearing(Kind):
         return np.asarray(2 * np.square(first.ray_std_rad * first.slant) + np.square(first.noise_m / distance_m))
 
     def refusals(self, first: FirstOrder) -> Iterator[Refusal]:
-        std = np.maximum(first.std, first.linear_std)  # draws alone tell a limit within a hundredth
-        half_deg = np.where(np.isfinite(std), np.minimum(np.degrees(Z95 * std), 180.0), 180.0)
+        half_rad = Z95 * first.linear_std
+        if first.is_pinhole:
+            half_rad = np.fmax(half_rad, _half_by_length(first))
+        uncertain = ~(half_rad <= Z95 * MAX_BEARING_STD_RAD) | ~np.isfinite(first.std)
+        half_deg = np.where(np.isfinite(half_rad), np.minimum(np.degrees(half_rad), 180.0), 180.0)
         sentence = "the direction is known to +- {:.0f} deg (95 %)"
-        yield Refusal(~(std <= MAX_BEARING_STD_RAD), Status.ILL_CONDITIONED, sentence, half_deg)
+        yield Refusal(uncertain, Status.ILL_CONDITIONED, sentence, half_deg)
 
     def by_paper(
         self,
@@ -280,6 +283,22 @@ class _Bearing(Kind):
         elevation_m: FloatArray,  # noqa: ARG002
     ) -> tuple[FloatArray, Gradient]:
         return paper_bearing(geometry)
+
+
+def _half_by_length(first: FirstOrder) -> FloatArray:
+    """Half widths ``(n, g)`` of 95 % intervals of bearings whose horizontal length is uncertain too.
+
+    Between the tangents to the 95 % ellipse of its end, taken upright; half a turn where it may reach the beginning:
+    that of two points by errors of their pixels alone, what they share moves both. It grows with every error, which
+    drawn intervals do not near a limit.
+    """
+    by = bearing_gradient(first.geometry)
+    parts = (by.by_camera, by.by_directions, by.by_points)  # the logarithm of the length grows a quarter turn beside
+    length = Gradient(*(np.stack([-each[..., 1], each[..., 0], each[..., 2]], axis=-1) for each in parts))
+    is_pair = first.geometry.points_enu_m.shape[-2] > 1
+    rest = 1 - np.square(Z95 * first.std_of(length, pixels_alone=is_pair))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(rest > 0, np.arctan(Z95 * first.linear_std / np.sqrt(rest)), np.pi)
 
 
 def _std_by_lean(first: FirstOrder) -> FloatArray:

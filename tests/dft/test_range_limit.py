@@ -1,4 +1,4 @@
-"""How uncertain a slant range may be: the limit is as drawn, and no error that grows makes a refusal disappear."""
+"""How uncertain slant ranges and bearings may be: as if drawn, and a refusal stays when any error grows."""
 
 import math
 from dataclasses import replace
@@ -20,6 +20,8 @@ PROBES = (
     (ProbeKind.RANGE, ((960.0, 500.0),)),
     (ProbeKind.POSITION, ((300.0, 800.0),)),
     (ProbeKind.DISTANCE, ((700.0, 450.0), (1500.0, 600.0))),
+    (ProbeKind.BEARING, ((940.0, 560.0),)),
+    (ProbeKind.BEARING, ((700.0, 450.0), (720.0, 440.0))),
     (ProbeKind.AREA, ((200.0, 700.0), (900.0, 500.0), (1400.0, 900.0))),
 )
 

@@ -5,7 +5,7 @@ import pytest
 from .coverage import Tally
 from .random_scenes import PIXELS, Level
 
-pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]  # thousands of scenes, most of 1024 draws for every probe
+pytestmark = [pytest.mark.nightly, pytest.mark.timeout(900)]  # thousands of scenes, most of 768 draws for every probe
 SCENES = (1170, 450, 450, 450, 750, 750)
 """In each bin; many where many are refused, and in the wide ones, which count most over all."""
 

@@ -4,7 +4,7 @@ The vehicle accelerates, brakes and is shaken by gusts; the gimbal is commanded 
 reports are against the horizon or against the vehicle, late, noisy, and rounded as the message rounds them.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -93,6 +93,16 @@ class Flight:
 def _rows(track, start, stop):
     arrays = {f.name: getattr(track, f.name) for f in fields(track)}
     return type(track)(**{k: v[start:stop] if isinstance(v, np.ndarray) else v for k, v in arrays.items()})
+
+
+def exchanged(one, two):
+    """A flight with the gimbal of one until its middle, then that of another; both held the same."""
+    rows, samples = len(one.tracks[-1].arrival_ns) // 2, len(one.looking) // 2
+    wxyz = np.concatenate([one.tracks[-1].wxyz[:rows], two.tracks[-1].wxyz[rows:]])
+    return Flight(
+        tracks=(*one.tracks[:-1], replace(one.tracks[-1], wxyz=wxyz)),
+        looking=Rotation.concatenate([one.looking[:samples], two.looking[samples:]]),
+    )
 
 
 def made(plan):

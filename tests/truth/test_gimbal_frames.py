@@ -14,7 +14,7 @@ from aerodft.service.clocks import Ticks
 from aerodft.service.pose import PoseSource
 from tests.one_image import sample_at
 
-from .gimbal_flights import MESSAGES, STEP_NS, UTC0_NS, Plan, made
+from .gimbal_flights import MESSAGES, STEP_NS, UTC0_NS, Plan, exchanged, made
 
 pytestmark = pytest.mark.nightly
 
@@ -97,6 +97,20 @@ def test_attitudes_are_true_within_their_std_before_and_after_the_verdict(frame,
     print(f"\n{frame} {axes} {message}: {within:.1%} within two std, median {np.median(settled):.3f} deg in the end")
     assert within > 0.95
     assert np.median(settled) < 0.3
+
+
+@pytest.mark.parametrize("axes", MountAxes)
+def test_a_gimbal_that_is_exchanged_without_a_word_is_noticed(axes):
+    """A servo mount, then a camera held to the horizon; of 119 s after that fewer than 15 s are read wrongly."""
+    servo = made(Plan(seed=501, frame=ReportFrame.BODY, axes=axes, seconds=240.0, limits_deg=SERVO_DEG))
+    flight = exchanged(servo, made(Plan(seed=501, frame=ReportFrame.EARTH, seconds=240.0)))
+    samples, evidence = run(flight, every_s=0.5, parts_s=3.0)
+    late = [sample for sample in samples if sample.stamp_ns > UTC0_NS + 121 * 10**9]
+    assert (evidence.frame, evidence.contradictory, len(late)) == (ReportFrame.EARTH, False, 238)
+    stds = np.array([[s.std.tilt_rad, s.std.pan_rad, s.std.roll_rad] for s in late])
+    is_wrong = np.any(np.abs(errors_rad(flight, late)) > 2 * stds, axis=-1)
+    print(f"\n{axes}: {np.count_nonzero(is_wrong) / 2} s read wrongly")
+    assert np.count_nonzero(is_wrong) < 2 * 15
 
 
 def test_the_standards_reading_alone_would_be_wrong():

@@ -237,6 +237,8 @@ class FrameDetector:
         self._undone = np.zeros(BODY_READINGS, dtype=np.int64)
         self._motions = self._motion_ns = self._changes = 0
         self._frame: ReportFrame | None = None
+        self._most = 0.0  # log evidence for it so far
+        self._is_doubted = False
         self._axes: MountAxes | None = None
         self.evidence = self._evidence()
 
@@ -346,27 +348,37 @@ class FrameDetector:
         return np.asarray(step)
 
     def _may_be_at_limit(self, sample: GravitySample) -> bool:
+        """Whether it is at an end of the range, and not beyond straight down: of that a limit falls short."""
         low, high = self._range_rad
-        return min(sample.reported_pitch_rad - low, high - sample.reported_pitch_rad) < _AT_LIMIT_RAD
+        at_end = min(sample.reported_pitch_rad - low, high - sample.reported_pitch_rad) < _AT_LIMIT_RAD
+        return at_end and float(np.max(sample.down_if_body[:, 2])) > -_MIN_MOTION_RAD
 
     def _decide(self) -> None:
-        """Decide on a frame and a mount at certainty; a decision is reversed only at the same certainty."""
+        """Decide on a frame and a mount at certainty; a decision is reversed only at the same certainty.
+
+        It is doubted while certain evidence against it has come since most spoke for it, however much that was: the
+        gimbal may be another one.
+        """
         by_axes = self._log_by_axes() - np.log([PRIOR_BODY * _PRIOR_AXES[axes] for axes in AXES])
         ratio = float(np.max(by_axes) - self._log_weights[0])
         if abs(ratio) >= math.log(CERTAIN):
             frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
-            self._changes += self._frame not in {None, frame}
-            self._frame = frame
+            if frame is not self._frame:
+                self._changes += self._frame is not None
+                self._frame, self._most = frame, 0.0
         if np.ptp(by_axes) >= math.log(CERTAIN):
             self._axes = AXES[int(np.argmax(by_axes))]
+        support = ratio if self._frame is ReportFrame.BODY else -ratio
+        self._most = max(self._most, support)
+        self._is_doubted = self._frame is not None and self._most - support >= math.log(CERTAIN)
 
     def _evidence(self) -> FrameEvidence:
         by_axes = self._log_by_axes()
         return FrameEvidence(
-            frame=self._frame,
+            frame=None if self._is_doubted else self._frame,
             axes=self._axes,
             contradictory=self._changes > 1,
-            body_probability=1 / (1 + math.exp(-self._log_odds_body())),
+            body_probability=0.5 if self._is_doubted else 1 / (1 + math.exp(-self._log_odds_body())),
             tilt_outer_probability=math.exp(by_axes[AXES.index(MountAxes.TILT_OUTER)] - _log_sum(by_axes)),
             motions=self._motions,
             undone=int(self._undone[int(np.argmax(self._log_weights[1:]))]),

@@ -157,10 +157,16 @@ class Recording:
         self.station = next((segment.station for segment in self.data if segment.station), "")
         if not self._is_file:
             self._leave_out_foreign()
-            was_closed = all(segment.is_whole for segment in self.data)  # images that are not whole were cut later
+            self.data, self.images = _with_sized_gaps(self.data), _with_sized_gaps(self.images)
+            ids = {
+                each.recording for each in self.data
+            }  # of a recomputed one, images are a copy that was finished before
+            images_closed = _was_closed([each for each in self.images if each.recording in ids])
+            data_closed = _was_closed(self.data)
             self._between = {
-                "data": _gaps_between(self.data, self.images),
-                "images": _gaps_between(self.images, self.data if was_closed else ()),
+                "data": _gaps_between(self.data) + _gap_at_end(self.data, self.images, others_closed=images_closed),
+                "images": _gaps_between(self.images)
+                + _gap_at_end(self.images, self.data if data_closed else (), others_closed=data_closed),
             }
             chunks = [chunk for segment in self.data for chunk in segment.chunks]
         self.start_ns = min(chunk.start_ns for chunk in chunks)
@@ -341,13 +347,34 @@ def _gaps_within(segments: Sequence[SegmentScan]) -> Iterator[Gap]:
             yield replace(gap, from_ns=from_ns, to_ns=to_ns)
 
 
-def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
-    """Proven gaps between segments, by what they and their neighbours count.
+def _missing(segment: SegmentScan, following: SegmentScan) -> tuple[int, int] | None:
+    """Chunks and messages that a segment lacks, besides those that it knows of itself; None where no count says it."""
+    if segment.is_recovered or segment.before is None or following.before is None:
+        return None
+    if segment.recording != following.recording or _number(following) != _number(segment) + 1:
+        return None
+    chunks, messages = (
+        after - before for after, before in zip(segment.after or following.before, segment.before, strict=True)
+    )
+    chunks -= len(segment.chunks) + sum(gap.chunks or 0 for gap in segment.gaps)
+    return chunks, messages - (segment.messages or 0) - sum(gap.messages or 0 for gap in segment.gaps)
 
-    Args:
-        segments: Of one series, in order.
-        others: Of the series that was recorded beside it.
-    """
+
+def _with_sized_gaps(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]:
+    """The segments of a series, gaps in which nobody knows how much is missing left out where counts say nothing is."""
+    found = list(segments)
+    for place, (segment, following) in enumerate(pairwise(segments)):
+        unknown = [gap for gap in segment.gaps if gap.chunks is None]
+        missing = _missing(segment, following) if unknown else None
+        if missing is not None and (missing[0] <= 0 or len(unknown) == 1):
+            sized = [replace(gap, chunks=missing[0], messages=missing[1]) for gap in unknown if missing[0] > 0]
+            known = [gap for gap in segment.gaps if gap.chunks is not None]
+            found[place] = replace(segment, gaps=(*known, *sized))
+    return tuple(found)
+
+
+def _gaps_between(segments: Sequence[SegmentScan]) -> list[Gap]:
+    """Proven gaps between segments of one series, in order, by what they and their neighbours count."""
     gaps = []
     for segment, following in pairwise(segments):
         if _number(following) != _number(segment) + 1:
@@ -357,31 +384,31 @@ def _gaps_between(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]
             gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=lost[0], messages=lost[1]))
         if segment.is_recovered:  # what it lost was said
             continue
-        if segment.before is None or following.before is None or segment.recording != following.recording:
-            if not segment.is_whole:
+        missing = _missing(segment, following)
+        if missing is None:
+            if not segment.has_end:
                 gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns))
-            continue
-        known = sum(gap.chunks or 0 for gap in segment.gaps)
-        after = segment.after or following.before
-        missing = after[0] - segment.before[0] - len(segment.chunks) - known
-        if missing > 0 and not any(gap.chunks is None for gap in segment.gaps):
-            before = after[1] - segment.before[1]
-            messages = before - (segment.messages or 0) - sum(gap.messages or 0 for gap in segment.gaps)
-            gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=missing, messages=messages))
-    return gaps + _gaps_at_end(segments, others)
-
-
-def _gaps_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan]) -> list[Gap]:
-    """Proven gap behind the last segment, of the arguments of ``_gaps_between``."""
-    gaps = []
-    if segments and segments[-1].after is not None:
-        gaps.append(Gap(from_ns=segments[-1].end_ns, to_ns=None))
-    if segments and not segments[-1].is_whole and not segments[-1].is_recovered:
-        end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
-        others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=None)
-        if others_ns is not None and (end_ns is None or others_ns > end_ns + _MOST_UNSYNCED_NS):
-            gaps.append(Gap(from_ns=end_ns, to_ns=others_ns))
+        elif missing[0] > 0 and not any(gap.chunks is None for gap in segment.gaps):
+            gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=missing[0], messages=missing[1]))
     return gaps
+
+
+def _was_closed(segments: Sequence[SegmentScan]) -> bool:
+    """Whether a series was finished, which its recorder does with both."""
+    return bool(segments) and segments[-1].has_end and segments[-1].after is None
+
+
+def _gap_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan], *, others_closed: bool) -> list[Gap]:
+    """The proven gap behind the last segment of a series, by the other one that was recorded beside it; one at most."""
+    if not segments or (segments[-1].after is None and (segments[-1].has_end or segments[-1].is_recovered)):
+        return []
+    end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
+    if segments[-1].after is not None:
+        return [Gap(from_ns=end_ns, to_ns=None)]
+    others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=0)
+    if others_closed or others_ns > (end_ns or 0) + _MOST_UNSYNCED_NS:
+        return [Gap(from_ns=end_ns, to_ns=others_ns if others_ns > (end_ns or 0) else None)]
+    return []
 
 
 def _lost_at_start(segment: SegmentScan, following: SegmentScan) -> tuple[int, int] | None:

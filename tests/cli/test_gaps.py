@@ -55,6 +55,7 @@ def test_a_whole_recording_has_no_gaps(aerodft, flight: Path, tmp_path: Path) ->
 
 def test_a_damaged_chunk_is_counted_in_what_comes_of_it(aerodft, flight: Path, tmp_path: Path) -> None:
     whole = rows(aerodft, flight)
+    begin, end = (min(log_times(flight / name)) for name in ("data_001.mcap", "data_002.mcap"))
     lost = damage(flight)
     assert lost > 0
     for form in FORMATS:
@@ -66,7 +67,6 @@ def test_a_damaged_chunk_is_counted_in_what_comes_of_it(aerodft, flight: Path, t
     assert done.last.startswith(
         "aerodft: the recording is not whole, and so is what came of it: without 1 damaged chunk and what was between "
     )
-    begin, end = (min(log_times(flight / name)) for name in ("data_001.mcap", "data_002.mcap"))
     assert all(begin <= int(gap["from_ns"]) <= int(gap["to_ns"]) <= end for gap in done.json["gaps"])
     recovered = aerodft("recover", flight)
     assert recovered.code == 5
@@ -158,6 +158,12 @@ def log_times(path: Path) -> list[int]:
         return [message.log_time for _, _, message in make_reader(file).iter_messages()]
 
 
+def unfinish_images(flight: Path) -> None:
+    """Leave of image segments what a kill would."""
+    for path in flight.glob("images_*.mcap"):
+        cut(path, sum(spans(flight, path.name)[-1][:2]))
+
+
 def commands(aerodft, flight: Path, tmp_path: Path):
     yield aerodft("export", flight, "-o", tmp_path / "a.csv", "--overwrite", "--json")
     yield aerodft("recompute", flight, "-o", tmp_path / "again", "--json")
@@ -186,13 +192,32 @@ def test_a_cut_segment_before_others_is_a_loss_with_its_times(aerodft, flight: P
 
 
 @pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("place", [0, -1])
+@pytest.mark.parametrize("removed", [True, False])
+def test_damage_behind_the_data_is_no_loss(aerodft, flight: Path, tmp_path: Path, place: int, *, removed: bool) -> None:
+    """The index, the statistics and the footer tell of messages; that none is missing is told by the others."""
+    path = sorted(flight.glob("data_*.mcap"))[place]
+    whole, data = log_times(path), bytearray(path.read_bytes())
+    data[-300:] = b"" if removed else bytes(300)
+    path.write_bytes(data)
+    for done in commands(aerodft, flight, tmp_path):
+        assert (done.code, done.json["gaps"]) == (0, []), done.err
+    assert aerodft("recover", flight).code == 0
+    assert log_times(path) == whole
+
+
+@pytest.mark.usefixtures("small_chunks")
 def test_a_cut_last_segment_may_have_been_killed(aerodft, flight: Path, tmp_path: Path) -> None:
     paths = sorted(flight.glob("data_*.mcap"))
     for path in paths[1:]:
         path.unlink()
     offset, length, _ = spans(flight, "data_000.mcap")[-2]
     cut(paths[0], offset + length // 2)
-    assert aerodft("export", flight, "-o", tmp_path / "a.csv").code == 0, "as after a kill"
+    done = aerodft("export", flight, "-o", tmp_path / "a.csv")
+    assert done.code == 5, "the recorder has finished the images"
+    assert "and the end" in done.last
+    unfinish_images(flight)
+    assert aerodft("export", flight, "-o", tmp_path / "a.csv", "--overwrite").code == 0, "as after a kill"
     done = aerodft("recover", flight, "--json")
     assert "nobody knows how much" in done.err
 
@@ -224,6 +249,7 @@ def test_one_damaged_chunk_costs_itself_at_most(
     if not is_finished:
         last = found[-1][0] + found[-1][1]
         data = data[: last - length * (damage == "gone")]
+        unfinish_images(flight)
     path.write_bytes(data)
     lost = messages if damage in {"zeros", "gone"} else 0
     codes = {done.code for done in commands(aerodft, flight, tmp_path)}

@@ -52,6 +52,7 @@ _MAX_SMALL_RECORD = 4 << 20
 _BARE_BYTES = 1 << 20  # messages without a chunk are read so many at a time
 _MOST_CHUNKS = 150_000  # without an index; each takes 230 bytes: half a day of ours, 150 GB of others
 _MAX_METADATA_BYTES = 1 << 20
+_DATA_END_BYTES: Final = 4
 _MOST_IDS: Final = 500_000  # of channels, in the sets that chunks have: these are megabytes in a claimed index
 
 _log = logging.getLogger(__name__)
@@ -122,6 +123,7 @@ class SegmentScan:
         chunks: Its whole chunks, in order.
         station: From its metadata; None where it has none.
         is_whole: Whether it ends as it should.
+        has_end: Whether its data is known to end where the file says so, whatever is behind.
         is_recovered: Whether it was made whole and says what it lost then.
         before: How many chunks and messages the segments before it hold, by its own count; None where it has none.
         after: How many chunks and messages the series holds before the next segment, by its own count; None where it
@@ -139,6 +141,7 @@ class SegmentScan:
     chunks: tuple[ChunkLocation, ...]
     station: str | None
     is_whole: bool
+    has_end: bool = False
     is_recovered: bool = False
     before: tuple[int, int] | None = None
     after: tuple[int, int] | None = None
@@ -256,7 +259,7 @@ class _Scan:
 
     def run(self) -> SegmentScan:
         """Scan the file from its start."""
-        position, is_whole, is_torn = len(MAGIC), False, False
+        position, is_whole, has_end, is_torn = len(MAGIC), False, False, False
         while not is_torn and position + HEAD.size <= self._size:
             opcode, length = HEAD.unpack(self._read(position, HEAD.size))
             at = position + HEAD.size
@@ -264,9 +267,12 @@ class _Scan:
                 break
             if at + length <= self._size and self._take(opcode, at, length):
                 position = at + length
+                has_end |= opcode == Opcode.DATA_END and length == _DATA_END_BYTES
                 if opcode == Opcode.FOOTER:
                     is_whole = self._size - position == len(MAGIC)
                     break
+            elif has_end:  # what is damaged tells of messages, and is none
+                break
             else:
                 position, is_torn = self._skip(position)
         self._settle()
@@ -282,9 +288,10 @@ class _Scan:
             chunks=tuple(places),
             station=self._about.station,
             is_whole=is_whole,
+            has_end=has_end,
             is_recovered=self._about.is_recovered,
             before=self._before,
-            after=self._after if is_whole else None,
+            after=self._after if has_end else None,
             messages=self._messages,
             gaps=tuple(self._closed(gap) for gap in self._gaps if gap.chunks != 0),
             channels=self._channels,
@@ -510,6 +517,7 @@ def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | Non
             chunks=tuple(_place(path, index, sets) for index in summary.chunks),
             station=about.station,
             is_whole=True,
+            has_end=True,
             is_recovered=about.is_recovered,
             before=_count_before(summary.chunks[0].chunk_start_offset, read) if summary.chunks else None,
             after=_count_before(_end(summary.chunks[-1]) + COUNT_BYTES, read) if summary.chunks else None,

@@ -116,8 +116,8 @@ class Recovery:
 
     @property
     def is_lossy(self) -> bool:
-        """Whether anything is lost."""
-        return any(segment.losses for segment in self.segments)
+        """Whether any message is lost, or nobody knows; damage that is known to have held none is no loss."""
+        return any(loss.messages != 0 for segment in self.segments for loss in segment.losses)
 
 
 def recover_folder(folder: Path) -> Recovery:
@@ -273,7 +273,7 @@ def _recover_segment(path: Path, previous: SegmentScan | None, end: _End, known:
     with _locked(path) as descriptor:
         found = _examine(descriptor, known)
         _tell_end(found, end)
-        _tell_start(found, previous)
+        _tell_start(found, previous, is_first=path.stem.endswith("_000"))
         if found.is_sound:
             return _outcome(path, "sound", found)
         if not found.is_own and (found.chunks or found.library):
@@ -394,14 +394,21 @@ def _outcome(path: Path, state: str, found: "_SegmentReport") -> SegmentRecovery
     )
 
 
-def _tell_start(found: "_SegmentReport", previous: SegmentScan | None) -> None:
-    """Say what is missing at the start of a segment by what the one before it counted."""
-    if found.before is None or found.is_recovered or previous is None or previous.after is None:
+def _tell_start(found: "_SegmentReport", previous: SegmentScan | None, *, is_first: bool) -> None:
+    """Say what is missing at the start of a segment by what the one before it counted; of the first one, by nothing."""
+    start = (0, 0) if is_first else None if previous is None else previous.after
+    if found.before is None or found.is_recovered or start is None:
         return
-    missing = found.before[1] - previous.after[1]
-    if missing > 0:
+    early = [loss for loss in found.losses if loss.from_ns is None]
+    later = found.losses[len(early) :]
+    missing = found.before[1] - start[1] - sum(loss.messages or 0 for loss in early)
+    if missing > 0 and not early:
         found.is_sound = False
-        found.losses.insert(0, DataLoss(what=_GONE, from_ns=previous.end_ns, to_ns=found.start_ns, messages=missing))
+        early = [DataLoss(what=_GONE, to_ns=found.start_ns)]
+    if missing <= 0 or len(early) == 1:
+        early = [replace(loss, messages=(loss.messages or 0) + max(missing, 0)) for loss in early]
+    from_ns = None if previous is None else previous.end_ns
+    found.losses = [*(replace(loss, from_ns=from_ns) for loss in early), *later]
 
 
 def _tell_end(found: "_SegmentReport", end: _End) -> None:
@@ -418,7 +425,9 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
     if found.before is not None and after is not None and not found.is_recovered:
         missing = after[1] - found.before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
         if missing <= 0:  # what is torn was written again into the next one
-            found.losses = inside
+            found.losses = [
+                loss if loss.from_ns is None else replace(loss, messages=loss.messages or 0) for loss in inside
+            ]
         elif all(loss.messages is not None for loss in inside):
             place = torn[0] if torn else DataLoss(what=_CUT, from_ns=found.end_ns)
             found.losses = [*inside, replace(_more_followed(place), to_ns=end.start_ns, messages=missing)]
@@ -534,13 +543,12 @@ def _count_lost(found: _SegmentReport, item: WholeChunk) -> None:
     """See by the count before a chunk what is missing before it."""
     if item.before is None or found.is_recovered:
         return
-    if found.before is None:
-        if not found.losses:
-            found.before = item.before[0] - found.chunks, item.before[1] - found.all_messages
+    if found.before is None:  # what is lost before it, the segment before tells
+        found.before = item.before[0] - found.chunks, item.before[1] - found.all_messages
         return
     known = sum(loss.messages or 0 for loss in found.losses)
     missing = item.before[1] - found.before[1] - found.all_messages - known
-    if not found.losses or found.losses[-1].messages is not None:
+    if not found.losses or found.losses[-1].messages is not None or found.losses[-1].from_ns is None:
         if missing <= 0:
             return
         found.is_sound = False

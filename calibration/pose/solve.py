@@ -50,6 +50,7 @@ _MIN_SCALE: Final = 0.7
 """Smallest scale of stds: small residuals do not show errors that all observations share."""
 
 _COST_TOLERANCE = 1e-6  # relative and absolute
+_HEAD_DOWN: Final = 0.5  # nearer to straight down a camera merely looks back
 _MAX_CHI2_INCREASE, _MIN_DISTANCE_STDS = 14.0, 6.0  # odds of one to a thousand; standard deviations
 
 
@@ -408,7 +409,10 @@ def _solution(problem: Problem, minimum: Minimum, kept: np.ndarray) -> Solution:
 
 
 def _alternative(problem: Problem, solution: Solution, minima: list[Minimum]) -> State | None:
-    """Another minimum of nearly the same likelihood: a mirror image, or one of the four poses of three landmarks."""
+    """Another minimum of nearly the same likelihood: a mirror image, or one of the four poses of three landmarks.
+
+    None that stands on its head where the best does not: few cameras do, and of those that do the roll is stated.
+    """
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
     for minimum in minima:
@@ -416,9 +420,15 @@ def _alternative(problem: Problem, solution: Solution, minima: list[Minimum]) ->
             continue
         other = descend(problem, minimum.state, None, solution.kept, minimum.residuals)
         as_likely = 2 * other.cost - solution.chi2 < _MAX_CHI2_INCREASE * max(solution.sigma_scale, 1.0) ** 2
-        if as_likely and _is_different(names, solution.state, other.state, stds):
+        on_its_head = _uprightness(other.state) < -_HEAD_DOWN and _uprightness(solution.state) > 0
+        if as_likely and not on_its_head and _is_different(names, solution.state, other.state, stds):
             return other.state
     return None
+
+
+def _uprightness(state: State) -> float:
+    """Sine of the angle by which an image's lower edge points down: 1 upright, 0 straight down, -1 on its head."""
+    return math.sin(state.value("tilt")) * math.cos(state.value("roll"))
 
 
 def _is_different(names: tuple[str, ...], one: State, other: State, stds: FloatArray) -> bool:

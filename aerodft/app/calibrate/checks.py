@@ -124,11 +124,13 @@ def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_mi
         return f"{result.weakest.sentence}{_in_line(result)}"
     if (not result.weakest.is_determined or solution.misfit > _MAX_MISFIT) and not accept_misfit:
         worst = max(result.left, key=lambda left: left.sigma if math.isfinite(left.sigma) else 0.0)
-        return (
-            f"the observations contradict each other: residuals are {solution.misfit:.3g} times as large as the stated"
-            f" stds ({worst.name} is {worst.px:.3g} px off); check the coordinates, the pixels and the stds, or take it"
-            " with stds scaled up by `accept_misfit`"
+        far = (
+            f"residuals are {solution.misfit:.3g} times as large as the stated stds ({worst.name} is {worst.px:.3g} px"
+            " off); check the coordinates, the pixels and the stds, or take it with stds scaled up by `accept_misfit`"
         )
+        if solution.misfit > _MAX_MISFIT:
+            return f"the observations contradict each other: {far}"
+        return f"{result.weakest.sentence}; by the stated stds they could, but {far}"
     if isinstance(result, Result) and result.solution.alternative is not None:
         values = values_of(result.solution.alternative, result.names, evidence.frame)
         other = ", ".join(f"{key} {value:.4g}" for key, value in values.items())

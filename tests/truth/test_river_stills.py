@@ -4,20 +4,14 @@ Straight, curved and braided; plain, muddy under foam, mirroring the sky in the 
 Truth is where the line through both bank pixels, as the true pose sees them, crosses the river's banks.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from aerodft.dft import Setup
-from aerodft.geometry import from_rotation_vector, multiply, pose_covariance
-from aerodft.model import PoseStd
 from aerodft.sim import default_camera
 from aerodft.sim.render import SensorModel
 from aerodft.vision.river import River, RiverQuestion, RiverStatus, WaterPlane, find_river
-from aerodft.vision.river.centreline import centreline
-from aerodft.vision.river.find import oriented, river_across
-from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, true_crossing
+from tests.vision.river_scenes import SHAPES, TILTS_DEG, river_scene, seen_again, true_crossing, wrongly_posed
 from tests.waterside import Waterside, WatersideRenderer
 
 pytestmark = pytest.mark.nightly
@@ -30,7 +24,6 @@ LOOKS = {
 }
 SEEDS = (1, 2, 3)
 MEDIAN, P95 = 0.01, 0.03
-STD = PoseStd(height_agl_m=0.4, tilt_rad=0.004, pan_rad=0.004, roll_rad=0.004)
 FEWEST = 6
 
 
@@ -47,22 +40,6 @@ def crossed(camera, scene, found):
     unit = (left - right) / np.linalg.norm(left - right, axis=-1, keepdims=True)
     crossing = true_crossing(scene.world.river, (left + right) / 2, unit)
     return found.widths.width_m[used], found.widths.std_m[used], crossing[:, 0] - crossing[:, 1], (left + right) / 2
-
-
-def wrongly_posed(pose, seed):
-    """The pose as telemetry with errors of ``STD`` might tell it."""
-    cov = pose_covariance(pose.wxyz, STD.values)
-    error = np.random.default_rng(seed).multivariate_normal(np.zeros(6), cov)
-    turned = multiply(pose.wxyz, from_rotation_vector(error[3:]))
-    return replace(pose, position_enu_m=pose.position_enu_m + error[:3], wxyz=turned, cov=cov)
-
-
-def seen_again(image, camera, pose, found):
-    """The river measured with another pose, from its centreline on: what is water in an image no pose decides."""
-    plane = WaterPlane(camera, pose)
-    line = centreline(plane, found.copy, found.water)
-    told = RiverQuestion(spacing_m=6.0)
-    return river_across(image, Setup(camera=camera), pose, told, found, oriented(plane, line, None))
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -6,6 +6,7 @@ The camera is at the origin's zenith, looks north and has no distortion. Banks a
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -86,27 +87,21 @@ class PaintedRiver:
         away = self.height_m / np.maximum(down, 0.02)
         east, north = x * away, (math.sin(tilt) - y * math.cos(tilt)) * away
         beyond, along, across = self.beyond_bank_m(east, north)
-        fine, detail, slow = (self._sampled(each, east, north, share) for each, share in ((0, 1.0), (1, 0.3), (2, 4.0)))
-        waves = self._sampled(3, along / 2, across, 0.5)
-        mixed = np.clip(0.5 + slow, 0, 1)[..., None]
-        first, second = (np.array(each, dtype=float) for each in LANDS[self.land])
-        land = (first * (1 - mixed) + second * mixed) * (1 + 0.15 * fine + 0.15 * detail)[..., None]
-        land += 4.0 * np.stack([detail, fine, -detail], axis=-1)
-        if self.look.get("bushes"):
-            land = np.where((fine > 1.0)[..., None], np.array([28.0, 62.0, 40.0]) * (1 + 0.3 * detail)[..., None], land)
-        water = np.array(WATERS[self.water], dtype=float) * (1 + 0.08 * waves + 0.03 * slow)[..., None]
+        land, water = self._surfaces(east, north, along, across)
+        fine, ground = self._sampled(0, east, north, 1.0), 0.7 * np.array(LANDS.get(self.land, ((0, 0, 0),))[0])
         if self.look.get("dim"):
             water *= 1 - 0.4 * np.exp(np.minimum(beyond, 0) / (self.look["dim"] * self.width_m))[..., None]
         if self.look.get("foam"):
             water = np.where((fine > 1.9)[..., None], 0.4 * water + 0.6 * 203.0, water)
         if self.look.get("glare"):
             spot = np.exp(-(((u / WIDTH - 0.55) / 0.09) ** 2) - ((v / HEIGHT - 0.5) / 0.15) ** 2)
+            waves = self._sampled(3, along / 2, across, 0.5)
             water += 200.0 * (spot * np.clip(0.6 + 0.6 * waves, 0, 1.5))[..., None]
         if self.look.get("mirror"):
-            water += self._mirrored(beyond, across, fine)[..., None] * (0.7 * first - water)
+            water += self._mirrored(beyond, across, fine)[..., None] * (ground - water)
         if self.look.get("path"):
             path = (beyond > 0) & (beyond < self.look["path"] * self.width_m) & (across > 0)
-            land = np.where(path[..., None], 0.7 * first, land)
+            land = np.where(path[..., None], ground, land)
         image = np.where((beyond < 0)[..., None], water, land)
         if self.look.get("shade"):
             image = np.where((self._sampled(3, east, north, 2.0) > 1.1)[..., None], 0.55 * image, image)
@@ -114,6 +109,18 @@ class PaintedRiver:
         image = cv2.resize(np.clip(image, 0, 255).astype(np.float32), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
         image = cv2.GaussianBlur(image, (0, 0), 0.6) + np.random.default_rng(self.seed).normal(0, 2, image.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+    def _surfaces(self, east_m, north_m, along_m, across_m):
+        """Land and water without shade or light, each ``(n, m, 3)``."""
+        fine, detail, slow = (self._sampled(i, east_m, north_m, share) for i, share in ((0, 1.0), (1, 0.3), (2, 4.0)))
+        mixed = np.clip(0.5 + slow, 0, 1)[..., None]
+        first, second = (np.array(each, dtype=float) for each in LANDS[self.land])
+        land = (first * (1 - mixed) + second * mixed) * (1 + 0.15 * fine + 0.15 * detail)[..., None]
+        land += 4.0 * np.stack([detail, fine, -detail], axis=-1)
+        if self.look.get("bushes"):
+            land = np.where((fine > 1.0)[..., None], np.array([28.0, 62.0, 40.0]) * (1 + 0.3 * detail)[..., None], land)
+        waves = self._sampled(3, along_m / 2, across_m, 0.5)
+        return land, np.array(WATERS[self.water], dtype=float) * (1 + 0.08 * waves + 0.03 * slow)[..., None]
 
     def _mirrored(self, beyond_m, across_m, fine):
         """How much of the eastern bank the water shows, without its waves, 0 to 1: it fades into the open water."""
@@ -138,3 +145,45 @@ class PaintedRiver:
                 return math.nan
             ends.append(np.interp(0.0, beyond[first - 1 : first + 1], steps[first - 1 : first + 1]))
         return sum(ends)
+
+
+PHOTOGRAPHED_LANDS = {
+    "lawn": ("lake_shore.jpg", 192, 160),
+    "stones": ("lake_shore.jpg", 192, 304),
+    "forest": ("park_road.jpg", 48, 16),
+    "dense forest": ("park_road.jpg", 48, 288),
+    "meadow": ("park_road.jpg", 352, 16),
+    "trees": ("park_road.jpg", 576, 112),
+    "stubble": ("road_infrared.jpg", 128, 16),
+    "bare field": ("road_infrared.jpg", 512, 112),
+    "red soil": ("road_infrared.jpg", 80, 448),
+}
+PHOTOGRAPHED_WATERS = {
+    "deep": ("lake_shore.jpg", 640, 64),
+    "open": ("lake_shore.jpg", 640, 192),
+    "calm": ("lake_shore.jpg", 640, 304),
+    "shallow": ("lake_shore.jpg", 592, 176),
+}
+"""Squares in photographs (`pictures`): the file, and the left upper corner's pixel."""
+SQUARE_PX = 128
+TINTS = {"green": (1.0, 1.0, 1.0), "muddy": (0.8, 1.1, 1.5), "blue": (1.6, 1.1, 0.7), "dark": (0.6, 0.6, 0.6)}
+
+
+@dataclass(frozen=True)
+class PhotographedRiver(PaintedRiver):
+    """A river whose land and water have the textures of photographs, with the water tinted."""
+
+    tint: str = "green"
+
+    def _surfaces(self, east_m, north_m, along_m, across_m):
+        land = self._laid(PHOTOGRAPHED_LANDS[self.land], east_m, north_m)
+        return land, self._laid(PHOTOGRAPHED_WATERS[self.water], along_m, across_m) * np.array(TINTS[self.tint])
+
+    def _laid(self, square, east_m, north_m):
+        """A square of a photograph, mirrored at its borders, about a pixel for each of the image."""
+        name, left, top = square
+        pixels = cv2.imread(str(Path(__file__).parent / "pictures" / name))
+        tile = pixels[top : top + SQUARE_PX, left : left + SQUARE_PX].astype(np.float32)
+        tile = np.vstack([np.hstack([tile, tile[:, ::-1]]), np.hstack([tile[::-1], tile[::-1, ::-1]])])
+        at = [np.mod(each * 270 / self.width_m, 2 * SQUARE_PX).astype(np.float32) for each in (east_m, north_m)]
+        return cv2.remap(tile, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)

@@ -1,15 +1,19 @@
-"""Rivers seen by a simulated camera that looks at them, and how wide they truly are along any line."""
+"""Rivers seen by a simulated camera that looks at them, how wide they truly are, and poses that are off as stated."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aerodft.geometry import camera_pose
-from aerodft.model import Pose
+from aerodft.dft import Setup
+from aerodft.geometry import camera_pose, from_rotation_vector, multiply, pose_covariance
+from aerodft.model import Pose, PoseStd
 from aerodft.sim import default_camera
 from aerodft.sim.render import Renderer, SensorModel
 from aerodft.sim.world import Appearance, Island, River, World, furnished_world
+from aerodft.vision.river import RiverQuestion, WaterPlane
+from aerodft.vision.river.centreline import centreline
+from aerodft.vision.river.find import oriented, river_across
 
 SHAPES = {
     "straight": {"meander_m": 0.0, "width_swing_m": 0.0},
@@ -22,6 +26,7 @@ SHAPES = {
     },
 }
 TILTS_DEG = (0, 20, 40, 55, 65)
+POSE_STD = PoseStd(height_agl_m=0.4, tilt_rad=0.004, pan_rad=0.004, roll_rad=0.004)
 
 
 @dataclass(frozen=True)
@@ -79,3 +84,19 @@ def true_crossing(river, centres_en_m, to_left):
                 for dry, wet in ((above[0], above[0] - 1), (below[-1], below[-1] + 1))
             ]
     return found
+
+
+def wrongly_posed(pose, seed):
+    """The pose as telemetry with errors of ``POSE_STD`` might tell it."""
+    cov = pose_covariance(pose.wxyz, POSE_STD.values)
+    error = np.random.default_rng(seed).multivariate_normal(np.zeros(6), cov)
+    turned = multiply(pose.wxyz, from_rotation_vector(error[3:]))
+    return replace(pose, position_enu_m=pose.position_enu_m + error[:3], wxyz=turned, cov=cov)
+
+
+def seen_again(image, camera, pose, found):
+    """The river measured with another pose, from its centreline on: what is water in an image no pose decides."""
+    plane = WaterPlane(camera, pose)
+    line = centreline(plane, found.copy, found.water)
+    told = RiverQuestion(spacing_m=6.0)
+    return river_across(image, Setup(camera=camera), pose, told, found, oriented(plane, line, None))

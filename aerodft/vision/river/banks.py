@@ -3,7 +3,8 @@
 A profile is a step between two textures. Either side's mean, spread and correlation are taken where the profile surely
 is on that side; then every place of the step, sharp or soft, gets its likelihood, the nearer to the mask's outline the
 more, and mean and standard deviation over all places are the answer. Neighbouring samples of a texture are alike:
-either side is a first-order autoregressive process, and what counts of a sample is its innovation. Some bank points
+either side is a first-order autoregressive process, and what counts of a sample is its innovation. Last, within a few
+pixels of there, either side may be shaded: its level is the straight line that its samples are on. Some bank points
 stand out from their neighbours: a post in front of the water, a boat, a mask that leaked. And what stands on a bank and
 is seen from behind hides water: how much, the view's geometry says.
 """
@@ -15,6 +16,7 @@ from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from aerodft.geometry import robust_std
@@ -27,9 +29,13 @@ _STEP_PX: Final = 0.5
 _ASIDE_PX: Final = np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0])  # parallel profiles, along the bank
 _PLACE_PX: Final = 0.2
 _PLACE_VAR: Final = _PLACE_PX**2 / 12  # of the true place within so much
-_BIAS_SHARE: Final = 2.0  # of a place's spread: of 173 rivers of photographs' textures 93 % of the widths hold then
 _NEAR_SHARE: Final = 0.35  # of the window: so well the step's place is known beforehand, one standard deviation
-_BLURS_PX: Final = (0.55, 1.2)  # of a sharp edge (a pixel's width, and the interpolation); of one that leans or is soft
+_BLURS_PX: Final = (0.55, 0.75, 1.2)  # of a sharp edge, with interpolation and a lens; of one that leans or is soft
+_MEMORY_PX: Final = 4.0  # so far a side's samples tell what comes next
+_SHADED_PX: Final = 3.0  # by so much shade may move a step
+_SHADED_WINDOW_PX: Final = 8.0  # there either side's texture is taken nearer to the step
+_HEIGHT_STD: Final = 0.4  # of a step where either side is shaded; 1 where they are not
+_SMOOTH: Final = 2.0  # bank points: a bank's direction is that of the line through so many
 _FLANKS: Final = 3.0  # blurs from its place: so far a step reaches
 _NOISE: Final = 1.0  # grey levels: no side is known to be smoother
 _LEAST_SPREAD: Final = 0.02  # of the step: no side is known to be more even
@@ -66,7 +72,13 @@ class Edges:
 
 
 def locate_edges(
-    image: ImageArray, near_px: FloatArray, across_px: FloatArray, along_px: FloatArray, window_px: FloatArray
+    image: ImageArray,
+    near_px: FloatArray,
+    across_px: FloatArray,
+    along_px: FloatArray,
+    window_px: FloatArray,
+    *,
+    shaded: bool = False,
 ) -> Edges:
     """Find the steps near pixels.
 
@@ -77,12 +89,13 @@ def locate_edges(
         along_px: ``(n, 2)`` unit vectors along the banks.
         window_px: ``(n,)`` how far from there the step may be; as much farther out is on its side surely.
             Where it is 0 nothing is looked for.
+        shaded: Whether either side may slowly change towards the step, which then is at most 3 px from there.
     """
     pixels, stds, contrasts = near_px.copy(), window_px.copy(), np.zeros(len(near_px))
     for half in np.unique(window_px[window_px > 0]).tolist():
         rows = np.flatnonzero(window_px == half)
         profiles = _profiles(image, near_px[rows], across_px[rows], along_px[rows], half)
-        offsets, stds[rows], contrasts[rows] = _step_at(profiles, half)
+        offsets, stds[rows], contrasts[rows] = _step_at(profiles, half, shaded=shaded)
         pixels[rows] += offsets[:, None] * across_px[rows]
     return Edges(pixels, stds, contrasts, across_px)
 
@@ -91,10 +104,9 @@ def common_bias_px(std_px: FloatArray) -> float:
     """Standard deviation of what all banks of an image are off by together, from those of its bank points ``(...)``.
 
     What is not the step that is sought, as shade that fades into open water, lies along the whole bank: it spreads
-    each point's place, and moves all by up to twice as much.
+    each point's place, and may move all by as much.
     """
-    spread_var = float(np.median(std_px)) ** 2 - _PLACE_VAR
-    return _BIAS_SHARE * math.sqrt(max(spread_var, 0.0))
+    return math.sqrt(max(float(np.median(std_px)) ** 2 - _PLACE_VAR, 0.0))
 
 
 def _offsets(half: float) -> FloatArray:
@@ -110,14 +122,18 @@ def _profiles(image: ImageArray, near: FloatArray, across: FloatArray, along: Fl
     return np.asarray(colours, dtype=np.float64).reshape(*at.shape[:-1], 3)
 
 
-def _step_at(profiles: FloatArray, half: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _step_at(profiles: FloatArray, half: float, *, shaded: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Offset and standard deviation (px), and contrast, each ``(n,)``."""
     offsets = _offsets(half)
     wet, dry = offsets <= -half, offsets >= half
     profile = _steps(profiles, wet, dry)
-    sides = [_Texture.of(profile[:, side]) for side in (wet, dry)]
-    places = np.arange(-half, half + _PLACE_PX / 2, _PLACE_PX)
-    score = np.stack([_likelihood(profile, offsets, places, sides, blur) for blur in _BLURS_PX])
+    before = _straight_on(len(offsets)) if shaded else None
+    after = None if before is None else before.swapaxes(1, 2)
+    sides = _Side.of(profile, wet, 0.0, before), _Side.of(profile, dry, 1.0, after)
+    reach = _SHADED_PX if shaded else half
+    places = np.arange(-reach, reach + _PLACE_PX / 2, _PLACE_PX)
+    blurs = _BLURS_PX if shaded else _BLURS_PX[::2]
+    score = np.stack([_likelihood(profile, offsets, places, sides, blur) for blur in blurs])
     score = _TEMPER * score - 0.5 * np.square(places / (_NEAR_SHARE * half))
     weight = np.exp(score - score.max(axis=(0, 2), keepdims=True)).sum(axis=0)
     weight /= weight.sum(axis=-1, keepdims=True)
@@ -141,52 +157,74 @@ def _steps(profiles: FloatArray, wet: BoolArray, dry: BoolArray) -> FloatArray:
     return np.asarray((values - zero[:, None]) / length[:, None])
 
 
-class _Texture(NamedTuple):
-    """One side of profiles.
+def _straight_on(count: int) -> FloatArray:
+    """Weights ``(2, count, count)`` by which samples (rows) say each later one (columns), and the slope towards it.
+
+    It is on the straight line through all before it, of which the nearest weigh most (Brown's exponential smoothing).
+    """
+    share = _STEP_PX / _MEMORY_PX
+    age = np.arange(count) - np.arange(count)[:, None] - 1.0
+    kept = share * (1.0 - share) ** np.maximum(age, 0.0) * (age >= 0.0)
+    bent = kept * (1.0 - share * (age + 1.0)) / (1.0 - share)
+    return np.stack([kept + bent, share * bent])
+
+
+class _Side(NamedTuple):
+    """One side of profiles ``(n, samples)``: a texture about a level that may slowly change, as shade does that fades.
 
     Attributes:
         variance: ``(n,)`` of each profile's samples.
         correlation: Of neighbouring samples, in all profiles.
+        level: ``(n or 1, samples)`` of each sample, as those farther from the other side say.
+        slope: ``(n or 1, samples)`` of the level there, a sample.
+        deviance: ``(n, samples)`` minus twice the log likelihood of all samples from the second to each.
     """
 
     variance: FloatArray
     correlation: float
+    level: FloatArray
+    slope: FloatArray
+    deviance: FloatArray
 
     @classmethod
-    def of(cls, side: FloatArray) -> "_Texture":
-        """The texture of samples ``(n, k)``."""
+    def of(cls, profile: FloatArray, there: BoolArray, mean: float, before: FloatArray | None) -> "_Side":
+        """The side that profiles surely are on where ``there`` is true, with a mean; ``before`` says how it changes."""
+        side = profile[:, there]
         rest = side - side.mean(axis=-1, keepdims=True)
         unit = rest / (rest.std(axis=-1, keepdims=True) + 1e-9)
         correlation = float(np.mean(unit[:, 1:] * unit[:, :-1])) / max(float(np.mean(unit * unit)), 1e-9)
-        return cls(np.var(side, axis=-1) + _LEAST_SPREAD**2, min(max(correlation, 0.0), _MOST_CORRELATED))
-
-    def deviance(self, profile: FloatArray, level: float) -> FloatArray:
-        """Sums of minus twice the log likelihood of the samples from the second on, ``(n, samples)``, 0 at first."""
-        rest = profile - level
-        variance = self.variance[:, None] * (1.0 - self.correlation**2)
-        innovation = rest[:, 1:] - self.correlation * rest[:, :-1]
-        return np.pad(np.cumsum(np.square(innovation) / variance + np.log(variance), axis=-1), ((0, 0), (1, 0)))
+        correlation = min(max(correlation, 0.0), _MOST_CORRELATED)
+        variance = np.var(side, axis=-1) + _LEAST_SPREAD**2
+        steady = np.array([[[mean]], [[0.0]]])
+        level, slope = steady * np.ones(profile.shape[1]) if before is None else (profile - mean) @ before + steady
+        fresh = variance[:, None] * (1.0 - correlation**2)
+        innovation = profile[:, 1:] - level[:, 1:] - correlation * (profile[:, :-1] - level[:, 1:])
+        deviance = np.cumsum(np.square(innovation) / fresh + np.log(fresh), axis=-1)
+        return cls(variance, correlation, level, slope, np.pad(deviance, ((0, 0), (1, 0))))
 
 
 def _likelihood(
-    profile: FloatArray, offsets: FloatArray, places: FloatArray, sides: Sequence[_Texture], blur_px: float
+    profile: FloatArray, offsets: FloatArray, places: FloatArray, sides: Sequence[_Side], blur_px: float
 ) -> FloatArray:
-    """Log likelihood ``(n, places)`` of steps from 0 to 1 at places, of a blur, in profiles ``(n, samples)``."""
+    """Log likelihood ``(n, places)`` of steps from one side to the other at places, of a blur, in ``(n, samples)``."""
     wet, dry = sides
     first, last = (np.searchsorted(offsets, places + sign * _FLANKS * blur_px) for sign in (-1, 1))
     count = int(np.max(last - first)) + 1  # samples of neither side alone, or after such a one
     first = np.clip(first, 1, len(offsets) - count)
-    within = first[:, None] + np.arange(-1, count)
+    last, ahead = first + count - 1, np.arange(-1, count)
+    within = first[:, None] + ahead
     step = ndtr((offsets[within] - places[:, None]) / blur_px)
+    near = wet.level[:, first, None] + wet.slope[:, first, None] * ahead
+    far = dry.level[:, last, None] + dry.slope[:, last, None] * (count - 1 - ahead)
     variance = wet.variance[:, None, None] + step * (dry.variance - wet.variance)[:, None, None]
-    rest = (profile[:, within] - step) / np.sqrt(variance)
+    rest = (profile[:, within] - near - step * (far - near)) / np.sqrt(variance)
     correlation = wet.correlation + step[:, 1:] * (dry.correlation - wet.correlation)
     fresh = 1.0 - np.square(correlation)
     innovation = rest[..., 1:] - correlation * rest[..., :-1]
     deviance = np.einsum("npk,npk,pk->np", innovation, innovation, 1.0 / fresh)
     deviance += np.log(np.prod(variance[..., 1:] * fresh, axis=-1))
-    before, after = wet.deviance(profile, 0.0), dry.deviance(profile, 1.0)
-    return np.asarray(-0.5 * (deviance + before[:, first - 1] + after[:, -1:] - after[:, first + count - 1]))
+    deviance += np.square(((far - near)[..., count // 2] - 1.0) / _HEIGHT_STD)
+    return np.asarray(-0.5 * (deviance + wet.deviance[:, first - 1] + dry.deviance[:, -1:] - dry.deviance[:, last]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,9 +324,21 @@ def _located(
     window = np.minimum(window_px(np.minimum(room, border) / 2), widest_px(scale))
     edges = locate_edges(image, near, across, along, window)
     edges = locate_edges(image, edges.pixels_px, across, along, window)  # where the first look was off
+    if len(rows) > 1 and np.all(np.diff(rows) > 0):  # one line, not the shores of several islands
+        along = _along(edges.pixels_px)
+    near_window = np.minimum(window, _SHADED_WINDOW_PX)
+    fine = locate_edges(image, edges.pixels_px, across, along, near_window, shaded=True)
+    elsewhere_var = np.maximum(edges.std_px**2 - _SHADED_PX**2 / 3, 0.0)  # of places out of its reach
+    edges = Edges(fine.pixels_px, np.sqrt(fine.std_px**2 + elsewhere_var), edges.contrast, across)
     edges.std_px[(window <= 0) & (border <= room)] = np.inf
     edges.std_px[(window <= 0) & (border > room)] = np.nan
     return edges
+
+
+def _along(line_px: FloatArray) -> FloatArray:
+    """Unit vectors ``(n, 2)`` along the smoothed line through points."""
+    along = np.gradient(gaussian_filter1d(line_px, _SMOOTH, axis=0, mode="nearest"), axis=0)
+    return np.asarray(along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9))
 
 
 def widest_px(scale: float) -> float:

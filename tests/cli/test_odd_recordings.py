@@ -254,7 +254,7 @@ def test_what_lies_behind_a_large_record_of_metadata_is_read(aerodft, tmp_path: 
     pair = b"\x01\0\0\0x" + value
     content = name + len(pair).to_bytes(4, "little") + pair
     large = RECORD_HEAD.pack(Opcode.METADATA, len(content)) + content
-    (folder / "data_000.mcap").write_bytes(data[:front] + large + data[front:end])
+    (folder / "data_000.mcap").write_bytes(data[:front] + large + data[front : end + RECORD_HEAD.size + 4])
     done = aerodft("export", folder, "--format", "jsonl")
     assert (done.code, done.out) == (0, aerodft("export", FROZEN, "--format", "jsonl").out)
     assert done.out

@@ -227,9 +227,9 @@ def salvaged_length(read: Callable[[int, int], bytes], start: int, end: int) -> 
     if len(data) < LEAST_CHUNK_BYTES:
         return None
     (name_bytes,) = _COUNT.unpack_from(data, CHUNK_HEAD.size)
-    if name_bytes > _LONGEST_NAME:
-        return None
     data_at = CHUNK_HEAD.size + _COUNT.size + name_bytes + _SIZE.size
+    if name_bytes > _LONGEST_NAME or len(data) < data_at:
+        return None
     length = data_at + _SIZE.unpack_from(data, data_at - _SIZE.size)[0]
     if length > MAX_CHUNK_BYTES or at + length > end or not is_chunk(data, length):
         return None

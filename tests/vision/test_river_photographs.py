@@ -45,3 +45,10 @@ def test_who_says_that_a_road_is_water_is_believed():
     assert sum(len(bank) for bank in banks) > 100
     if isinstance(found, River):
         assert found.water.water[417, 377]
+
+
+@pytest.mark.parametrize(("name", "at"), [("road_infrared.jpg", (377.0, 417.0)), ("park_road.jpg", (600.0, 400.0))])
+def test_who_points_at_a_road_gets_no_width_where_nobody_can_tell(name, at):
+    found = found_in(name, hints=RiverHints([at], []))
+    assert isinstance(found, NoRiver)
+    assert found.status is RiverStatus.AMBIGUOUS

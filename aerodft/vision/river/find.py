@@ -216,11 +216,14 @@ def _across(
     other_m = _otherwise_m(image, plane, copy.scale, edges, others)
     for row in np.flatnonzero(_unlike_neighbours(plane, found, edges, line.width_m)).tolist():
         status[row] = RiverStatus.UNLIKE_NEIGHBOURS if status[row] is RiverStatus.OK else status[row]
-    rows = np.flatnonzero([each is RiverStatus.OK for each in status])
-    for row in rows[_ambiguous(other_m[rows], line.width_m)].tolist():
+    seen_rows = np.flatnonzero([each is RiverStatus.OK for each in status])
+    ambiguous = _ambiguous(other_m[seen_rows], line.width_m)
+    for row in seen_rows[ambiguous].tolist():
         status[row] = RiverStatus.AMBIGUOUS
-    rows = np.flatnonzero([each is RiverStatus.OK for each in status])
+    rows = seen_rows[~ambiguous]
     banks_px = by_side(plane, arcs, line)
+    if in_doubt(water) and 2 * len(rows) < len(seen_rows):  # whoever points at it
+        return NoRiver(RiverStatus.AMBIGUOUS, WHY[RiverStatus.AMBIGUOUS], banks_px)
     if len(rows) == 0:
         worst = RiverStatus.TOO_COARSE if RiverStatus.TOO_COARSE in status else RiverStatus.OUT_OF_IMAGE
         return NoRiver(worst, WHY[worst], banks_px)

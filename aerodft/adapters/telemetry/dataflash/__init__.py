@@ -1,0 +1,44 @@
+"""ArduPilot's self-describing log format (.bin): messages found in a file, and decoded to telemetry tracks.
+
+A FMT message names the fields of every other message.
+"""
+
+from pathlib import Path
+from typing import Final
+
+from aerodft.adapters.telemetry.dataflash.decoding import DataflashDecoder, gps_to_unix_ns
+from aerodft.adapters.telemetry.dataflash.layouts import FMT_TYPE, HEAD, HEAD_SIZE, MessageFormat
+from aerodft.adapters.telemetry.dataflash.source import TITLE, DataflashSource
+from aerodft.adapters.telemetry.mavlink import FollowedIds
+from aerodft.model import WireProtocol
+
+__all__ = [
+    "FMT_TYPE",
+    "HEAD_SIZE",
+    "PROTOCOL",
+    "TITLE",
+    "DataflashDecoder",
+    "DataflashSource",
+    "MessageFormat",
+    "gps_to_unix_ns",
+    "new_decoder",
+    "open_source",
+    "recognises",
+]
+
+PROTOCOL: Final = WireProtocol.DATAFLASH
+
+
+def recognises(head: bytes) -> bool:
+    """Whether a message stands at the beginning."""
+    return head.startswith(bytes(HEAD))
+
+
+def open_source(path: Path) -> DataflashSource:
+    """A .bin log as blocks of messages."""
+    return DataflashSource(path)
+
+
+def new_decoder(followed: FollowedIds) -> DataflashDecoder:  # noqa: ARG001 - a log of its own vehicle alone
+    """A decoder that learns the messages' layouts on the way."""
+    return DataflashDecoder()

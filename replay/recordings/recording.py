@@ -158,15 +158,14 @@ class Recording:
         if not self._is_file:
             self._leave_out_foreign()
             self.data, self.images = _with_sized_gaps(self.data), _with_sized_gaps(self.images)
-            ids = {
-                each.recording for each in self.data
-            }  # of a recomputed one, images are a copy that was finished before
-            images_closed = _was_closed([each for each in self.images if each.recording in ids])
+            own = {each.recording for each in self.data}  # a recomputed one has a copy of images, finished before
+            images_closed = _was_closed([each for each in self.images if each.recording in own])
             data_closed = _was_closed(self.data)
+            after_data = _gap_at_end(self.data, self.images, others_closed=images_closed)
+            after_images = _gap_at_end(self.images, self.data if data_closed else (), others_closed=data_closed)
             self._between = {
-                "data": _gaps_between(self.data) + _gap_at_end(self.data, self.images, others_closed=images_closed),
-                "images": _gaps_between(self.images)
-                + _gap_at_end(self.images, self.data if data_closed else (), others_closed=data_closed),
+                "data": _gaps_between(self.data) + after_data,
+                "images": _gaps_between(self.images) + after_images,
             }
             chunks = [chunk for segment in self.data for chunk in segment.chunks]
         self.start_ns = min(chunk.start_ns for chunk in chunks)

@@ -6,8 +6,8 @@ A FMT message names the fields of every other message.
 from pathlib import Path
 from typing import Final
 
-from aerodft.adapters.telemetry.dataflash.decoding import DataflashDecoder, gps_to_unix_ns
-from aerodft.adapters.telemetry.dataflash.layouts import FMT_TYPE, HEAD, HEAD_SIZE, MessageFormat
+from aerodft.adapters.telemetry.dataflash.decoding import DataflashDecoder, MessageFormat, gps_to_unix_ns
+from aerodft.adapters.telemetry.dataflash.framing import FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.telemetry.dataflash.source import TITLE, DataflashSource
 from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.model import WireProtocol

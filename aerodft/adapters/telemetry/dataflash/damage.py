@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry.dataflash.framing import NEAR_US, TYPES
-from aerodft.adapters.telemetry.dataflash.layouts import HEAD_SIZE
+from aerodft.adapters.telemetry.dataflash.framing import HEAD_SIZE, NEAR_US, TYPES
 from aerodft.adapters.telemetry.log_file import Piece
 from aerodft.model import BoolArray, ImageArray, IntArray
 

@@ -1,15 +1,15 @@
-"""A .bin log's messages decoded to telemetry tracks."""
+"""Layouts of a .bin log's messages, and their decoding to telemetry tracks."""
 
 import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
-from functools import partial
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry.dataflash.layouts import FMT_TYPE, HEAD_SIZE, MessageFormat, parse_format
+from aerodft.adapters.telemetry.dataflash.framing import FMT_SIZE, FMT_TYPE, HEAD_SIZE
 from aerodft.adapters.telemetry.mavlink import MAX_STAMP_US, ORIENTATION_DOWN, payload_rows
 from aerodft.adapters.telemetry.tracks import Rows, height_track, mount_track, no_height, position_track, vehicle_track
 from aerodft.model import (
@@ -24,6 +24,30 @@ from aerodft.model import (
     WireProtocol,
 )
 
+_FMT_DTYPE: Final = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
+_CODES: Final = {
+    "a": ("<i2", (32,), 1.0),
+    "b": ("i1", (), 1.0),
+    "B": ("u1", (), 1.0),
+    "g": ("<f2", (), 1.0),
+    "h": ("<i2", (), 1.0),
+    "H": ("<u2", (), 1.0),
+    "i": ("<i4", (), 1.0),
+    "I": ("<u4", (), 1.0),
+    "f": ("<f4", (), 1.0),
+    "n": ("S4", (), 1.0),
+    "N": ("S16", (), 1.0),
+    "Z": ("S64", (), 1.0),
+    "c": ("<i2", (), 0.01),
+    "C": ("<u2", (), 0.01),
+    "e": ("<i4", (), 0.01),
+    "E": ("<u4", (), 0.01),
+    "L": ("<i4", (), 1e-7),
+    "d": ("<f8", (), 1.0),
+    "M": ("u1", (), 1.0),
+    "q": ("<i8", (), 1.0),
+    "Q": ("<u8", (), 1.0),
+}
 # ArduPilot's AP_RangeFinder_Params: RNGFND1_MIN and _MAX in metres, before 4.7 RNGFND1_MIN_CM and _MAX_CM. The sensor
 # is counted from 1 there, in hexadecimal; from 0 in RFND.
 _LIMIT: Final = re.compile(r"RNGFND([1-9A-F])_(MIN|MAX)(_CM)?")
@@ -39,6 +63,42 @@ _RANGEFINDER_GOOD: Final = 4
 _TERRAIN_OK: Final = 2
 _NUMBERS: Final = ("i", "u", "f")
 _DEG: Final = math.radians(1)
+
+
+class MessageFormat:
+    """One message's layout.
+
+    Attributes:
+        name: For instance ``GPS``.
+        dtype: The structured type of a message without its three-byte head.
+        scale: What a field's integer is multiplied by.
+    """
+
+    def __init__(self, name: str, codes: str, columns: list[str]) -> None:
+        self.name = name
+        self.dtype = np.dtype([(column, *_CODES[code][:2]) for code, column in zip(codes, columns, strict=True)])
+        self.scale = {column: _CODES[code][2] for code, column in zip(codes, columns, strict=True)}
+
+
+@lru_cache(maxsize=1024)  # every log declares the same few hundred, and is read more than once
+def parse_format(message: bytes) -> tuple[int, MessageFormat] | None:
+    """The type number and layout that a FMT message declares.
+
+    Args:
+        message: The whole message, head included.
+
+    Returns:
+        None where it contradicts itself or uses an unknown code.
+    """
+    if len(message) != FMT_SIZE:
+        return None
+    fmt = np.frombuffer(message, dtype=_FMT_DTYPE, offset=HEAD_SIZE)[0]
+    name, codes, columns = (fmt[key].decode("ascii", "replace") for key in ("name", "format", "columns"))
+    names = columns.split(",") if columns else []
+    if len(names) != len(codes) or len(set(names)) != len(names) or not set(codes) <= _CODES.keys():
+        return None
+    layout = MessageFormat(name, codes, names)
+    return (int(fmt["type"]), layout) if layout.dtype.itemsize + HEAD_SIZE == int(fmt["length"]) else None
 
 
 class Rangefinders:

@@ -4,11 +4,14 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry.dataflash.layouts import FMT_SIZE, FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.telemetry.mavlink import AT_SYNC, MAX_STAMP_US, N_OK, N_SKIPPED, N_TRUNCATED, Bytes
 from aerodft.jit import njit, njit_inline
 from aerodft.model import IntArray
 
+HEAD: Final = (0xA3, 0x95)
+HEAD_SIZE: Final = 3
+FMT_TYPE: Final = 128
+FMT_SIZE: Final = 89
 TYPES: Final = 256
 NEAR_US: Final = 10_000_000
 """Of two messages side by side; one that stands there by chance is years away."""

@@ -52,3 +52,4 @@ def test_who_points_at_a_road_gets_no_width_where_nobody_can_tell(name, at):
     found = found_in(name, hints=RiverHints([at], []))
     assert isinstance(found, NoRiver)
     assert found.status is RiverStatus.AMBIGUOUS
+    assert "point at land too" in found.reason

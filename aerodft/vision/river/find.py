@@ -39,6 +39,7 @@ from aerodft.vision.river.water import (
 _NEAR_PX: Final = np.ones((7, 7), dtype=np.uint8)  # of the small copy
 _AMBIGUOUS: Final = 0.1  # of the width
 _REACHES: Final = 1.6  # an interval of 95 % reaches beyond the other bank, by a quarter of the way there
+_POINT_AT_LAND: Final = "most of the banks may as well be elsewhere: point at land too"
 _UNMOVED: Final = "what is found there does not move from image to image: a road? If it is still water, click it"
 
 
@@ -222,8 +223,8 @@ def _across(
         status[row] = RiverStatus.AMBIGUOUS
     rows = seen_rows[~ambiguous]
     banks_px = by_side(plane, arcs, line)
-    if in_doubt(water) and 2 * len(rows) < len(seen_rows):  # whoever points at it
-        return NoRiver(RiverStatus.AMBIGUOUS, WHY[RiverStatus.AMBIGUOUS], banks_px)
+    if in_doubt(water) and not question.hints.tell_land and 2 * len(rows) < len(seen_rows):
+        return NoRiver(RiverStatus.AMBIGUOUS, _POINT_AT_LAND, banks_px)
     if len(rows) == 0:
         worst = RiverStatus.TOO_COARSE if RiverStatus.TOO_COARSE in status else RiverStatus.OUT_OF_IMAGE
         return NoRiver(worst, WHY[worst], banks_px)

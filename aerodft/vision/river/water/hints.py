@@ -62,6 +62,11 @@ class RiverHints:
     def __bool__(self) -> bool:
         return bool(self.water or self.land or self.mask is not None)
 
+    @property
+    def tell_land(self) -> bool:
+        """Whether they say of anything that it is land."""
+        return bool(self.land) or (self.mask is not None and not self.mask.all())
+
     @staticmethod
     def read(path: Path) -> "RiverHints":
         """Hints from a file: JSON with lists ``water`` and ``land`` of points or strokes, or an image as a mask.

@@ -11,9 +11,9 @@ INSTALLED := $(VENV)/.installed
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
-.PHONY: demo test docs nightly compiled lint types imports unit coverage bench bench-peer schema format clean
+.PHONY: demo test docs nightly fresh compiled lint types imports unit coverage bench bench-peer schema format clean
 
-demo: $(INSTALLED)
+demo: fresh
 	$(BIN)/aerodft demo --output demo
 
 # Broken links and names are errors; `make test` builds it too.
@@ -49,11 +49,13 @@ imports: $(INSTALLED)
 
 PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 
-# Loops are compiled at their first call and kept: once here, so that four workers do not all do it. numba knows a loop's
-# own file, not those of the loops in it: what is older than any of them is compiled anew.
-compiled: $(INSTALLED)
+# Compiled loops are kept. numba knows a loop's own file, not those of the loops in it: what is older than any is dropped.
+fresh: $(INSTALLED)
 	@newest=$$(ls -t $$(grep -rl --include='*.py' njit aerodft calibration replay) | head -n 1) && \
 		find aerodft calibration replay -name '*.nb[ic]' ! -newer "$$newest" -delete
+
+# Loops are compiled at their first call: once here, so that four workers do not all do it.
+compiled: fresh
 	@to=$$(mktemp -d) && trap 'rm -rf "$$to"' EXIT && \
 		$(FOR_TESTS) $(BIN)/aerodft import samples/copter.tlog --config configs/services/river-flight.toml -o $$to/rec 2>/dev/null && \
 		$(FOR_TESTS) $(BIN)/python -m aerodft.sim --out $$to/flight --duration 2 --size 320x240 >/dev/null

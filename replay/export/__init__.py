@@ -18,8 +18,10 @@ from replay.export.table import (
     ColumnType,
     Item,
     check_on_earth,
+    digits_of,
     parse_measurement,
     row_of,
     time_utc,
+    written_unit,
 )
-from replay.export.video import COLOURS, Overlay, best_image, digits_of, measured_images, write_video, written_unit
+from replay.export.video import COLOURS, Overlay, best_image, measured_images, write_video

@@ -24,8 +24,8 @@ from pyproj.exceptions import CRSError, ProjError
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, UsageError
 from aerodft.model import ProbeKind, Status
-from replay.export.table import COLUMNS, LISTS, ColumnType, geometry_of, parse_measurement, row_of
-from replay.export.video import COLOURS, written_unit
+from replay.export.table import COLUMNS, LISTS, ColumnType, geometry_of, parse_measurement, row_of, written_unit
+from replay.export.video import COLOURS
 
 _WGS84_ID: Final = 4326
 _LOCAL_ID: Final = -1

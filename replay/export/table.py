@@ -264,6 +264,16 @@ def _ring(places: list[list[float]]) -> list[list[float]]:
     return [*ring, ring[0]]
 
 
+def written_unit(unit: str) -> str:
+    """A unit as people write it."""
+    return {"m2": "m²", "deg": "°"}.get(unit, unit)
+
+
+def digits_of(spread: float) -> int:
+    """Decimals that a number deserves whose interval, or half of it, is so wide."""
+    return 2 if not 0 < spread < math.inf else min(max(1 - math.floor(math.log10(spread)), 0), 4)
+
+
 def time_utc(stamp_ns: int) -> str:
     """ISO 8601 with microseconds."""
     seconds, rest_ns = divmod(stamp_ns, 1_000_000_000)

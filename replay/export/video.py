@@ -19,7 +19,7 @@ from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError
 from aerodft.model import FloatArray, Image, ImageArray, ProbeKind, Status
-from replay.export.table import Item, parse_measurement, row_of, time_utc
+from replay.export.table import Item, digits_of, parse_measurement, row_of, time_utc, written_unit
 from replay.recordings import PixelStore, Recording
 
 LEAST_HEIGHT_PX: Final = 480
@@ -170,16 +170,6 @@ def _font_file() -> Path:
     if found is None or found.origin is None:
         raise InputError("there is no font to write with", expected="the package matplotlib, which brings one")
     return Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
-
-
-def written_unit(unit: str) -> str:
-    """A unit as people write it."""
-    return {"m2": "m²", "deg": "°"}.get(unit, unit)
-
-
-def digits_of(spread: float) -> int:
-    """Decimals that a number deserves whose interval, or half of it, is so wide."""
-    return 2 if not 0 < spread < math.inf else int(np.clip(1 - math.floor(math.log10(spread)), 0, 4))
 
 
 def label_of(item: Item) -> str:

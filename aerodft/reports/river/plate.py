@@ -106,11 +106,15 @@ def _value_of(transect: dict[str, Any]) -> str:
 
 def _draw_profile(axes: Axes, document: dict[str, Any]) -> None:
     """Widths along the river with their 95 % band and their median."""
+    width = document["width_m"]
+    if not width:
+        axes.set_title("no transect has a width")
+        axes.set_axis_off()
+        return
     draw_widths(axes, document["transects"])
-    if width := document["width_m"]:
-        axes.axhline(width["median"], color="black", linewidth=0.8)
-        low, high = width["ci95"]
-        axes.set_title(f"median {width['median']:.2f} m, {low:.2f} to {high:.2f} m (95 %)")
+    axes.axhline(width["median"], color="black", linewidth=0.8)
+    low, high = width["ci95"]
+    axes.set_title(f"median {width['median']:.2f} m, {low:.2f} to {high:.2f} m (95 %)")
 
 
 def _title(view: RiverView, *, is_utc: bool) -> str:

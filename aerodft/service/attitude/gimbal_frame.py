@@ -237,7 +237,7 @@ class FrameDetector:
         self._undone = np.zeros(BODY_READINGS, dtype=np.int64)
         self._motions = self._motion_ns = self._changes = 0
         self._frame: ReportFrame | None = None
-        self._most = 0.0  # log evidence for it so far
+        self._most_support = 0.0  # for it so far, as log evidence
         self._is_doubted = False
         self._axes: MountAxes | None = None
         self.evidence = self._evidence()
@@ -365,12 +365,12 @@ class FrameDetector:
             frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
             if frame is not self._frame:
                 self._changes += self._frame is not None
-                self._frame, self._most = frame, 0.0
+                self._frame, self._most_support = frame, 0.0
         if np.ptp(by_axes) >= math.log(CERTAIN):
             self._axes = AXES[int(np.argmax(by_axes))]
         support = ratio if self._frame is ReportFrame.BODY else -ratio
-        self._most = max(self._most, support)
-        self._is_doubted = self._frame is not None and self._most - support >= math.log(CERTAIN)
+        self._most_support = max(self._most_support, support)
+        self._is_doubted = self._frame is not None and self._most_support - support >= math.log(CERTAIN)
 
     def _evidence(self) -> FrameEvidence:
         by_axes = self._log_by_axes()

@@ -49,6 +49,12 @@ def show(server, index):
     server.take(one_tick(index * 10**9, [image]), step_outputs([()]))
 
 
+def wait_until_subscribed(viewer, server):
+    while not viewer.of("aerodft/s/status"):
+        server.status(StationStatus(station="s", stamp_ns=1, state="running"))
+        time.sleep(0.01)
+
+
 def test_a_viewer_that_does_not_read_takes_nothing_from_others():
     port = free_tcp_port()
     with (
@@ -56,9 +62,7 @@ def test_a_viewer_that_does_not_read_takes_nothing_from_others():
         deaf_viewer(port),
         Viewer(port) as viewer,
     ):
-        while not viewer.of("aerodft/s/status"):  # until it has subscribed
-            server.status(StationStatus(station="s", stamp_ns=1, state="running"))
-            time.sleep(0.01)
+        wait_until_subscribed(viewer, server)
         for index in range(60):  # some 60 MB for the deaf one
             show(server, index)
             viewer.wait_for(lambda index=index: len(viewer.of("aerodft/s/image")) > index)
@@ -73,9 +77,7 @@ def test_a_viewer_sees_what_is_drawn_of_the_very_first_image():
     probe = Probe(name=measured.name, kind=measured.kind, pixels=measured.pixels)
     outputs = step_outputs([(next(each for each in poses if each.pose is not None), measured)])
     with closing(open_output(FoxgloveTable(port=port), a_run(probes=(probe,)))) as server, Viewer(port) as viewer:
-        while not viewer.of("aerodft/s/status"):  # until it has subscribed
-            server.status(StationStatus(station="s", stamp_ns=1, state="running"))
-            time.sleep(0.01)
+        wait_until_subscribed(viewer, server)
         server.take(one_tick(1, ()), outputs)
         viewer.wait_for(lambda: viewer.of(f"aerodft/s/number/{measured.name}"))
         viewer.wait_for(lambda: viewer.of("aerodft/s/annotations"))

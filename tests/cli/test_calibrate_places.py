@@ -90,7 +90,17 @@ def gcp_list(head, seen):
     return "\n".join([head, *rows, ""])
 
 
-@pytest.mark.parametrize("head", ["EPSG:32632", "WGS84 UTM 32N", "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs"])
+HEADS = (
+    "EPSG:32632",
+    "WGS84 UTM 32N",
+    "WGS 84 / UTM zone 32N",
+    "# by hand\nepsg: 32632 # two days later",
+    "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs",
+    "'+proj=utm +zone=32 +ellps=GRS80 +towgs84=0,0,0,0,0,0,0 +units=m +no_defs'",
+)
+
+
+@pytest.mark.parametrize("head", HEADS)
 def test_lists_of_opendronemap_are_read(tmp_path, head):
     """Grid north is true north to 0.002 degrees here, and the grid's metres are 0.4 mm short."""
     field = Field.of(9)
@@ -116,6 +126,24 @@ def test_of_several_images_one_is_chosen(tmp_path):
     run, _ = calibrate(tmp_path, gcp_list("EPSG:32632", seen), "--image", "b.jpg", "--json", suffix=".txt")
     assert run.code == 0, run.err
     assert len(run.json["residuals"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("image", "name"), [("my yard 2.jpg", "my yard 2.jpg"), ('"my 2.jpg"', "my 2.jpg"), ("new/a.jpg", "old/a.jpg")]
+)
+def test_an_image_may_have_spaces_in_its_name_or_a_folder(tmp_path, image, name):
+    field = Field.of(9)
+    seen = [(image, field.pixels, field.places + UTM_M), ("b.jpg", field.pixels[:4], field.places[:4] + UTM_M)]
+    run, _ = calibrate(tmp_path, gcp_list("EPSG:32632", seen), "--image", name, "--json", suffix=".txt")
+    assert run.code == 0, run.err
+    assert [each["name"] for each in run.json["residuals"]] == [f"gcp{index}" for index in range(1, 10)]
+
+
+@pytest.mark.parametrize("head", ["PUWG1992", "WGS84 longlat"])
+def test_a_list_without_a_known_projection_says_so(tmp_path, head):
+    run, _ = calibrate(tmp_path, gcp_list(head, [("a.jpg", FIELD.pixels, FIELD.places)]), suffix=".txt")
+    assert run.code == 3
+    assert f'line 1: got "{head}", expected a projection like EPSG:32633' in run.last
 
 
 def test_the_measured_plane_of_a_table_is_an_option(tmp_path):

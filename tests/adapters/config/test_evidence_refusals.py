@@ -147,6 +147,8 @@ def test_a_wrong_value_is_named_with_its_table(tmp_path, text, sentence):
             'x.toml: crs: got "utm", expected "local", "geo" or an EPSG code; "local" is metres from a z',
         ),
         ('crs = "EPSG:5384"\n' + P, 'x.toml: crs: got "EPSG:5384", which is not in the EPSG register; "local" is'),
+        ('crs = "EPSG:32600"\n' + P, 'crs: got "EPSG:32600", which is not in the EPSG register; "local" is'),
+        ('crs = "+proj=oops"\n' + P, 'crs: got "+proj=oops", which PROJ does not take; "local" is'),
         (
             'crs = "EPSG:2264"\n' + P,
             'x.toml: crs: got "EPSG:2264" (NAD83 / North Carolina (ftUS)), which counts in US survey foot, exp',

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import PureWindowsPath
 from typing import Any, Final, TypeAlias
 
 from pyproj import CRS
@@ -24,10 +24,11 @@ from aerodft.errors import ConfigError
 
 _Rows: TypeAlias = list[tuple[str, dict[str, Any]]]
 
-_PROJECTION = re.compile(r"\s*(epsg:|\+proj|\+init|wgs84\s+utm)", re.IGNORECASE)
+_PROJECTION = re.compile(r"['\"]?(epsg:|\+|wgs84\b)", re.IGNORECASE)
+_EPSG = re.compile(r"(?:\+init=)?epsg:\s*(\d+)", re.IGNORECASE)
 _UTM = re.compile(r"wgs84\s+utm\s+(\d{1,2})\s*([ns])", re.IGNORECASE)
-_LEAST, _NAME_AT = 6, 6  # columns of a line, and where a point's name is
-_CONFIDENCE = 25  # of PROJ that a projection is a code's: it has no names to compare
+_NUMBERS = 5  # at a line's begin
+_IMAGE_AND_NAME = re.compile(r"\"?(.+?\.\w{2,4}|\S+)\"?(?:\s+(\S+).*)?")  # the image's may have spaces
 _MOST_NAMES = 6
 
 _SEPARATORS = ",;\t"
@@ -67,8 +68,11 @@ class LandmarkList:
 
 
 def is_gcp_list(text: str) -> bool:
-    """Whether a text begins with a projection, as no CSV file does."""
-    return _PROJECTION.match(text) is not None
+    """Whether a text begins with a projection, or with a line of one column above a point, as no CSV file does."""
+    (_, head), (_, point), *_ = [*_stated_lines(text), (0, ""), (0, "")]
+    cells = point.split()
+    is_point = len(cells) > _NUMBERS and all(map(_is_number, cells[:_NUMBERS]))
+    return _PROJECTION.match(head) is not None or (is_point and not any(each in head for each in _SEPARATORS))
 
 
 def read_landmarks(text: str, image: str | None = None) -> LandmarkList:
@@ -86,40 +90,45 @@ def read_landmarks(text: str, image: str | None = None) -> LandmarkList:
     return _gcp_list(text, image) if is_gcp_list(text) else _csv(text)
 
 
+def _stated_lines(text: str) -> list[tuple[int, str]]:
+    """Lines of a list of ground control points that are no comment, with their numbers from 1."""
+    lines = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
+    return [(number, line) for number, line in lines if line and not line.startswith("#")]
+
+
 def _gcp_list(text: str, image: str | None) -> LandmarkList:
-    head, *lines = text.splitlines()
-    crs = _crs(head.strip())
+    (number, head), *lines = _stated_lines(text)
+    crs = _crs(head.partition(" #")[0].strip(" '\""), number)
     in_degrees = takes_degrees(crs)
     by_image: dict[str, _Rows] = {}
-    for number, line in enumerate(lines, start=2):
-        cells = line.split()
-        if not cells or cells[0].startswith("#"):
-            continue
-        if len(cells) < _LEAST:
-            expected = "geo_x geo_y geo_z im_x im_y image_name"
-            raise ConfigError(f"line {number}", got=f"{len(cells)} columns", expected=expected)
-        x, y, height, u, v = (_gcp_number(cell, number) for cell in cells[: _LEAST - 1])
+    for number, line in lines:
+        cells = line.partition(" #")[0].split(maxsplit=_NUMBERS)
+        if len(cells) <= _NUMBERS:
+            got, expected = f"{len(cells)} columns", "geo_x geo_y geo_z im_x im_y image_name, apart by spaces"
+            raise ConfigError(f"line {number}", got=got, expected=expected)
+        x, y, height, u, v = (_gcp_number(cell, number) for cell in cells[:_NUMBERS])
         place = dict(zip(GEO_KEYS, (y, x, height), strict=True)) if in_degrees else {"position_m": [x, y, height]}
-        name = {"name": cells[_NAME_AT]} if len(cells) > _NAME_AT else {}
-        by_image.setdefault(cells[_LEAST - 1], []).append((f"line {number}", {**name, "pixel": [u, v], **place}))
+        found = _IMAGE_AND_NAME.fullmatch(cells[_NUMBERS])
+        picture, name = ("", None) if found is None else found.groups()
+        row = {**({} if name is None else {"name": name}), "pixel": [u, v], **place}
+        by_image.setdefault(PureWindowsPath(picture).name, []).append((f"line {number}", row))
     chosen = _chosen(by_image, image)
     return LandmarkList(crs, chosen, by_image[chosen])
 
 
-def _crs(head: str) -> str:
-    utm = _UTM.match(head)
+def _crs(head: str, number: int) -> str:
+    utm, epsg = _UTM.fullmatch(head), _EPSG.match(head)
     if utm is not None:
         return checked_crs(f"EPSG:{32600 + 100 * (utm[2].lower() == 's') + int(utm[1])}")
-    if head.lower().startswith("epsg:"):
-        return checked_crs(head)
+    if epsg is not None:
+        return checked_crs(f"EPSG:{epsg[1]}")
     try:
-        code = CRS.from_user_input(head).to_epsg(min_confidence=_CONFIDENCE)
+        projection = CRS.from_user_input(head)
     except CRSError:
-        code = None
-    if code is None:
-        hint = "write the EPSG code of the projection into its first line"
-        raise ConfigError("line 1", got=f'"{head}"', expected="a projection like EPSG:32633", hint=hint)
-    return checked_crs(f"EPSG:{code}")
+        raise ConfigError(f"line {number}", got=f'"{head}"', expected="a projection like EPSG:32633") from None
+    # An ellipsoid alone is that of many datums: GRS80 in UTM zone 16 would be Costa Rica's.
+    code = projection.to_epsg() if "+datum=" in head or not head.startswith("+") else None
+    return checked_crs(head if code is None else f"EPSG:{code}")
 
 
 def _gcp_number(cell: str, number: int) -> float | str:
@@ -140,7 +149,7 @@ def _chosen(by_image: dict[str, _Rows], image: str | None) -> str:
     if image is None and len(counts) > 1:
         hint = "name the one whose camera is meant by `image`"
         raise ConfigError("points of several images", got=listed, expected="one image", hint=hint)
-    chosen = counts[0][0] if image is None else Path(image).name
+    chosen = counts[0][0] if image is None else PureWindowsPath(image).name
     if chosen not in by_image:
         raise ConfigError("image", got=f'"{chosen}"', expected=f"one of {listed}")
     return chosen

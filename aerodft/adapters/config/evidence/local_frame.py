@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import ProjError
 
 from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.errors import ConfigError
@@ -32,7 +32,7 @@ class LocalFrame:
     file calls its second axis for local ones.
 
     Attributes:
-        crs: As in the file: ``local``, ``geo`` or ``EPSG:...``.
+        crs: As in the file: ``local``, ``geo``, ``EPSG:...`` or a PROJ string.
         origin: The frame's zero in the file's coordinates: easting, northing and height in metres, or latitude and
             longitude in degrees and height in metres.
     """
@@ -172,7 +172,7 @@ def checked_crs(crs: str) -> str:
     """``crs`` as a :class:`LocalFrame` has it.
 
     Args:
-        crs: ``local``, ``geo`` or an EPSG code.
+        crs: ``local``, ``geo``, an EPSG code or a PROJ string.
 
     Raises:
         ConfigError: No such code, or one of another kind than metres east and north, or degrees.
@@ -181,13 +181,16 @@ def checked_crs(crs: str) -> str:
     if found.lower() in (LOCAL, GEO):
         return found.lower()
     authority, _, code = found.partition(":")
-    if authority.upper() != "EPSG" or not (code.isascii() and code.isdigit()):
+    is_epsg = authority.upper() == "EPSG" and code.isascii() and code.isdigit()
+    if not is_epsg and not found.startswith("+proj="):
         raise ConfigError("crs", got=stated, expected='"local", "geo" or an EPSG code', hint=_HINT)
-    name = f"EPSG:{code}"
+    name = f"EPSG:{code}" if is_epsg else found
     try:
         horizontal = _horizontal(name)
-    except CRSError:
-        raise ConfigError("crs", got=f"{stated}, which is not in the EPSG register", hint=_HINT) from None
+        _to_wgs84(name)  # which UTM's grid system of all zones, EPSG:32600, has not
+    except ProjError:
+        why = "which is not in the EPSG register" if is_epsg else "which PROJ does not take"
+        raise ConfigError("crs", got=f"{stated}, {why}", hint=_HINT) from None
     if not horizontal.is_geographic:
         _check_metric(horizontal, stated)
     return name

@@ -25,6 +25,7 @@ _MAGIC: tuple[tuple[int, bytes, str], ...] = (
     (8, b"\xfd", "a MAVLink .tlog"),
 )
 _HEAD_BYTES = 512
+_MOST_BYTES = 1 << 30  # a file without end, or one that claims to be, takes all memory
 
 _FORMULAS = ("=", "+", "-", "@")
 _MARK = "'"
@@ -77,6 +78,18 @@ def check_is_no_pipe(path: Path) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "a pipe or a device", str(path))
+
+
+def read_whole(path: Path) -> bytes:
+    """All bytes of a file.
+
+    Raises:
+        OSError: It cannot be read, holds up whoever opens it, or is larger than any that is read as a whole.
+    """
+    check_is_no_pipe(path)
+    if path.stat().st_size > _MOST_BYTES:
+        raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB", str(path))
+    return path.read_bytes()
 
 
 @contextmanager

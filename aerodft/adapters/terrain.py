@@ -3,6 +3,7 @@
 Columns and rows of a raster are integers at the pixels' centres.
 """
 
+import logging
 import math
 import warnings
 from collections.abc import Iterator
@@ -224,9 +225,13 @@ def _opened(path: Path) -> Iterator["DatasetReader"]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a sentence of its own says so
+            logging.getLogger(rasterio.__name__).setLevel(logging.CRITICAL)  # what is wrong is raised too
             # One format, and nothing beside the file: others, and sidecar files, name addresses that GDAL would fetch.
             limits = rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO")
             with limits, rasterio.open(path.absolute(), driver="GTiff") as dataset:
+                if other := "".join(dataset.tags(ns="OVERVIEWS").values()):  # read with the first coarser look
+                    hint = "take its metadata out, for instance with gdal_translate -nomd"
+                    raise InputError("names another file", where=path, got=other, expected=_GEOTIFF, hint=hint)
                 yield dataset
     except RasterioError as error:
         got = looks_like(path)

@@ -5,6 +5,7 @@ a loss to report.
 """
 
 import difflib
+import errno
 import inspect
 import io
 import logging
@@ -232,6 +233,10 @@ def _run(arguments: list[str]) -> NoReturn:
         raise misuse from None
     except typer.Abort:
         raise SystemExit(_INTERRUPTED) from None
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        raise InputError("no file has such a name", where=error.filename, got=error.strerror) from None
     raise SystemExit(code or 0)
 
 

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
+from aerodft.adapters.files import read_whole
 from aerodft.errors import os_errors_as
 from aerodft.geometry import east_north
 from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
@@ -308,7 +309,7 @@ def _files(path: Path) -> str:
 
 def _read(path: Path) -> bytes:
     with os_errors_as("the file cannot be read", where=path):
-        return path.read_bytes()
+        return read_whole(path)
 
 
 def _thin(things: Sequence[FloatArray]) -> list[FloatArray]:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import orjson
 
+from aerodft.adapters.files import read_whole
 from aerodft.adapters.wire.payload import load_bounded_json
 from aerodft.errors import InputError
 from replay.export import MapFeature
@@ -61,7 +62,7 @@ def read_river_folder(path: Path) -> RiverFolder:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        found = load_bounded_json(path.read_bytes())
+        found = load_bounded_json(read_whole(path))
     except OSError as error:
         hint = "folders of rivers are those that `aerodft river` writes"
         raise InputError("the file cannot be read", where=path, got=error.strerror, hint=hint) from error

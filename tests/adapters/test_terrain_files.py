@@ -304,3 +304,12 @@ def test_without_the_extra_one_sentence_says_so(tmp_path, monkeypatch):
     path = _write(tmp_path / "ground.tif", "EPSG:32632")
     monkeypatch.setitem(sys.modules, "rasterio", None)
     _fails(path, "elevation models need rasterio", "pip install 'aerodft[terrain]'")
+
+
+def test_metadata_that_names_another_file_is_refused_before_it_is_opened(tmp_path):
+    """GDAL opens such a file, or address, with the first look that is coarser than the raster's own pixels."""
+    path = _write(tmp_path / "dem.tif", "EPSG:32632")
+    with rasterio.open(path, "r+") as file:
+        file.update_tags(ns="OVERVIEWS", OVERVIEW_FILE="/vsicurl/http://127.0.0.1:9/other.tif")
+    with pytest.raises(InputError, match=r"names another file: got /vsicurl/http://127\.0\.0\.1:9/other\.tif"):
+        load_elevation(path, ORIGIN, radius_m=300.0, cell_m=50.0)

@@ -81,6 +81,22 @@ def test_a_pipe_is_refused_and_nobody_waits(aerodft, desk, tmp_path: Path, comma
     assert len(done.err.splitlines()) == 1, done.err
 
 
+@pytest.mark.usefixtures("desk")
+def test_a_file_larger_than_memory_and_a_name_too_long_are_one_sentence(aerodft, tmp_path: Path) -> None:
+    camera = ("measure", "--camera", tmp_path / "camera.toml", "--height", 40, "--tilt", 30, "--probe", "range 31,40")
+    with (tmp_path / "endless").open("wb") as file:
+        file.truncate(1 << 40)
+    for words in (
+        (*camera, "--covariance", tmp_path / "endless"),
+        ("river", tmp_path / "endless", *camera[1:-2]),
+        ("measure", "--recording", "a" * 300, "--at", 3, *camera[-2:]),
+        (*camera, "--lat", 1, "--lon", 2, "--terrain", "a" * 300),
+    ):
+        done = aerodft(*words)
+        assert done.code == 3, (words, done.err)
+        assert len(done.err.splitlines()) == 1, done.err
+
+
 @pytest.mark.parametrize("name", ["a.txt", "a.json", "a.xlsx", "a.shp", "a.csv.gz"])
 def test_an_ending_that_is_not_written_is_refused(aerodft, tmp_path: Path, name: str) -> None:
     done = aerodft("export", "tests/cli/frozen-0.1", "-o", tmp_path / name)

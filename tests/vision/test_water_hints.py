@@ -108,7 +108,8 @@ def test_files_that_are_no_hints_are_refused_and_pipes_not_waited_for(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", '{"water": [[1, 2, 3]]}', '{"land": ["here"]}', '{"water": [[1, NaN]]}', '{"land": 5}']
+    "text",
+    ["", "[]", '{"water": [[1, 2, 3]]}', '{"land": ["here"]}', '{"water": [[1, NaN]]}', '{"land": 5}', "[" * 9000],
 )
 def test_what_is_no_hint_is_one_sentence(tmp_path, text):
     (tmp_path / "hints.json").write_text(text)

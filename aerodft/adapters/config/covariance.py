@@ -11,7 +11,7 @@ from pydantic import model_validator
 from aerodft.adapters.config.keys import Matrix, impossible
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.tables import SiAttribute, Table
-from aerodft.adapters.files import check_is_no_pipe, content_looks_like, looks_like
+from aerodft.adapters.files import content_looks_like, looks_like, read_whole
 from aerodft.errors import InputError, located
 from aerodft.model import FloatArray
 
@@ -113,8 +113,7 @@ def load_covariance(path: Path) -> FloatArray:
         InputError: Missing, unreadable, or none; see ``check_covariance``.
     """
     try:
-        check_is_no_pipe(path)
-        data = path.read_bytes()
+        data = read_whole(path)
     except OSError:
         raise InputError("the covariance cannot be read", where=path, got=looks_like(path), expected=_ROWS) from None
     try:

@@ -84,6 +84,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     """
     try:
         document = tomllib.loads(data.decode())
+        has_huge_integer = _has_huge_integer(document)
     except UnicodeDecodeError:
         raise ConfigError("not a text file", got=content_looks_like(data), expected="TOML") from None
     except tomllib.TOMLDecodeError as error:
@@ -91,8 +92,8 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     except ValueError:  # more digits than Python converts
         raise ConfigError("TOML syntax: an integer of too many digits", expected=_INTEGERS) from None
     except RecursionError:
-        raise ConfigError("TOML syntax: too many brackets within each other") from None
-    if _has_huge_integer(document):
+        raise ConfigError("TOML syntax: too many lists or tables within each other") from None
+    if has_huge_integer:
         raise ConfigError("TOML: an integer that is too large", expected=_INTEGERS)
     if not document:
         raise ConfigError("holds no keys", got=content_looks_like(data), expected="TOML tables and keys")

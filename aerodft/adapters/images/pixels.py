@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from PIL import Image as PillowImage
 
-from aerodft.adapters.files import check_is_no_pipe, looks_like
+from aerodft.adapters.files import looks_like, read_whole
 from aerodft.errors import InputError, os_errors_as
 from aerodft.model import Camera, Image, ImageArray
 
@@ -71,8 +71,7 @@ def read_still(path: Path, expected: str = "") -> ImageArray:
         InputError: It cannot be read, or is no image.
     """
     with os_errors_as("the image cannot be read", where=path, expected=expected):
-        check_is_no_pipe(path)
-        data = path.read_bytes()
+        data = read_whole(path)
     if not data:
         raise InputError("not a readable image", where=path, got=looks_like(path), expected=expected or "an image")
     return StillPixels(data, str(path))()

@@ -13,7 +13,7 @@ from typing import Final
 from PIL import Image as PillowImage
 from PIL.ExifTags import IFD, Base
 
-from aerodft.adapters.files import check_is_no_pipe, looks_like
+from aerodft.adapters.files import check_is_no_pipe, looks_like, read_whole
 from aerodft.adapters.images.pixels import STILLS, StillPixels
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
 from aerodft.errors import ConfigError, InputError
@@ -306,8 +306,7 @@ def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None
 
 def _pixels(path: Path) -> StillPixels | None:
     try:
-        check_is_no_pipe(path)
-        data = path.read_bytes()
+        data = read_whole(path)
     except OSError as error:
         _LOG.warning("%s: left out, %s", path, error.strerror)
         return None

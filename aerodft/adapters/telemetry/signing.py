@@ -24,7 +24,7 @@ from typing import Any, Final, Self
 import numpy as np
 import orjson
 
-from aerodft.adapters.files import check_is_no_pipe
+from aerodft.adapters.files import check_is_no_pipe, read_whole
 from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
 from aerodft.errors import ConfigError, InputError
 from aerodft.service import RADIO_STATUS, SigningSettings
@@ -97,7 +97,7 @@ class SigningState:
         try:
             state._hold(path)
             if path.exists():
-                state._take_up(path.read_bytes(), path)
+                state._take_up(read_whole(path), path)
             state._write(path)
         except OSError as error:
             state._release()

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile, LocalFrame, takes_degrees
-from aerodft.adapters.files import csv_cell, output_folder
+from aerodft.adapters.files import csv_cell, output_folder, read_whole
 from aerodft.adapters.images import StillPixels
 from aerodft.dft import INTRINSICS
 from aerodft.errors import AerodftError, InputError, NoAnswerError
@@ -316,7 +316,7 @@ def _image_of(evidence: EvidenceFile, camera: Camera) -> tuple[ImageArray | None
     try:
         if not path.is_file():
             return None, f"{path}: no such file"
-        image = StillPixels(path.read_bytes(), str(path))()
+        image = StillPixels(read_whole(path), str(path))()
     except OSError as error:
         return None, f"{path}: {error.strerror}"
     except (InputError, cv2.error):

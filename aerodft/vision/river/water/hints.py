@@ -23,6 +23,7 @@ from aerodft.errors import InputError
 from aerodft.model import BoolArray, FloatArray, ImageArray
 from aerodft.vision.river.water.plane import Float32Image, SmallCopy, WaterPlane
 
+_MOST_LETTERS: Final = 1 << 24  # of a file of hints
 _GRIDS_PX: Final = (48, 96, 192, 384)  # longer sides of the grids that are walked on
 _BRUSH: Final = 0.008  # of the longer side: half a stroke's width
 _CONTRAST: Final = 80.0
@@ -78,9 +79,10 @@ class RiverHints:
             raise InputError("no file of hints", where=path, expected="JSON, or an image as a mask; check the path")
         if path.suffix.lower() == ".json":
             try:
-                document = json.loads(path.read_text(encoding="utf-8"))
+                with path.open(encoding="utf-8") as file:
+                    document = json.loads(file.read(_MOST_LETTERS))
                 return RiverHints(document.get("water", []), document.get("land", []))
-            except (OSError, ValueError, TypeError, AttributeError) as error:
+            except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
                 expected = '{"water": [[u, v], ...], "land": [[[u, v], [u, v]], ...]}'
                 raise InputError("no hints can be read", where=path, got=str(error), expected=expected) from error
         try:

@@ -13,6 +13,7 @@ from aerodft.errors import InputError
 from aerodft.model import ImageArray
 from aerodft.vision.river.water.plane import Float32Image
 
+_MOST_BYTES: Final = 1 << 31  # of a network; a file without end takes all memory
 _MULTIPLE: Final = 32  # networks halve their input some times
 _SURE: Final = 12.0  # of a logit: beyond, it is certain
 _SCALE: Final = 0.75  # of the looks: of 1, 0.875, 0.75, 0.625 and 0.5 it finds most in labelled pictures held back
@@ -44,7 +45,7 @@ class WaterNetwork:
         if path.exists() and not path.is_file():  # to open a pipe would wait for somebody who writes
             raise InputError("the water model is no file", where=path, expected=f"ONNX: {_CONTRACT}")
         try:
-            data = np.fromfile(path, dtype=np.uint8)
+            data = np.fromfile(path, dtype=np.uint8, count=min(path.stat().st_size, _MOST_BYTES))
         except OSError as error:
             raise InputError("the water model cannot be read", where=path, got=error.strerror) from error
         try:

@@ -242,6 +242,8 @@ _MAKERS: Final[dict[str, tuple[tuple[str, ...], _Maker]]] = {
 class DataflashDecoder:
     """Decodes an ArduPilot log's messages; learns their formats on the way. A ``service.ports.TelemetryDecoder``.
 
+    A message that is one byte longer than its format is doubtful (``scan_dataflash``): no track holds it.
+
     Attributes:
         rejected: Rows left out, by ``MESSAGE: reason``.
         formats: What the log has declared so far, by type number.
@@ -279,9 +281,8 @@ class DataflashDecoder:
 
     def _learn(self, block: RawBlock, index: IntArray) -> int:
         """Take in what FMT messages declare; returns the row of the first one that changes a layout, 0 for none."""
-        for row, offset, length in zip(
-            index.tolist(), block.offset[index].tolist(), block.length[index].tolist(), strict=True
-        ):
+        lengths = np.minimum(block.length[index], FMT_SIZE)  # a doubtful one is believed where it is consistent
+        for row, offset, length in zip(index.tolist(), block.offset[index].tolist(), lengths.tolist(), strict=True):
             kind, layout = parse_format(block.data[offset : offset + length]) or (FMT_TYPE, None)
             if layout is None:
                 continue
@@ -300,7 +301,8 @@ class DataflashDecoder:
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
         rows = Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
-        rows = rows.accepted(self.rejected, {"impossible time": late})
+        is_doubtful = places[1] > layout.dtype.itemsize
+        rows = rows.accepted(self.rejected, {"impossible time": late, "may be damaged": is_doubtful})
         columns, make = self._makers[layout.name]
         if not len(rows.payload) or not _has(rows, *columns):
             return None

@@ -8,16 +8,16 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.files import looks_like
-from aerodft.adapters.telemetry.dataflash.damage import FoundMessages, with_surroundings
 from aerodft.adapters.telemetry.dataflash.decoding import DataflashDecoder
 from aerodft.adapters.telemetry.dataflash.framing import known_types, scan_dataflash
-from aerodft.adapters.telemetry.log_file import LogFile
-from aerodft.adapters.telemetry.mavlink import JUMP_US, N_OK, N_SKIPPED, Bytes, plausible_stamps
+from aerodft.adapters.telemetry.log_file import LogFile, Piece
+from aerodft.adapters.telemetry.mavlink import JUMP_US, TLOG_STATE, Bytes, plausible_stamps
 from aerodft.model import ClockTrack, Event, IntArray, RawBlock, WireProtocol
 
 TITLE: Final = "an ArduPilot .bin log"
 _BLOCK_MESSAGES: Final = 1 << 15
 _FIRST_MESSAGES: Final = 1 << 12
+_Batch = tuple[Piece, IntArray]  # messages, in rows as of ``scan_dataflash``
 
 
 class DataflashSource(LogFile):
@@ -34,7 +34,7 @@ class DataflashSource(LogFile):
     """
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, TITLE)
+        super().__init__(path, TITLE, TLOG_STATE)
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._boot_to_utc()
 
     def events(self) -> Iterator[Event]:
@@ -51,26 +51,10 @@ class DataflashSource(LogFile):
         def scan(data: Bytes, start: int, limit: int, rows: IntArray, state: IntArray) -> tuple[int, int]:
             return scan_dataflash(data, start, limit, types, rows, state)
 
-        found = (FoundMessages(piece, rows) for piece, rows in self.scan_pieces(scan, most, self.size))
-        for batch, following_us in _with_following(self._whole(found)):
-            stamps_us = batch.rows[2]
-            plausible_stamps(stamps_us, last_us, following_us)
-            last_us = int(stamps_us[-1])
-            yield batch.piece.block(batch.rows, WireProtocol.DATAFLASH, self.path.name)
-
-    def _whole(self, batches: Iterable[FoundMessages]) -> Iterator[FoundMessages]:
-        """Batches without messages that damage has reached."""
-        last_us = 0
-        for batch, surroundings in with_surroundings(batches):
-            before_us, last_us = last_us, max(_first_time(batch.rows[2, ::-1]), 0) or last_us
-            if batch.is_sure.all():
-                yield batch
-                continue
-            is_whole, rows = batch.is_whole(surroundings, before_us), batch.rows
-            self._state[N_OK] -= np.count_nonzero(~is_whole)
-            self._state[N_SKIPPED] += np.abs(rows[1, ~is_whole]).sum()
-            if is_whole.any():
-                yield FoundMessages(batch.piece, np.stack([rows[0], np.abs(rows[1]), rows[2]])[:, is_whole])
+        for (piece, rows), following_us in _with_following(self.scan_pieces(scan, most, self.size)):
+            plausible_stamps(rows[2], last_us, following_us)
+            last_us = int(rows[2, -1])
+            yield piece.block(rows, WireProtocol.DATAFLASH, self.path.name)
 
     def _boot_to_utc(self) -> tuple[int, int, bool]:
         """First stamp (us since boot), UTC minus time since boot (ns), and whether that came from GPS.
@@ -108,14 +92,14 @@ class DataflashSource(LogFile):
         return tuple(sentences)
 
 
-def _with_following(batches: Iterable[FoundMessages]) -> Iterator[tuple[FoundMessages, int]]:
+def _with_following(batches: Iterable[_Batch]) -> Iterator[tuple[_Batch, int]]:
     """Each batch, and the first time since boot (us) that can be read behind it, where its last one needs it; else -1.
 
     A batch is not held back without need: what was just found is decoded in half the time.
     """
-    held: list[FoundMessages] = []
+    held: list[_Batch] = []
     for batch in batches:
-        times_us = batch.rows[2]
+        times_us = batch[1][2]
         if held and (first_us := _first_time(times_us)) >= 0:
             yield from ((each, first_us) for each in held)
             held = []

@@ -39,6 +39,7 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     BACKWARDS,
     FRAME,
     JUMP_US,
+    LAST_US,
     MAX_STAMP_US,
     MIN_FRAME,
     N_OK,

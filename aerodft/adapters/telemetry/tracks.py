@@ -42,7 +42,7 @@ MAX_ANGLE_RAD: Final = 2 * math.pi + 0.01
 # Higher than anything that carries a camera, and farther than any rangefinder sees.
 MAX_HEIGHT_M: Final = 50_000.0
 
-_RETRACTED, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 1, 16, 32, 64
+_RETRACTED, _NEUTRAL, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 1, 2, 16, 32, 64
 # Bits of failure_flags. A gimbal at its limit is not where its demand is; that it has no manager (512) says nothing.
 GIMBAL_FAILURES = {
     "it is at its roll limit": 1,
@@ -187,7 +187,10 @@ def position_track(
 
 
 def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
-    """GIMBAL_DEVICE_ATTITUDE_STATUS: the yaw's frame from the flags, the lock bit only where no frame bit is set."""
+    """GIMBAL_DEVICE_ATTITUDE_STATUS: the yaw's frame from the flags, the lock bit only where no frame bit is set.
+
+    PX4 sets neutral, which precedes all locks, and all of them for servos: their yaw is relative to the vehicle.
+    """
     q = rows.column("q")
     norm = np.sqrt(np.sum(q * q, axis=-1))
     failures, flags = rows.payload["failure_flags"], rows.payload["flags"]
@@ -200,7 +203,7 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
     q = good.column("q")
     flags = good.payload["flags"]
     framed = (flags & (_YAW_IN_VEHICLE | _YAW_IN_EARTH)) != 0
-    earth = np.where(framed, (flags & _YAW_IN_VEHICLE) == 0, (flags & _YAW_LOCK) != 0)
+    earth = np.where(framed, (flags & _YAW_IN_VEHICLE) == 0, (flags & (_YAW_LOCK | _NEUTRAL)) == _YAW_LOCK)
     return GimbalTrack(
         source=GimbalSource.GIMBAL_DEVICE,
         wxyz=q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)),

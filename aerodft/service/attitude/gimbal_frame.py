@@ -74,6 +74,7 @@ class GravitySamples(Batch):
         down_if_earth: ``(n, 3)``.
         down_if_body: ``(n, BODY_READINGS, 3)``.
         second_difference_rad: ``(n,)``.
+        silence_ns: ``(n,)`` for how long before it the vehicle reported its attitude and the gimbal nothing.
     """
 
     is_known: BoolArray
@@ -83,6 +84,7 @@ class GravitySamples(Batch):
     down_if_earth: FloatArray
     down_if_body: FloatArray
     second_difference_rad: FloatArray
+    silence_ns: IntArray
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -116,7 +118,20 @@ def gravity_samples(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns:
     relative_to_body = multiply(about_axis(2, -yaws), wxyz)
     rotations = [matrix(mounted_wxyz(relative_to_body, axes, latest, yaw_in_earth=False)) for axes in AXES]
     if_body = np.concatenate([downs @ rotation for rotation in rotations], axis=1)
-    return GravitySamples(known, stamps, yaw_pitch_roll(wxyz)[1], downs[:, 0], matrix(wxyz)[:, 2], if_body, noise)
+    silence_ns = _silence_ns(gimbal, vehicle, rows)
+    return GravitySamples(
+        known, stamps, yaw_pitch_roll(wxyz)[1], downs[:, 0], matrix(wxyz)[:, 2], if_body, noise, silence_ns
+    )
+
+
+def _silence_ns(gimbal: Stream, vehicle: Stream, rows: IntArray) -> IntArray:
+    """Time ``(n,)`` between reports of the gimbal and those before them, less that in which the vehicle is unknown."""
+    before_ns = np.where(rows > 0, gimbal.stamps_ns[rows - 1], 0)
+    samples_ns = vehicle.stamps_ns[max(int(np.searchsorted(vehicle.stamps_ns, before_ns[0], side="right")) - 1, 0) :]
+    steps_ns = np.diff(samples_ns, prepend=samples_ns[0])
+    known_ns = np.cumsum(np.where(steps_ns <= vehicle.max_gap_ns, steps_ns, 0))
+    ends = np.searchsorted(samples_ns, [before_ns, gimbal.stamps_ns[rows]], side="right") - 1
+    return np.asarray(np.diff(known_ns[np.maximum(ends, 0)], axis=0)[0])
 
 
 def _second_differences(downs: FloatArray) -> FloatArray:
@@ -155,6 +170,7 @@ _PRIOR_AXES: Final = {MountAxes.ROLL_OUTER: 0.75, MountAxes.TILT_OUTER: 0.25}
 CERTAIN: Final = 1e4
 """Bayes factor at which a reading is decided."""
 
+_EXCHANGE_NS = 10 * SECOND_NS  # without a report, in which a gimbal may have become another one
 _WINDOW_NS = 2 * SECOND_NS  # longest motion: slower ones may as well be commands
 _MIN_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
 _ROUNDING_RAD = 1e-9
@@ -228,6 +244,10 @@ class FrameDetector:
     """
 
     def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop all evidence: the gimbal may be another one."""
         self._recent: deque[GravitySample] = deque()
         self._second_differences_rad: deque[float] = deque(maxlen=_NOISE_WINDOW)
         self._range_rad = (math.inf, -math.inf)  # of reported pitches
@@ -268,10 +288,13 @@ class FrameDetector:
     def update_all(self, gravity_samples: GravitySamples) -> Iterator[tuple[int, FrameEvidence]]:
         """Process reports as by ``update``, most of which end no motion; unknown ones end the motion.
 
+        After a silence the evidence starts anew.
+
         Returns:
             Stamps of the reports that changed the evidence, and the evidence after each.
         """
-        has_no_motion = gravity_samples.is_known & ~self._may_end_motion(gravity_samples)
+        is_new = gravity_samples.silence_ns >= _EXCHANGE_NS
+        has_no_motion = gravity_samples.is_known & ~self._may_end_motion(gravity_samples) & ~is_new
         ends = [0, *(np.flatnonzero(np.diff(has_no_motion)) + 1).tolist(), len(gravity_samples)]
         for first, stop in pairwise(ends):
             if has_no_motion[first]:
@@ -279,6 +302,8 @@ class FrameDetector:
                 continue
             for row in range(first, stop):
                 before = self.evidence
+                if is_new[row]:
+                    self.forget()
                 if gravity_samples.is_known[row]:
                     self.update(gravity_samples.row(row))
                 else:
@@ -437,6 +462,8 @@ def mounted_wxyz(
         return wxyz
     yaw, pitch, roll = yaw_pitch_roll(wxyz)
     near_nadir = np.flatnonzero(np.abs(pitch) > math.pi / 2 - _NADIR_MARGIN_RAD)
+    is_beyond = np.abs(roll) > math.pi / 2  # as a tilt servo turns where the nose is up and the camera straight down
+    yaw, pitch, roll = np.where(is_beyond, (yaw + math.pi, math.pi - pitch, roll - math.pi), (yaw, pitch, roll))
     if len(near_nadir):
         packed, sign = matrix(wxyz[near_nadir]), -np.sign(pitch[near_nadir])
         yaw_and_roll = np.arctan2(-packed[:, 0, 1], packed[:, 1, 1])  # yaw plus signed roll

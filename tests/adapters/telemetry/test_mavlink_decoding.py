@@ -100,6 +100,7 @@ Decode = Callable[..., tuple[Track, ...]]
         (32 | 64, False),
         (44, False),
         (12, False),
+        (2 | 4 | 8 | 16, False),  # PX4's, of servos
     ],
 )
 def test_gimbal_yaw_frame_rule(decode: Decode, *, flags: int, earth: bool) -> None:

@@ -287,6 +287,22 @@ def test_what_was_told_of_a_gimbal_is_forgotten_when_another_one_answers(is_anot
         assert_same(found, camera(cameras[half + 7]))
 
 
+@pytest.mark.parametrize(
+    ("silent_s", "vehicle_goes_on", "is_forgotten"), [(9, True, False), (60, False, False), (11, True, True)]
+)
+def test_what_was_told_of_a_gimbal_is_forgotten_after_a_silence_of_its_own(silent_s, vehicle_goes_on, is_forgotten):
+    """In which it may have been exchanged; while the vehicle is not heard either, the link was lost."""
+    stamps = np.arange(0, (42 + silent_s) * SECOND, 100 * MS)
+    bodies, cameras = map(Rotation.concatenate, swaying(stamps))
+    heard = (stamps < 40 * SECOND) | (stamps >= (40 + silent_s) * SECOND)
+    known = heard | vehicle_goes_on
+    attitude = sources(
+        vehicle(stamps[known], bodies[known]), gimbal(stamps[heard], (bodies.inv() * cameras)[heard], earth=False)
+    )
+    frame = attitude.all.evidence()[GimbalSource.GIMBAL_DEVICE].frame
+    assert frame is (None if is_forgotten else ReportFrame.BODY)
+
+
 def test_the_doubt_is_the_vehicles_tilt_and_goes_with_the_evidence():
     stamps = list(range(0, 40 * SECOND, 100 * MS))
     bodies, cameras = swaying(stamps)
@@ -345,10 +361,14 @@ def test_a_gimbal_that_may_still_be_on_its_way_is_said(demand, after_s, is_said)
 
 @pytest.mark.parametrize("yaw_in_earth", [False, True])
 def test_servo_angles_are_composed_by_the_mounts_axes(yaw_in_earth):
-    """Packed as Euler angles, turned in another order; straight down the roll servo levels the camera."""
+    """Packed as Euler angles, turned in another order; straight down the roll servo levels the camera.
+
+    Where the vehicle's nose is up, a tilt servo turns beyond straight down, which packed angles do not: by half a turn
+    of yaw and roll.
+    """
     rng = np.random.default_rng(3)
     vehicle = Rotation.from_euler("ZYX", rng.uniform([-180, -30, -30], [180, 30, 30], (200, 3)), degrees=True)
-    yaw, pitch, roll = rng.uniform([-180, -89, -40], [180, 60, 40], (200, 3)).T
+    yaw, pitch, roll = rng.uniform([-180, -125, -40], [180, 60, 40], (200, 3)).T
     pitch[:100], roll[:100] = -90.0, 0.0
     for row in range(100):  # what levels the camera at this yaw
         down = Rotation.from_euler("Z", -yaw[row], degrees=True).apply(vehicle[row].inv().apply([0.0, 0.0, 1.0]))

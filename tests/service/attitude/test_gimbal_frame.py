@@ -119,7 +119,8 @@ def flown(rng, count):
     if_body = np.array([[down(report + sway)] * BODY_READINGS for report, sway in zip(reports, sways, strict=True)])
     own, seen = (np.array([down(each) for each in angles]) for angles in (sways, reports))
     stamps_ns, bends = 1_795_000_000 * 10**9 + elapsed_ns, 1e-4 * rng.random(count)
-    return GravitySamples(rng.random(count) > 0.01, stamps_ns, reports, own, seen, if_body, bends)
+    silence_ns = np.diff(stamps_ns, prepend=stamps_ns[0]) + np.where(rng.random(count) < 2 / count, 10 * 10**9, 0)
+    return GravitySamples(rng.random(count) > 0.01, stamps_ns, reports, own, seen, if_body, bends, silence_ns)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -131,6 +132,8 @@ def test_reports_may_be_weighed_together_or_one_by_one(seed):
     wanted = []
     for row in range(len(found)):
         before = alone.evidence
+        if found.silence_ns[row] >= 10 * 10**9:
+            alone.forget()
         if found.is_known[row]:
             alone.update(found.row(row))
         else:

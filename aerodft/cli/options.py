@@ -4,7 +4,7 @@ import inspect
 import math
 import re
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import wraps
 from pathlib import Path
@@ -156,14 +156,15 @@ def parse_utc(option: str, text: str) -> int:
         UsageError: The text is no such time.
     """
     number = _number(text)
+    stamp_ns = -1
     if number is None:
-        try:
-            return iso_to_unix_ns(text)
-        except ValueError:
-            raise UsageError(option, got=repr(text), expected=_EXPECTED_TIME) from None
-    if not (_LEAST_UNIX_S <= number < _MOST_UNIX_S or _LEAST_UNIX_NS <= number < _MOST_UNIX_NS):
+        with suppress(ValueError):
+            stamp_ns = iso_to_unix_ns(text)
+    elif _LEAST_UNIX_S <= number < _MOST_UNIX_S or number >= _LEAST_UNIX_NS:
+        stamp_ns = _unix_ns(text, number)
+    if not _LEAST_UNIX_NS <= stamp_ns < _MOST_UNIX_NS:
         raise UsageError(option, got=repr(text), expected=_EXPECTED_TIME)
-    return _unix_ns(text, number)
+    return stamp_ns
 
 
 def parse_instant(option: str, text: str, start_ns: int) -> int:

@@ -62,6 +62,8 @@ def test_small_numbers_are_seconds_from_the_start(text, seconds):
         "nan",
         "-1e9",
         "1e30",
+        "0001-01-01T00:00:00Z",
+        "1969-12-31T23:59:59Z",
     ],
 )
 def test_anything_else_is_refused_in_one_sentence(text):

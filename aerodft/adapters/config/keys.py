@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 from aerodft.conventions import LARGEST
 
 _LONGEST_S = 1e6
+TILT_RANGE = "0 to 180 deg from straight down: 0 nadir, 90 horizon"
 _FARTHEST_S = 1e9  # 32 years: with a stamp of today still nanoseconds in 64 bits
 
 Quantity = TypeVar("Quantity")
@@ -41,7 +42,21 @@ TimeOffset = Annotated[float, Field(ge=-_FARTHEST_S, le=_FARTHEST_S)]
 Count = Annotated[int, Field(gt=0, le=10_000_000)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=360)]
-TiltDeg = Annotated[float, Field(ge=0, le=180)]
+
+
+def pitch_hint(tilt_deg: float) -> str:
+    """What to write in place of a tilt that is a gimbal's pitch, in degrees; empty where it may be none."""
+    is_pitch = -90 <= tilt_deg < 0  # noqa: PLR2004 - from straight down to the horizon
+    return f"a gimbal's pitch of {tilt_deg:g} deg is a tilt of {90 + tilt_deg:g}" if is_pitch else ""
+
+
+def _no_pitch(value: object) -> object:
+    if isinstance(value, int | float) and (hint := pitch_hint(value)):
+        raise impossible("", got=f"{value:g}", expected=TILT_RANGE, hint=hint)
+    return value
+
+
+TiltDeg = Annotated[float, BeforeValidator(_no_pitch), Field(ge=0, le=180)]
 RollDeg = Annotated[float, Field(ge=-180, le=180)]
 HeadingDeg = Annotated[float, Field(ge=-360, le=360)]
 FieldOfViewDeg = Annotated[float, Field(gt=0.001, lt=180)]

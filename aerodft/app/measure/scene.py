@@ -9,6 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from aerodft import model
+from aerodft.adapters.config import TILT_RANGE, pitch_hint
 from aerodft.adapters.config.camera import CalibrationFile, FixedPose, load_calibration, pose_sample
 from aerodft.conventions import LARGEST
 from aerodft.dft import Setup
@@ -170,10 +171,7 @@ class CameraPose:
     def __post_init__(self) -> None:
         if self.height_m is not None:
             in_range("height_m", self.height_m, _LOWEST_M, 100_000.0, "0.001 to 100000 m above the ground")
-        pitch = f"a gimbal's pitch of {self.tilt_deg:g} deg is a tilt of {90 + self.tilt_deg:g}"
-        hint = pitch if -90 <= self.tilt_deg < 0 else ""  # noqa: PLR2004 - degrees
-        expected = "0 to 180 deg from straight down: 0 nadir, 90 horizon"
-        in_range("tilt_deg", self.tilt_deg, 0.0, 180.0, expected, hint)
+        in_range("tilt_deg", self.tilt_deg, 0.0, 180.0, TILT_RANGE, pitch_hint(self.tilt_deg))
         in_range("roll_deg", self.roll_deg, -180.0, 180.0, "-180 to 180 deg")
         in_range("heading_deg", self.heading_deg, -360.0, 360.0, "-360 to 360 deg")
         if self.lat_deg is not None and self.lon_deg is not None:

@@ -190,6 +190,7 @@ def test_everything_about_telemetry_reaches_the_settings() -> None:
         (FLIGHT + "[[probes]]\n", "x.toml: probes: unknown key; did you mean probe?"),
         (FLIGHT + PROBE + "std = 1\n", "x.toml: probe[0].std: unknown key; did you mean std_px?"),
         (FIXED.replace("= 8", "= -8"), "x.toml: pose.height_agl_m: got -8, expected more than 0"),
+        (FIXED.replace("60", "-30"), "straight down: 0 nadir, 90 horizon; a gimbal's pitch of -30 deg is a tilt of 60"),
         (FIXED.replace("60", "300"), "x.toml: pose.tilt_deg: got 300, expected at most 180"),
         (FIXED.replace("60", '"60"'), 'x.toml: pose.tilt_deg: got "60", expected a number'),
         (FIXED + "std = { tilt_deg = -1 }\n", "x.toml: pose.std.tilt_deg: got -1, expected at least 0"),

@@ -123,7 +123,7 @@ def _link_error(where: str, error: zenoh.ZError) -> LinkError:
             "the port is busy",
             where=where,
             expected="a free port",
-            hint="another service runs there, or choose another port in the configuration",
+            hint="another service runs there; choose another port",
         )
     _log.debug("zenoh says: %s", error)
     got = _reason_in(str(error)) or "an endpoint that zenoh cannot open"

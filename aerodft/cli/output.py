@@ -1,5 +1,6 @@
 """What commands print: JSON or tables on stdout, progress and words on stderr."""
 
+import json
 import os
 import sys
 import time
@@ -52,7 +53,7 @@ def print_json(document: object) -> None:
     data = json_bytes(document)
     if sys.stdout.isatty():  # JSON escapes some control characters, a terminal obeys others too
         text = data.decode()
-        data = "".join(each if each.isprintable() or each == "\n" else f"\\u{ord(each):04x}" for each in text).encode()
+        data = "".join(each if each.isprintable() or each == "\n" else json.dumps(each)[1:-1] for each in text).encode()
     sys.stdout.buffer.write(data)
     sys.stdout.flush()
 

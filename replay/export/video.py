@@ -17,7 +17,7 @@ from PIL import ImageDraw, ImageFont
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, printable
 from aerodft.model import FloatArray, Image, ImageArray, ProbeKind, Status
 from replay.export.table import Item, digits_of, parse_measurement, row_of, time_utc, written_unit
 from replay.recordings import PixelStore, Recording
@@ -90,7 +90,7 @@ class Overlay:
             below, beside = height - canvas.shape[0], width - canvas.shape[1]
             canvas = np.asarray(cv2.copyMakeBorder(canvas, 0, below, 0, beside, cv2.BORDER_REPLICATE), dtype=np.uint8)
         boxes_written = [
-            self._write(canvas, line, 0.0, self._line_px * row, _BLACK)
+            self._write(canvas, printable(line), 0.0, self._line_px * row, _BLACK)
             for row, line in enumerate(_header(items, stamp_ns, index))
         ]
         half = 0.4 * self._line_px
@@ -125,7 +125,7 @@ class Overlay:
 
     def _label(self, canvas: ImageArray, item: Item, boxes_written: Sequence[_Box], marks: Sequence[_Box]) -> _Box:
         """Write a measurement beside its pixels, where nothing is written yet, and no mark where there is room."""
-        text, has_number = label_of(item), item["status"] == Status.OK
+        text, has_number = printable(label_of(item)), item["status"] == Status.OK
         points = self._points(item)
         inside = points[((points >= 0) & (points < self._size)).all(axis=1)]
         centre = inside.mean(axis=0) if len(inside) else np.array([0.0, self._line_px * 2])

@@ -141,6 +141,12 @@ def test_labels_lie_in_the_image_and_not_on_each_other(width, height):
     assert min(counts) > 0.2 * max(counts)
 
 
+def test_a_label_is_one_line_whatever_a_recording_calls_its_probe():
+    blank = np.zeros((480, 640, 3), np.uint8)
+    drawn = [Overlay(640, 480).draw(blank, [an_item(name=name)], 0, 0) for name in ("a\n\x1b[31m", "a\\n\\x1b[31m")]
+    assert np.array_equal(*drawn)
+
+
 def test_labels_leave_crosses_to_be_seen():
     overlay = Overlay(1280, 720)
     items = [

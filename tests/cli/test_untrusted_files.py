@@ -1,5 +1,6 @@
 """Files that nobody vouches for: each ends in one sentence, fetches nothing, and holds nobody up."""
 
+import json
 import os
 import struct
 import zlib
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from aerodft.adapters.files import cell_text, csv_cell
-from aerodft.cli.output import say
+from aerodft.cli.output import print_json, say
 
 VRT = """<VRTDataset rasterXSize="2" rasterYSize="2"><VRTRasterBand dataType="Float32" band="1"><SimpleSource>
 <SourceFilename relativeToVRT="0">/vsicurl/http://127.0.0.1:9/x.tif</SourceFilename><SourceBand>1</SourceBand>
@@ -111,6 +112,14 @@ def test_cells_are_no_formulas_and_hold_no_control_characters() -> None:
     assert [csv_cell(-1.5), csv_cell("left"), csv_cell(None)] == [-1.5, "left", None]
 
 
-def test_control_characters_do_not_reach_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_do_not_reach_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "a\x9b31m\u202e\U000e0001"
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    print_json({"name": name})
+    printed = capsys.readouterr().out
+    assert printed.isascii()
+    assert json.loads(printed) == {"name": name}
     say("a\x1b]0;title\x07b\nnext \x9b31m")
     assert capsys.readouterr().err == "a\\x1b]0;title\\x07b\nnext \\x9b31m\n"

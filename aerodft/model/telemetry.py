@@ -45,6 +45,7 @@ class MountAxes(StrEnum):
 
     ROLL_OUTER = "roll-outer"  # the usual one: the roll servo carries the tilt servo
     TILT_OUTER = "tilt-outer"  # the tilt servo carries the roll servo: the angles are aerospace Euler angles
+    TILT_ONLY = "tilt-only"  # no roll servo, whatever is reported of one: the camera rolls with the vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -271,10 +272,12 @@ class GimbalTypeTrack(Track):
     Attributes:
         message: Name of the message.
         identity: ``(n,)`` a number that is the same for the same maker, model, abilities and limits.
+        cannot_roll: ``(n,)`` whether it is said to have a tilt axis and no roll axis.
     """
 
     message: str
     identity: IntArray
+    cannot_roll: BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

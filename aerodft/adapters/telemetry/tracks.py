@@ -43,6 +43,7 @@ MAX_ANGLE_RAD: Final = 2 * math.pi + 0.01
 MAX_HEIGHT_M: Final = 50_000.0
 
 _RETRACTED, _NEUTRAL, _YAW_LOCK, _YAW_IN_VEHICLE, _YAW_IN_EARTH = 1, 2, 16, 32, 64
+_HAS_ROLL_AXIS, _HAS_TILT_AXIS = 4, 32  # of cap_flags
 # Bits of failure_flags. A gimbal at its limit is not where its demand is; that it has no manager (512) says nothing.
 GIMBAL_FAILURES = {
     "it is at its roll limit": 1,
@@ -446,7 +447,8 @@ def gimbal_type_track(rows: Rows, _rejected: Counter[str]) -> Track:
     fields = [field for field in rows.payload.dtype.names or () if field != _BOOT_FIELD]
     said = rows.payload[fields].tolist()
     identity = np.array([zlib.crc32(repr(each).encode()) for each in said])
-    return GimbalTypeTrack(message=rows.name, identity=identity, **rows.stamps())
+    cannot_roll = rows.payload["cap_flags"] & (_HAS_ROLL_AXIS | _HAS_TILT_AXIS) == _HAS_TILT_AXIS
+    return GimbalTypeTrack(message=rows.name, identity=identity, cannot_roll=cannot_roll, **rows.stamps())
 
 
 def gimbal_failure_tracks(rows: Rows) -> Iterator[GimbalFailureTrack]:

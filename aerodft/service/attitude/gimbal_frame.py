@@ -28,7 +28,7 @@ from aerodft.service.streams import Stream
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """Lags of a report behind its stamp, each a hypothesis."""
 
-AXES: Final = tuple(MountAxes)
+AXES: Final = (MountAxes.ROLL_OUTER, MountAxes.TILT_OUTER)
 BODY_READINGS: Final = len(AXES) * len(LAGS_NS)
 """Number of readings relative to the vehicle: each mount with each lag."""
 
@@ -226,12 +226,13 @@ class FrameEvidence:
             frame: As configured; None for the evidence's.
             axes: As configured; None for the evidence's. Angles relative to the horizon are always aerospace angles.
         """
+        has_no_roll = axes is MountAxes.TILT_ONLY
         frame, axes = frame or self.frame, axes or self.axes
         body = self.body_probability if frame is None else float(frame is ReportFrame.BODY)
         tilt_outer = self.tilt_outer_probability if axes is None else float(axes is MountAxes.TILT_OUTER)
         return {
             (ReportFrame.EARTH, MountAxes.TILT_OUTER): 1 - body,
-            (ReportFrame.BODY, MountAxes.ROLL_OUTER): body * (1 - tilt_outer),
+            (ReportFrame.BODY, MountAxes.TILT_ONLY if has_no_roll else MountAxes.ROLL_OUTER): body * (1 - tilt_outer),
             (ReportFrame.BODY, MountAxes.TILT_OUTER): body * tilt_outer,
         }
 
@@ -476,4 +477,7 @@ def mounted_wxyz(
             sideways = np.cos(pan) * down[:, 1] - np.sin(pan) * down[:, 0]
             roll_servo = np.arctan2(-sideways, down[:, 2])
         yaw[near_nadir], roll[near_nadir] = yaw_and_roll - sign * roll_servo, roll_servo
-    return multiply(multiply(about_axis(2, yaw), about_axis(0, roll)), about_axis(1, pitch))
+    carrier = about_axis(2, yaw)
+    if axes is MountAxes.ROLL_OUTER:
+        carrier = multiply(carrier, about_axis(0, roll))
+    return multiply(carrier, about_axis(1, pitch))

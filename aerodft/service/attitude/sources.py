@@ -4,7 +4,7 @@ Of each gimbal the frame of its reports is learned, and whether they are demands
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -153,7 +153,7 @@ class Gimbal:
         first, stop = int(np.min(demands.first)), int(np.max(demands.stop))
         rows_used = slice(first, max(first, stop))
         wxyz, in_earth = stream.column("wxyz")[rows_used], stream.column("yaw_in_earth")[rows_used] > 0
-        if axes is MountAxes.ROLL_OUTER:
+        if axes is not MountAxes.TILT_OUTER:
             body_rows = np.searchsorted(vehicle.stamps_ns, stream.stamps_ns[rows_used], side="right")
             bodies = vehicle.column("wxyz")[np.maximum(body_rows, 1) - 1]
             wxyz = mounted_wxyz(wxyz, axes, bodies, yaw_in_earth=in_earth)
@@ -295,6 +295,7 @@ class AttitudeSources:
         }
         self._resolver = Resolver(settings)
         self._gimbal_types: dict[str, int] = {}  # by message
+        self._axes = settings.axes
 
     def streams(self) -> tuple[Stream, ...]:
         """All streams, for the watermark."""
@@ -305,6 +306,7 @@ class AttitudeSources:
         for gimbal in self._gimbals.values():
             gimbal.clear()
         self._vehicle.clear()
+        self._axes = self._settings.axes
 
     def shift(self, by_ns: int) -> None:
         """Shift all stamps: the clock map has changed."""
@@ -319,18 +321,21 @@ class AttitudeSources:
         elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
             self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
         elif isinstance(track, GimbalTypeTrack):
-            self._follow_type(track.message, track.identity)
+            self._follow_type(track)
 
     def may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once: a gimbal's type may change what came before."""
         return not isinstance(track, GimbalTypeTrack)
 
-    def _follow_type(self, message: str, identity: IntArray) -> None:
-        """Remove samples and evidence of the gimbals where one is another from now on."""
-        if np.any(identity != self._gimbal_types.get(message, identity[0])):
+    def _follow_type(self, track: GimbalTypeTrack) -> None:
+        """Remove samples and evidence of the gimbals where one is another from now on; follow whether it can roll."""
+        if np.any(track.identity != self._gimbal_types.get(track.message, track.identity[0])):
             for gimbal in self._gimbals.values():
                 gimbal.clear()
-        self._gimbal_types[message] = int(identity[-1])
+            self._axes = self._settings.axes
+        self._gimbal_types[track.message] = int(track.identity[-1])
+        if track.cannot_roll[-1]:
+            self._axes = self._settings.axes or MountAxes.TILT_ONLY
 
     def commit(self) -> None:
         """End the step."""
@@ -417,7 +422,8 @@ class AttitudeSources:
         self, source: GimbalSource, rows: IntArray, query: GimbalQuery
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
         """Attitudes at rows from a gimbal's reports."""
-        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, self._settings, query):
+        settings = replace(self._settings, axes=self._axes)
+        for own, readings in readings_of(source, self._gimbals[source], self._vehicle, settings, query):
             yield rows[own], self._resolver.attitudes(readings)
 
     def _from_fixed_mount(

@@ -357,6 +357,12 @@ def test_a_gimbal_says_which_one_it_is(
     assert np.unique(track.identity, return_index=True)[1].tolist() in ([0, 2], [2, 0])
 
 
+def test_a_gimbal_that_tilts_may_say_that_it_cannot_roll(decode: Decode) -> None:
+    (track,) = decode(_managed(32), _managed(32 | 4), _managed(0))
+    assert isinstance(track, GimbalTypeTrack)
+    assert track.cannot_roll.tolist() == [True, False, False]
+
+
 @pytest.mark.parametrize("gimbal", [None, 1, 2])
 def test_two_gimbals_of_one_autopilot_are_not_one_that_changes(decode: Decode, gimbal: int | None) -> None:
     said = [_information(b"one", 1), _information(b"two", 2), _managed(1, 1), _managed(2, 2)] * 3

@@ -273,7 +273,8 @@ def test_what_was_told_of_a_gimbal_is_forgotten_when_another_one_answers(is_anot
     half = len(stamps) // 2
     servo = [body.inv() * looking for body, looking in zip(bodies[:half], cameras[:half], strict=True)]
     identity = np.array([7, 8 if is_another else 7])
-    said = GimbalTypeTrack(message="any", **rows([stamps[0], stamps[half - 1]], identity=identity))
+    can = np.zeros(2, dtype=np.bool_)
+    said = GimbalTypeTrack(message="any", **rows([stamps[0], stamps[half - 1]], identity=identity, cannot_roll=can))
     attitude = sources(vehicle(stamps[:half], bodies[:half]), gimbal(stamps[:half], servo, earth=False))
     assert "is body-frame" in attitude.at(stamps[half - 1], END_OF_TIME).reasons[0]
     attitude.all.append(said, said.boot_ns)
@@ -380,3 +381,20 @@ def test_servo_angles_are_composed_by_the_mounts_axes(yaw_in_earth):
     outer = mounted_wxyz(reported, MountAxes.ROLL_OUTER, bodies, yaw_in_earth=yaw_in_earth)
     assert np.degrees((meant.inv() * Rotation.from_quat(outer, scalar_first=True)).magnitude()).max() < 0.1
     assert mounted_wxyz(reported, MountAxes.TILT_OUTER, bodies, yaw_in_earth=yaw_in_earth) is reported
+    alone = mounted_wxyz(reported, MountAxes.TILT_ONLY, bodies, yaw_in_earth=yaw_in_earth)
+    tilted = Rotation.from_euler("ZY", np.stack([yaw + heading, pitch], axis=-1), degrees=True)
+    assert np.degrees((tilted.inv() * Rotation.from_quat(alone, scalar_first=True)).magnitude()).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("cannot_roll", "stated"), [(True, None), (False, MountAxes.TILT_ONLY), (True, MountAxes.ROLL_OUTER)]
+)
+def test_a_mount_without_a_roll_servo_rolls_with_the_vehicle(cannot_roll, stated):
+    """An autopilot reports the angle of the servo that is not there."""
+    body = Rotation.from_euler("ZYX", [0.4, 0.1, 0.3])
+    said = GimbalTypeTrack(message="any", **rows([0], identity=np.array([7]), cannot_roll=np.array([cannot_roll])))
+    attitude = sources(said, frame=ReportFrame.BODY, axes=stated)
+    for track in (vehicle([0, 100 * MS], [body] * 2), gimbal([0, 100 * MS], [ypr(0.0, -0.9, -0.3)] * 2, earth=False)):
+        attitude.all.append(track, track.boot_ns)
+    servos = ("Y", [-0.9]) if stated is not MountAxes.ROLL_OUTER else ("XY", [-0.3, -0.9])
+    assert_same(attitude.at(50 * MS, 100 * MS), camera(body * Rotation.from_euler(*servos)))

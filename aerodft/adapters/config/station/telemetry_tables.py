@@ -88,7 +88,7 @@ class AttitudeTable(Table):
         SiAttribute(into=_FRAMES.get, out=lambda frame: None if frame is None else str(frame)),
     ] = "auto"
     axes: Annotated[
-        Literal["auto", "roll-outer", "tilt-outer"],
+        Literal["auto", "roll-outer", "tilt-outer", "tilt-only"],
         SiAttribute(into=_AXES.get, out=lambda axes: None if axes is None else str(axes)),
     ] = "auto"
     feedback: Annotated[

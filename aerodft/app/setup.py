@@ -13,15 +13,14 @@ import tomli_w
 from aerodft.adapters.config.camera import KnownCamera, camera_document, known_cameras, load_camera
 from aerodft.adapters.config.station import load_station
 from aerodft.adapters.files import whole_file
-from aerodft.adapters.images import STILLS, facts_of_still, video_info
+from aerodft.adapters.images import STILLS, camera_of_still, facts_of_still, video_info
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
 from aerodft.diagnosis import DiagnosisReport
 from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
+from aerodft.model import Camera, CameraStd
 
-_FILM_DIAGONAL_MM: Final = 43.27
-_FILM_STD: Final = 0.04  # whole millimetres, and of a crop that nobody states
 _ASSUMED_HFOV_DEG: Final = 70.0  # most drones' wide cameras: 60 to 80
 _ASSUMED_STD: Final = 0.15
 _ASSUMED_SIZE_PX: Final = (1920, 1080)
@@ -327,29 +326,28 @@ def _unknown_camera(
     draft: _Draft, images: Path | None, photo: Path | None, path: Path, *, overwrite: bool
 ) -> tuple[int, int]:
     """A camera file of what EXIF data say, or of a usual field of view; and its image size in pixels."""
-    image = photo or images
-    width_px, height_px = _ASSUMED_SIZE_PX if image is None else _size_px(image)
-    focal_mm = None if photo is None else facts_of_still(photo).mode.focal_35mm_mm
-    if focal_mm is None:
+    try:
+        camera = None if photo is None else camera_of_still(photo)
+    except InputError:  # its EXIF data say nothing
+        camera = None
+    if camera is None:
+        image = photo or images
+        width_px, height_px = _ASSUMED_SIZE_PX if image is None else _size_px(image)
         focal_px = width_px / 2 / math.tan(math.radians(_ASSUMED_HFOV_DEG) / 2)
-        share, source = _ASSUMED_STD, f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"
+        std = CameraStd(focal_px=_ASSUMED_STD * focal_px, principal_point_px=0.005 * width_px)
+        name = _slug(path.absolute().parent.name)
+        camera = Camera.of_focal(name=name, width_px=width_px, height_px=height_px, focal_px=focal_px, std=std)
+        source = f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"
         to_do = (
             "Name your camera (`camera`; `find_cameras` lists them) or calibrate its lens: its field of view is assumed"
         )
-        draft.to_do.append(f"{to_do}, to {100 * share:.0f} %")
+        draft.to_do.append(f"{to_do}, to {100 * _ASSUMED_STD:.0f} %")
     else:
-        focal_px = focal_mm / _FILM_DIAGONAL_MM * math.hypot(width_px, height_px)
-        share, source = _FILM_STD, f"{focal_mm:g} mm for 35 mm film, by the EXIF data of {photo}"
-        draft.taken.append(f"camera: {source}; its focal length is known to {100 * share:.0f} % (1 sigma)")
-    text = (
-        f"# {source}. `aerodft calibrate-lens` finds it, with the distortion.\n"
-        f'name = "{_slug(path.absolute().parent.name)}"\nwidth_px = {width_px}\nheight_px = {height_px}\n'
-        f"fx_px = {focal_px:.1f}\nfy_px = {focal_px:.1f}\ncx_px = {(width_px - 1) / 2}\ncy_px = {(height_px - 1) / 2}\n"
-        f"focal_std_px = {share * focal_px:.1f}           # how well it is known, 1 sigma\n"
-        f"principal_point_std_px = {0.005 * width_px:.1f}\n"
-    )
-    _write(path, text, overwrite=overwrite)
-    return width_px, height_px
+        source, share = f"the EXIF data of {photo}", camera.std.focal_px / camera.fx_px
+        draft.taken.append(f"camera: by {source}; its focal length is known to {100 * share:.0f} % (1 sigma)")
+    about = f"# Focal length: {source}. `aerodft calibrate-lens` finds it, with the distortion.\n"
+    _write(path, about + tomli_w.dumps(camera_document(camera)), overwrite=overwrite)
+    return camera.width_px, camera.height_px
 
 
 def _telemetry(

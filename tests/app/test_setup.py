@@ -53,14 +53,16 @@ def test_a_photo_tells_its_camera(tmp_path):
     assert "calibrate" in draft.to_do[0]
 
 
-def test_the_focal_length_for_film_is_taken_where_the_camera_is_not_known(tmp_path):
-    exif = Image.Exif()
+@pytest.mark.parametrize(("size", "focal_px"), [((400, 300), 300.4), ((4000, 2250), 3004.4)])
+def test_the_focal_length_for_film_is_taken_where_the_camera_is_not_known(tmp_path, size, focal_px):
+    """By the sensor's diagonal: 16:9 is as wide as the 4:3 sensor that it is cropped from."""
+    exif, photo = Image.Exif(), tmp_path / "photo.jpg"
     exif[0x0110] = "Somebody's"
     exif.get_ifd(0x8769)[0xA405] = 26
-    Image.new("RGB", (400, 300)).save(tmp_path / "photo.jpg", exif=exif)
-    camera = ad.load_camera(ad.draft_station([tmp_path / "photo.jpg"], tmp_path).camera)
-    assert camera.fx_px == pytest.approx(26 / 43.27 * 500, abs=0.1)
-    assert camera.std.focal_px == pytest.approx(0.04 * camera.fx_px, rel=0.01)
+    Image.new("RGB", size).save(photo, exif=exif)
+    camera = ad.load_camera(ad.draft_station([photo], tmp_path).camera)
+    assert camera.fx_px == pytest.approx(focal_px, abs=0.1)
+    assert camera == ad.load_camera(photo)
 
 
 def test_what_makes_no_sense_is_refused_and_nothing_is_replaced(tmp_path):

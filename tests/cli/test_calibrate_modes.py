@@ -20,7 +20,7 @@ MODE = '[mode]\ndevice = "FC3411"\nfocal_mm = 8.38\nfocal_35mm_mm = 22.0\ndigita
 
 def write_image(path, size=(WIDTH_PX, HEIGHT_PX), *, device="FC3411", focal=8.38, film=22, zoom=1.0, taken=None):
     exif = PillowImage.Exif()
-    exif[Base.Model] = device
+    exif[Base.Model], exif[Base.Orientation] = device, 1 if taken is None else 6
     inner = exif.get_ifd(IFD.Exif)
     inner[Base.FocalLength], inner[Base.FocalLengthIn35mmFilm], inner[Base.DigitalZoomRatio] = focal, film, zoom
     inner[Base.ExifImageWidth], inner[Base.ExifImageHeight] = taken or size
@@ -77,6 +77,7 @@ def test_without_a_mode_in_the_file_doubts_are_said(tmp_path):
     write_image(tmp_path / "view.jpg", film=120, taken=(4000, 3000))
     run, _ = calibrate(tmp_path, "")
     assert run.code == 0, run.err
+    assert f"view.jpg is shown turned by viewers: pixels count in it as it is stored, {WIDTH_PX} px wide" in run.err
     assert "taken with 4000 x 3000 px and made 1920 x 1080 px afterwards" in run.err
     assert "120 mm for 35 mm film" in run.err
     assert "is it of another zoom?" in run.err

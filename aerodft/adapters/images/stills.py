@@ -130,6 +130,9 @@ def _text(value: object) -> str:
     return value.strip(" \0") if isinstance(value, str) else ""
 
 
+_INCH: Final = 2  # as EXIF counts units
+_RESOLUTION_UNITS_MM: Final = {_INCH: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+_TURNED: Final = range(2, 9)  # EXIF's orientations but the plain one
 _MOST_PIXELS = 2 * (PillowImage.MAX_IMAGE_PIXELS or 0)  # that Pillow opens
 UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError)  # all that Pillow raises
 
@@ -142,11 +145,15 @@ class StillFacts:
         size_px: Width and height as it is stored.
         mode: How the camera was set, as far as EXIF data say.
         taken_px: Width and height when it was taken; None where EXIF does not say.
+        sensor_px_per_mm: Pixels of that size on a millimetre of the sensor; None where EXIF does not say.
+        is_turned: Whether viewers show it turned or mirrored.
     """
 
     size_px: tuple[int, int]
     mode: CameraMode
     taken_px: tuple[int, int] | None
+    sensor_px_per_mm: float | None
+    is_turned: bool
 
 
 def still_facts(path: Path) -> StillFacts | None:
@@ -155,7 +162,7 @@ def still_facts(path: Path) -> StillFacts | None:
         check_is_no_pipe(path)
         with PillowImage.open(path) as image:
             size_px, exif = image.size, image.getexif()
-            taken, device = exif.get_ifd(IFD.Exif), exif.get(Base.Model)
+            taken, device, turn = exif.get_ifd(IFD.Exif), exif.get(Base.Model), exif.get(Base.Orientation)
     except UNREADABLE:
         return None
     width_px, height_px = (_positive(taken.get(key)) for key in (Base.ExifImageWidth, Base.ExifImageHeight))
@@ -166,7 +173,15 @@ def still_facts(path: Path) -> StillFacts | None:
         digital_zoom=_positive(taken.get(Base.DigitalZoomRatio)),
     )
     taken_px = None if width_px is None or height_px is None else (round(width_px), round(height_px))
-    return StillFacts(size_px=size_px, mode=mode, taken_px=taken_px)
+    per_unit = _positive(taken.get(Base.FocalPlaneXResolution))
+    unit_mm = _RESOLUTION_UNITS_MM.get(taken.get(Base.FocalPlaneResolutionUnit, _INCH))
+    return StillFacts(
+        size_px=size_px,
+        mode=mode,
+        taken_px=taken_px,
+        sensor_px_per_mm=None if per_unit is None or unit_mm is None else per_unit / unit_mm,
+        is_turned=turn in _TURNED,
+    )
 
 
 def facts_of_still(path: Path) -> StillFacts:
@@ -343,7 +358,10 @@ _FILM_STEP_STD_MM: Final = 0.29  # of lengths that are whole millimetres
 _SENSORS: Final = (4 / 3, 3 / 2)  # width by height of what images are cropped from, the usual one first
 _SAME_ASPECT: Final = 1.02
 _OFF_CENTRE: Final = 0.005  # std of the principal point, as a share of the diagonal
-_WITHIN_STDS: Final = 1.96  # that everything which may be true lies in
+_WIDEST: Final = 2.4  # width by height of what is no panorama
+_FILM_MM: Final = (4.0, 5000.0)  # focal lengths for 35 mm film that there are
+_MOST_ZOOM: Final = 100.0
+_NOMINAL: Final = 0.03  # std of a stated focal length and sensor, as a share
 _UNITS: Final = {
     "device": "",
     "focal_mm": " mm focal length",
@@ -399,45 +417,60 @@ def camera_of_still(path: Path) -> Camera:
     """The camera that a still's EXIF data tell of: a focal length, and its principal point in the middle.
 
     The focal length for 35 mm film is by the diagonal of the sensor (CIPA DCG-001). An image of another aspect than 4:3
-    or 3:2 is a crop of a 4:3 sensor, as wide as it; the std holds crops of the other sensors, digital zoom that the
-    equivalent may or may not have in it, and its rounding to whole millimetres. Of the lens's distortion nothing is
+    or 3:2 is a crop of a 4:3 sensor, as wide as it; the std is that of anything up to crops of the other sensors and
+    digital zoom that the equivalent may or may not have in it, with its rounding to whole millimetres. Without an
+    equivalent, it is the focal length by the sensor's pixels on a millimetre. Of the lens's distortion nothing is
     known: it is 0.
 
     Raises:
-        InputError: No still, no equivalent in its EXIF data, or an image that was cropped after it was taken.
+        InputError: No still, no focal length in its EXIF data, one that there is not, or an image that was cropped or
+            joined after it was taken.
     """
     facts = facts_of_still(path)
     (width_px, height_px), mode, taken_px = facts.size_px, facts.mode, facts.taken_px
-    if mode.focal_35mm_mm is None:
+    aspect = max(width_px, height_px) / min(width_px, height_px)
+    as_taken = aspect if taken_px is None else max(taken_px) / min(taken_px)
+    if not _is_about(as_taken, aspect) or aspect > _WIDEST:
+        got = f"{width_px} x {height_px} px" + (
+            "" if taken_px is None else f", taken with {taken_px[0]} x {taken_px[1]} px"
+        )
+        expected = "one image, and all of it"
+        raise InputError("the image was cropped or joined after it was taken", where=path, got=got, expected=expected)
+    diagonal_px = math.hypot(width_px, height_px)
+    if mode.focal_35mm_mm is not None:
+        share, std_share = _diagonal_share(aspect, min(max(mode.digital_zoom or 1.0, 1.0), _MOST_ZOOM))
+        film_mm, std_share = share * mode.focal_35mm_mm, math.hypot(std_share, _FILM_STEP_STD_MM / mode.focal_35mm_mm)
+    elif mode.focal_mm is not None and facts.sensor_px_per_mm is not None:
+        sensor_mm = math.hypot(*(taken_px or facts.size_px)) / facts.sensor_px_per_mm
+        film_mm, std_share = _FILM_DIAGONAL_MM * mode.focal_mm / sensor_mm, _NOMINAL
+    else:
         raise InputError(
             "no camera can be told from it",
             where=path,
             got="no focal length for 35 mm film in its EXIF data",
-            expected="FocalLengthIn35mmFilm",
+            expected="FocalLengthIn35mmFilm, or FocalLength and FocalPlaneXResolution",
             hint="write a camera file with its field of view, or calibrate the lens",
         )
-    aspect = max(width_px, height_px) / min(width_px, height_px)
-    if taken_px is not None and not _is_about(max(taken_px) / min(taken_px), aspect):
-        got = f"{width_px} x {height_px} px, taken with {taken_px[0]} x {taken_px[1]} px"
-        raise InputError("the image was cropped after it was taken", where=path, got=got, expected="all of it")
-    shares = [_sensor_diagonal(aspect, sensor) for sensor in (*_SENSORS, aspect)]
-    likely = next((1.0 for sensor in _SENSORS if _is_about(sensor, aspect)), shares[0])
-    zoom = mode.digital_zoom or 1.0
-    shares += [zoom * share for share in shares]
-    crop_std = max(abs(share - likely) for share in shares) / _WITHIN_STDS / likely
-    diagonal_px = math.hypot(width_px, height_px)
-    focal_px = mode.focal_35mm_mm / _FILM_DIAGONAL_MM * diagonal_px * likely
+    if not _FILM_MM[0] <= film_mm <= _FILM_MM[1]:
+        what, got = "no camera can be told from it", f"a focal length of {film_mm:g} mm for 35 mm film in its EXIF data"
+        raise InputError(what, where=path, got=got, expected=f"{_FILM_MM[0]:g} to {_FILM_MM[1]:g} mm")
+    focal_px = film_mm / _FILM_DIAGONAL_MM * diagonal_px
     return Camera.of_focal(
         name=mode.device or path.stem,
         width_px=width_px,
         height_px=height_px,
         focal_px=focal_px,
-        std=CameraStd(
-            focal_px=focal_px * math.hypot(crop_std, _FILM_STEP_STD_MM / mode.focal_35mm_mm),
-            principal_point_px=_OFF_CENTRE * diagonal_px,
-        ),
+        std=CameraStd(focal_px=std_share * focal_px, principal_point_px=_OFF_CENTRE * diagonal_px),
         mode=mode,
     )
+
+
+def _diagonal_share(aspect: float, zoom: float) -> tuple[float, float]:
+    """Likely diagonal of the sensor, in the image's, and its std as a share: as anything up to the farthest is."""
+    shares = [_sensor_diagonal(aspect, sensor) for sensor in (*_SENSORS, aspect)]
+    likely = next((1.0 for sensor in _SENSORS if _is_about(sensor, aspect)), shares[0])
+    shares += [zoom * share for share in shares]
+    return likely, max(abs(share - likely) for share in shares) / likely / math.sqrt(3)
 
 
 def _is_about(one: float, other: float) -> bool:
@@ -480,6 +513,8 @@ def _doubts(path: Path, camera: Camera) -> Iterator[str]:
             f"{path.name} was taken with {taken_px[0]} x {taken_px[1]} px and made {camera.width_px} x"
             f" {camera.height_px} px afterwards: the camera file must be one of images that were treated likewise"
         )
+    if facts.is_turned:
+        yield f"{path.name} is shown turned by viewers: pixels count in it as it is stored, {facts.size_px[0]} px wide"
     if camera.mode is None and mode.focal_35mm_mm is not None:
         zoom = mode.digital_zoom or 1.0
         focal_px = mode.focal_35mm_mm / _FILM_DIAGONAL_MM * math.hypot(camera.width_px, camera.height_px)

@@ -13,12 +13,13 @@ SIZES = {
     "3:2, all of the sensor": ((5472, 3648), 24, 5472 / 13.2 * 8.8),
     "16:9 of a 3:2 sensor": ((5472, 3078), 24, 5472 / 13.2 * 8.8),
     "4:3 of a 3:2 sensor": ((4864, 3648), 24, 5472 / 13.2 * 8.8),
+    "4:3 of a 3:2 sensor, 8.8 mm": ((4864, 3648), 24, 3666.7),  # by the XMP data of the FC6310's photos
     "upright": ((2250, 4000), 20, 2311.0),
 }
 """Size, focal length for 35 mm film, and focal length in pixels."""
 
 
-def photo(folder, size, film, *, zoom=None, taken=None):
+def photo(folder, size, film, *, zoom=None, taken=None, more=()):
     exif, path = PillowImage.Exif(), folder / "view.jpg"
     exif[Base.Model] = "FC0000"
     inner = exif.get_ifd(IFD.Exif)
@@ -27,6 +28,7 @@ def photo(folder, size, film, *, zoom=None, taken=None):
         inner[Base.FocalLengthIn35mmFilm] = film
     if zoom is not None:
         inner[Base.DigitalZoomRatio] = zoom
+    inner.update(more)
     PillowImage.fromarray(np.zeros((size[1], size[0]), np.uint8)).save(path, exif=exif)
     return path
 
@@ -50,6 +52,36 @@ def test_digital_zoom_may_be_in_the_equivalent_or_not(tmp_path):
     assert abs(camera.fx_px - 2 * 5000 / 43.27 * 24) < 1.96 * camera.std.focal_px
 
 
+def on_sensor(focal_mm, px_per_unit, unit):
+    keys = (Base.FocalLength, Base.FocalPlaneXResolution, Base.FocalPlaneResolutionUnit)
+    return dict(zip(keys, (focal_mm, px_per_unit, unit), strict=True))
+
+
+SENSORS = {
+    "Canon EOS 1000D, inches": ((3888, 2592), None, on_sensor(18, 3888000 / 876, 2), 18 * 3888 / 22.2),
+    "Canon EOS 5D Mark II, made a quarter": ((1404, 936), (5616, 3744), on_sensor(24, 5616000 / 1459, 2), 24 * 39.0),
+    "Fujifilm X-T2, centimetres": ((6000, 4000), None, on_sensor(23, 2558, 3), 23 * 6000 / 23.5),
+    "Olympus E-M10, millimetres": ((4608, 3456), None, on_sensor(14, 4608 / 17.3, 4), 14 * 4608 / 17.3),
+}
+"""Size, size when taken, EXIF data without an equivalent, and focal length in pixels by the maker's sensor."""
+
+
+@pytest.mark.parametrize(("size", "taken", "more", "truth_px"), SENSORS.values(), ids=SENSORS)
+def test_without_an_equivalent_the_sensors_pixels_tell(tmp_path, size, taken, more, truth_px):
+    camera = ad.load_camera(photo(tmp_path, size, None, taken=taken, more=more))
+    assert camera.fx_px == pytest.approx(truth_px, rel=0.03)
+    assert camera.std.focal_px == pytest.approx(0.03 * camera.fx_px)
+
+
+@pytest.mark.parametrize(
+    ("size", "film", "words"),
+    [((4000, 3000), 1, "1 mm"), ((4000, 3000), 65535, "65535 mm"), ((1200, 300), 26, "joined")],
+)
+def test_what_cannot_be_is_refused(tmp_path, size, film, words):
+    with pytest.raises(ad.InputError, match=words):
+        ad.load_camera(photo(tmp_path, size, film))
+
+
 @pytest.mark.parametrize(("film", "taken", "words"), [(None, None, "no focal length"), (20, (4000, 3000), "cropped")])
 def test_what_tells_no_focal_length_is_refused(tmp_path, film, taken, words):
     with pytest.raises(ad.AerodftError, match=words):
@@ -64,3 +96,8 @@ def test_a_camera_of_the_library_is_recognised(tmp_path):
         exif[Base.Model] = "FC7303"
         image.save(tmp_path / "mini.jpg", exif=exif)
     assert ad.load_camera(tmp_path / "mini.jpg") == known.camera
+    exif.get_ifd(IFD.Exif)[Base.DigitalZoomRatio] = 2.0
+    with PillowImage.open(path) as image:
+        image.save(tmp_path / "zoomed.jpg", exif=exif)
+    zoomed = ad.load_camera(tmp_path / "zoomed.jpg")
+    assert abs(zoomed.fx_px - 2 * known.camera.fx_px) < 1.96 * zoomed.std.focal_px

@@ -194,7 +194,8 @@ class KnownCamera:
             abs((mode.focal_35mm_mm or 0.0) - (self.focal_35mm_mm or 0.0)) <= 0.1 * (self.focal_35mm_mm or 0.0)
         )
         is_same = mode.device is not None and mode.device.casefold() == device.casefold() and is_same_lens
-        return is_same and self.kind == "photo" and size_px == (self.camera.width_px, self.camera.height_px)
+        is_whole = self.kind == "photo" and mode.digital_zoom in {None, 1.0}
+        return is_same and is_whole and size_px == (self.camera.width_px, self.camera.height_px)
 
     def resized(self, width_px: int, height_px: int) -> "KnownCamera | None":
         """This video mode at another size of its shape; None for other shapes, and for photos, which are cropped."""

@@ -19,7 +19,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import orjson
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError, ProjError
+from pyproj.exceptions import ProjError
 
 from aerodft.dft import PROBE_KINDS
 from aerodft.errors import InputError, UsageError
@@ -105,13 +105,13 @@ class MapCrs:
         expected = "the number of a projected or geographic system, such as EPSG:25832"
         try:
             crs = CRS.from_epsg(int(number))
-        except (CRSError, ValueError) as error:
+            transformer = Transformer.from_crs(_WGS84_ID, crs, always_xy=True)
+        except (ProjError, ValueError) as error:
             raise UsageError("`crs`", got=text, expected=expected) from error
         if len(crs.axis_info) != _PLANE_AXES or not (crs.is_projected or crs.is_geographic):
             raise UsageError("`crs`", got=f"{text} ({crs.name})", expected=expected)
         if int(number) == _WGS84_ID:
             return cls.wgs84()
-        transformer = Transformer.from_crs(_WGS84_ID, crs, always_xy=True)
         return cls(crs, int(number), lambda lon, lat: transformer.transform(lon, lat, errcheck=True))
 
     def projected(self, geometry: Geometry | None) -> Geometry | None:

@@ -220,6 +220,7 @@ def test_a_camera_without_a_place_measures_in_metres(aerodft, tmp_path):
         (("-o", "x.csv", "--crs", "EPSG:25832"), "--crs for csv"),
         (("-o", "x.gpkg", "--crs", "EPSG:5701"), "got EPSG:5701 (ODN height)"),
         (("-o", "x.gpkg", "--crs", "somewhere"), "such as EPSG:25832"),
+        (("-o", "x.gpkg", "--crs", "EPSG:32600"), "such as EPSG:25832"),  # of all zones
         (("--format", "gpkg"), "--format gpkg without --output"),
     ],
 )

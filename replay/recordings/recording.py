@@ -22,6 +22,7 @@ from aerodft.adapters.recording.read import (
     SegmentScan,
     recording_of,
     scan_segment,
+    unique_segments,
 )
 from aerodft.adapters.recording.write import image_sequence
 from aerodft.adapters.timestamps import unix_ns_to_iso
@@ -55,7 +56,7 @@ class LeftOut:
 
     Attributes:
         damaged_chunks: Chunks that were met and are damaged.
-        missing_segments: Segments whose number is missing, or that belong to another recording.
+        missing_segments: Segments whose number is missing, or in whose place is another recording's.
         damaged_messages: Messages that were met and cannot be decoded.
         gaps: When something is missing, in order of time.
     """
@@ -157,6 +158,10 @@ class Recording:
         self.station = next((segment.station for segment in self.data if segment.station), "")
         if not self._is_file:
             self._leave_out_foreign()
+            self._missing = {
+                "data": _count_missing(folder, "data", self.data),
+                "images": _count_missing(folder, "images", self.images),
+            }
             self.data, self.images = _with_sized_gaps(self.data), _with_sized_gaps(self.images)
             own = {each.recording for each in self.data}  # a recomputed one has a copy of images, finished before
             images_closed = _was_closed([each for each in self.images if each.recording in own])
@@ -178,9 +183,7 @@ class Recording:
             self._check_schema(schema)
 
     def _segments(self, stem: str) -> tuple[SegmentScan, ...]:
-        paths = _segment_paths(self.folder, stem)
-        self._missing[stem] = _count_missing(self.folder, stem, [path.stem for path in paths])
-        return _unique_segments(self.folder, tuple(map(scan_segment, paths)))
+        return unique_segments([scan_segment(path) for path in _segment_paths(self.folder, stem)])
 
     def _check_schema(self, schema: str) -> None:
         """Warn once of payloads whose schema this version does not have: a newer one's, or damage."""
@@ -207,10 +210,7 @@ class Recording:
             _log.warning("%s: belongs to %s, not to %s; it is left out", segment.path, whose, own)
             return False
 
-        for stem, segments in (("data", self.data), ("images", self.images)):
-            kept = tuple(filter(is_own, segments))
-            self._missing[stem] += len(segments) - len(kept)
-            setattr(self, stem, kept)
+        self.data, self.images = (tuple(filter(is_own, each)) for each in (self.data, self.images))
 
     @cached_property
     def zero_ns(self) -> int:
@@ -246,7 +246,7 @@ class Recording:
         gaps = [gap for each in series for gap in _gaps_within(each)]
         gaps += [gap for stem in stems for gap in self._between[stem]]
         return LeftOut(
-            damaged_chunks=sum(len(each.damaged_offsets) for each in segments),
+            damaged_chunks=sum(each.damaged_chunks for each in segments),
             missing_segments=sum(self._missing[stem] for stem in stems),
             damaged_messages=self.damaged_messages,
             gaps=tuple(sorted(gaps, key=lambda gap: gap.from_ns or 0)),
@@ -350,7 +350,7 @@ def _missing(segment: SegmentScan, following: SegmentScan) -> tuple[int, int] | 
     """Chunks and messages that a segment lacks, besides those that it knows of itself; None where no count says it."""
     if segment.is_recovered or segment.before is None or following.before is None:
         return None
-    if segment.recording != following.recording or _number(following) != _number(segment) + 1:
+    if _number(following) != _number(segment) + 1:
         return None
     chunks, messages = (
         after - before for after, before in zip(segment.after or following.before, segment.before, strict=True)
@@ -375,11 +375,13 @@ def _with_sized_gaps(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]
 def _gaps_between(segments: Sequence[SegmentScan]) -> list[Gap]:
     """Proven gaps between segments of one series, in order, by what they and their neighbours count."""
     gaps = []
+    if segments and _number(segments[0]) == 0 and (lost := _lost_at_start((0, 0), segments[0])) is not None:
+        gaps.append(Gap(from_ns=None, to_ns=segments[0].start_ns, chunks=lost[0], messages=lost[1]))
     for segment, following in pairwise(segments):
         if _number(following) != _number(segment) + 1:
             continue  # what is missing is named
         start_ns = next((each.start_ns for each in segments[segments.index(following) :] if each.chunks), None)
-        if (lost := _lost_at_start(segment, following)) is not None:
+        if (lost := _lost_at_start(segment.after, following)) is not None:
             gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=lost[0], messages=lost[1]))
         if segment.is_recovered:  # what it lost was said
             continue
@@ -406,16 +408,16 @@ def _gap_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan], 
         return [Gap(from_ns=end_ns, to_ns=None)]
     others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=0)
     if others_closed or others_ns > (end_ns or 0) + _MOST_UNSYNCED_NS:
-        return [Gap(from_ns=end_ns, to_ns=others_ns if others_ns > (end_ns or 0) else None)]
+        return [Gap(from_ns=end_ns, to_ns=others_ns if others_closed and others_ns > (end_ns or 0) else None)]
     return []
 
 
-def _lost_at_start(segment: SegmentScan, following: SegmentScan) -> tuple[int, int] | None:
-    """Chunks and messages that the following segment lacks at its start; None where nobody knows of any."""
+def _lost_at_start(counted: tuple[int, int] | None, following: SegmentScan) -> tuple[int, int] | None:
+    """Chunks and messages that a segment lacks at its start, before which so many were; None where nobody knows."""
     is_said = following.is_recovered or any(gap.from_ns is None for gap in following.gaps)
-    if is_said or segment.after is None or following.before is None or segment.recording != following.recording:
+    if is_said or counted is None or following.before is None:
         return None
-    chunks, messages = (held - counted for held, counted in zip(following.before, segment.after, strict=True))
+    chunks, messages = (held - before for held, before in zip(following.before, counted, strict=True))
     return (chunks, messages) if chunks > 0 else None
 
 
@@ -444,22 +446,9 @@ def _segment_paths(folder: Path, stem: str) -> list[Path]:
     return paths
 
 
-def _unique_segments(folder: Path, segments: tuple[SegmentScan, ...]) -> tuple[SegmentScan, ...]:
-    """The segments without those that are there a second time, under another name: that is said."""
-    if len(segments) == 1:
-        return segments
-    first: dict[object, SegmentScan] = {}
-    for segment in segments:
-        content = tuple((chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
-        known = first.setdefault(content or segment.path, segment)
-        if known is not segment:
-            _log.warning("%s: %s is %s once more; it is left out", folder, segment.path.name, known.path.name)
-    return tuple(first.values())
-
-
-def _count_missing(folder: Path, stem: str, names: list[str]) -> int:
+def _count_missing(folder: Path, stem: str, segments: Sequence[SegmentScan]) -> int:
     """Warn of numbers that are left out: a segment was lost or not copied; returns how many."""
-    numbers = [int(name.removeprefix(f"{stem}_")) for name in names if name.removeprefix(f"{stem}_").isdecimal()]
+    numbers = [number for number in map(_number, segments) if number >= 0]
     gone = sorted(set(range(max(numbers, default=-1) + 1)) - set(numbers))
     if gone:
         shown = ", ".join(f"{stem}_{number:03d}.mcap" for number in gone[:_SHOWN])

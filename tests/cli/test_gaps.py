@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 
 from aerodft.adapters.recording import MAGIC
-from aerodft.adapters.recording.write import segmented_writer
+from aerodft.adapters.recording.write import COUNT_BYTES, segmented_writer
 from tests.nights import at_night
 
 SEGMENTED = "[record]\nsegment_s = 1\n"
@@ -299,7 +299,7 @@ def test_a_segment_of_another_recording_is_named(aerodft, flight: Path, other: P
     assert "data_001.mcap: belongs to recording " in caplog.text
     assert rows(aerodft, flight) < whole
     done = aerodft("recover", flight, "--json")
-    assert [each["state"] for each in done.json["segments"]][:3] == ["sound", "foreign", "sound"]
+    assert [each["state"] for each in done.json["segments"]][:4] == ["foreign", "sound", "missing", "sound"]
     assert "it belongs to recording " in done.err
 
 
@@ -324,3 +324,59 @@ def test_a_chunk_of_another_recording_is_left_out_and_named(
     kept = segment["messages"]
     assert any("it belongs to recording " in loss["what"] for loss in segment["losses"])
     assert kept == whole - messages, "the others are there"
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("whose", ["another recording's", "its own"])
+def test_a_chunk_that_was_put_in_is_no_loss(aerodft, flight: Path, other: Path, tmp_path: Path, whose: str) -> None:
+    """Neither of another recording nor a second time: counts say that nothing of the segment's own is missing."""
+    path = flight / "data_001.mcap"
+    whole, times, found = rows(aerodft, flight), log_times(path), spans(flight, path.name)
+    folder = flight if whose == "its own" else other
+    at, length, _ = victim(spans(folder, path.name))
+    count = 0 if whose == "its own" else COUNT_BYTES  # another's comes with its own count, which is none here
+    extra = (folder / path.name).read_bytes()[at - count : at + length]
+    data = bytearray(path.read_bytes())
+    data[found[-1][0] - count : found[-1][0] - count] = extra
+    path.write_bytes(data)
+    for done in commands(aerodft, flight, tmp_path):
+        assert (done.code, done.json["gaps"]) == (0, []), done.err
+    assert rows(aerodft, flight) == whole
+    done = aerodft("recover", flight, "--json")
+    (loss,) = done.json["segments"][1]["losses"]
+    assert (done.code, loss["messages"], loss["length"]) == (0, 0, length)
+    assert loss["what"].startswith("an extra chunk (it ")
+    assert log_times(path) == times
+
+
+def test_a_copy_of_a_segment_is_left_out_before_and_after_recovery(aerodft, flight: Path, tmp_path: Path) -> None:
+    whole = rows(aerodft, flight)
+    last = max(flight.glob("data_*.mcap"))
+    damage(flight)
+    kept = rows(aerodft, flight)
+    shutil.copy(flight / "data_001.mcap", flight / "data_099.mcap")
+    assert rows(aerodft, flight) == kept < whole
+    done = aerodft("export", flight, "-o", tmp_path / "a.csv", "--json")
+    assert (done.json["missing_segments"], done.json["damaged_chunks"]) == (0, 1), "98 are not missing"
+    states = {each["name"]: each["state"] for each in aerodft("recover", flight, "--json").json["segments"]}
+    assert (states["data_099.mcap"], states["data_001.mcap"], states[last.name]) == ("copy", "completed", "sound")
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_zeros_at_the_beginning_of_an_only_segment_are_a_loss(aerodft, desk, tmp_path: Path) -> None:
+    """As where the first pages never reached the disk: its first count says what was before."""
+    flight = tmp_path / "flight"
+    assert aerodft("import", desk.log, "-c", desk.config, "-o", flight).code == 0
+    path = flight / "data_000.mcap"
+    times, found = log_times(path), spans(flight, path.name)
+    end = found[len(found) // 2][0] - 200  # its count stays
+    data = bytearray(path.read_bytes())
+    data[:end], data[-300:] = bytes(end), bytes(300)
+    path.write_bytes(data)
+    lost = sum(messages for _, _, messages in found[: len(found) // 2])
+    done = aerodft("export", flight, "-o", tmp_path / "a.csv", "--json")
+    assert [(gap["from_ns"], gap["messages"]) for gap in done.json["gaps"]] == [(None, lost)]
+    assert done.code == 5
+    done = aerodft("recover", flight, "--json")
+    assert [loss["messages"] for loss in done.json["segments"][0]["losses"]] == [lost]
+    assert log_times(path) == times[-done.json["segments"][0]["messages"] :]

@@ -139,13 +139,12 @@ def test_a_segment_that_was_just_begun_opens_afterwards(aerodft, flight, size):
 
 def test_a_missing_segment_is_named(aerodft, flight):
     folder, data = flight
-    shutil.copy(data, folder / "data_002.mcap")
+    data.rename(folder / "data_001.mcap")
     done = aerodft("recover", folder, "--json")
     assert done.code == 5
-    assert [(each["name"], each["state"]) for each in done.json["segments"][:3]] == [
-        ("data_000.mcap", "sound"),
-        ("data_001.mcap", "missing"),
-        ("data_002.mcap", "sound"),
+    assert [(each["name"], each["state"]) for each in done.json["segments"][:2]] == [
+        ("data_000.mcap", "missing"),
+        ("data_001.mcap", "sound"),
     ]
 
 

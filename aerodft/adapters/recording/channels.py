@@ -205,4 +205,6 @@ def definition(opcode: int, content: bytes) -> Schema | ChannelRecord:
     """
     stream = ReadDataStream(BytesIO(content))
     found: Schema | ChannelRecord = (Schema if opcode == Opcode.SCHEMA else ChannelRecord).read(stream)
+    if isinstance(found, ChannelRecord) and "\0" in found.topic:
+        raise ValueError("a topic with zeros")
     return found

@@ -55,13 +55,14 @@ def test_records_and_messages_are_those_of_the_format(count: int, most: int, mon
         assert tables[-1].is_damaged == ((rows[-1][2] if rows else 0) < len(data))
         assert not any(each.is_damaged for each in tables[:-1])
         assert all(len(each.opcode) <= most for each in tables)
-        found = [message_table(data, KNOWN, each) for each in tables]
+        found, are_known = zip(*[message_table(data, KNOWN, each) for each in tables], strict=True)
         heads = [
             (*struct.unpack_from("<HIQ", data, start), start, stop) for kind, start, stop in rows if kind == MESSAGE
         ]
         wanted = [(channel, log_ns, start + 22, stop) for channel, _, log_ns, start, stop in heads if channel in KNOWN]
         parts = (zip(each.channel, each.log_ns, each.start, each.stop, strict=True) for each in found)
         assert list(chain.from_iterable(parts)) == wanted
+        assert all(are_known) == all(channel in KNOWN for channel, *_ in heads)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.9])
@@ -72,7 +73,7 @@ def test_a_few_messages_do_not_keep_a_large_chunk(share: float) -> None:
     one = struct.pack("<BQHIQQ", MESSAGE, 22 + len(payload), 1, 0, 5, 5) + payload
     data = one * wanted + struct.pack("<BQ", 7, size - len(one) * wanted) + bytes(size - len(one) * wanted)
     (records,) = record_tables(data)
-    table = message_table(data, KNOWN, records)
+    table, _ = message_table(data, KNOWN, records)
     kept = table.kept()
     assert [kept.content[a:b] for a, b in zip(kept.start, kept.stop, strict=True)] == [payload] * wanted
     assert (kept.channel.tolist(), kept.log_ns.tolist()) == (table.channel.tolist(), table.log_ns.tolist())

@@ -8,6 +8,7 @@ from aerodft.adapters.recording.read.chunks import (
     MOST_ATTACHMENTS,
     AttachmentHead,
     ChunkHead,
+    FileSummary,
     attachment_head,
     chunk_content,
     chunk_head,
@@ -28,4 +29,11 @@ from aerodft.adapters.recording.read.messages import (
     recording_of,
     records_in,
 )
-from aerodft.adapters.recording.read.segment_scan import ChunkLocation, Gap, SegmentScan, log_times, scan_segment
+from aerodft.adapters.recording.read.segment_scan import (
+    ChunkLocation,
+    Gap,
+    SegmentScan,
+    log_times,
+    scan_segment,
+    unique_segments,
+)

@@ -82,12 +82,13 @@ class FileSummary:
                 self.statistics = record
 
 
-def read_summary(read: Callable[[int, int], bytes], size: int) -> FileSummary | None:
+def read_summary(read: Callable[[int, int], bytes], size: int, start: int | None = None) -> FileSummary | None:
     """The summary of an MCAP file; None where it has none at its end, a damaged one, or one that is too large.
 
     Args:
         read: Reads so many bytes from an offset of the file.
         size: Bytes of the file.
+        start: Where the summary begins; None for where the file says so, which is wrong once bytes are put in.
 
     Raises:
         OSError: The file cannot be read.
@@ -98,13 +99,14 @@ def read_summary(read: Callable[[int, int], bytes], size: int) -> FileSummary | 
     if not end.endswith(MAGIC) or RECORD_HEAD.unpack_from(end) != (Opcode.FOOTER, _FOOTER_BYTES):
         return None
     footer = Footer.read(ReadDataStream(BytesIO(end[RECORD_HEAD.size :])))
-    length = size - _END_BYTES - footer.summary_start
+    start = footer.summary_start if start is None else start
+    length = size - _END_BYTES - start
     if not footer.summary_start or not 0 <= length <= MAX_SUMMARY_BYTES:
         return None
-    data = read(footer.summary_start, length)
+    data = read(start, length)
     if footer.summary_crc and zlib.crc32(end[:_CHECKED_BYTES], zlib.crc32(data)) != footer.summary_crc:
         return None
-    found = FileSummary(footer.summary_start, is_checked=footer.summary_crc != 0)
+    found = FileSummary(start, is_checked=footer.summary_crc != 0)
     try:
         for record in StreamReader(BytesIO(data + end), skip_magic=True, emit_chunks=True).records:
             found.add(record)

@@ -144,15 +144,20 @@ class ChunkReader:
 
     def _tables(self, place: ChunkLocation, wanted: ChannelFilter | None) -> Iterator[ChunkTable]:
         """Tables of one chunk; its content goes with the generator, before the next chunk is unpacked."""
-        content = _content(place)
+        content, is_defined = _content(place), True
         for records in record_tables(content):
             for row in np.flatnonzero(np.isin(records.opcode, DEFINITIONS)).tolist():
                 data = content[records.start[row] : records.stop[row]]
                 self.channels.add(definition(int(records.opcode[row]), data))
             self.channels.check_owner()
-            yield message_table(content, self.channels.by_id, records, wanted)
+            table, all_defined = message_table(content, self.channels.by_id, records, wanted)
+            is_defined &= all_defined
+            yield table
+            del table
             if records.is_damaged:
                 raise ValueError("ends within a record, or in none")
+        if not is_defined:
+            raise ValueError("what some of its messages are is defined nowhere")
 
     def _leave_out(self, place: ChunkLocation, why: Exception) -> None:
         self.damaged += 1
@@ -256,8 +261,8 @@ def _record_table(content: bytes, position: int) -> ChunkRecords:
 
 def message_table(
     content: bytes, channels: dict[int, Channel], records: ChunkRecords, wanted: ChannelFilter | None = None
-) -> ChunkTable:
-    """The messages among records, of channels that are known and, where somebody says so, wanted."""
+) -> tuple[ChunkTable, bool]:
+    """The messages among records that are known and, where somebody says so, wanted; whether all channels are known."""
     rows = np.flatnonzero(records.opcode == _MESSAGE)
     start = records.start[rows]
     size = max(len(content) - _MESSAGE_HEAD + 1, 0) if len(start) else 0
@@ -267,8 +272,10 @@ def message_table(
     table = ChunkTable(content, channels, ids, sequence, times, start + _MESSAGE_HEAD, records.stop[rows])
     used = np.zeros(_CHANNELS, dtype=np.bool_)
     used[ids] = True
-    known = [number for number in np.flatnonzero(used).tolist() if number in channels]
-    return table.rows(is_one_of(ids, [each for each in known if wanted is None or wanted(channels[each])]))
+    used_ids = np.flatnonzero(used).tolist()
+    known = [number for number in used_ids if number in channels]
+    is_wanted = is_one_of(ids, [each for each in known if wanted is None or wanted(channels[each])])
+    return table.rows(is_wanted), len(known) == len(used_ids)
 
 
 def is_one_of(channel: IntArray, ids: Iterable[int]) -> BoolArray:

@@ -5,7 +5,7 @@ Works on files without an index too: a recorder that was killed leaves whole chu
 
 import logging
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +17,7 @@ from mcap.records import ChunkIndex, Header, MessageIndex, Metadata
 
 from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.recording.channels import DEFINITIONS, RECORDING_KEY, STATION_KEY, Channels, definition
-from aerodft.adapters.recording.layout import INDEX_ENTRY_BYTES, MAGIC
+from aerodft.adapters.recording.layout import CHUNK_HEAD, INDEX_ENTRY_BYTES, MAGIC
 from aerodft.adapters.recording.layout import RECORD_HEAD as HEAD
 from aerodft.adapters.recording.read.chunks import (
     DAMAGED,
@@ -43,8 +43,6 @@ from aerodft.adapters.recording.write import (
 )
 from aerodft.errors import InputError, os_errors_as
 
-_CHUNK_TIMES = struct.Struct("<QQ")
-_STATISTICS = struct.Struct("<22xI")
 _OWN_LIBRARY: Final = "aerodft"
 _ABOUT_NAMES: Final = frozenset({METADATA_NAME, CONFIG_NAME, RECOVERED_NAME})
 _MESSAGE_HEAD = struct.Struct("<HIQ")
@@ -134,6 +132,7 @@ class SegmentScan:
         channels: Those that are known before a chunk is read: all of them where ``is_indexed``; with the id of the
             recording that every chunk has to belong to.
         is_indexed: Whether the file's own index was used.
+        surplus: How many chunks there are more than its own; None where nobody knows of any that was put in.
         damaged_offsets: Where damaged chunks begin that were met so far; readers share it.
     """
 
@@ -150,6 +149,7 @@ class SegmentScan:
     channels: Channels = field(default_factory=Channels)
     is_indexed: bool = False
     texts: dict[str, str] = field(default_factory=dict)
+    surplus: int | None = None
     damaged_offsets: set[int] = field(default_factory=set, compare=False, repr=False)
 
     @property
@@ -167,10 +167,17 @@ class SegmentScan:
         """Latest log time; None without a chunk."""
         return max((chunk.end_ns for chunk in self.chunks), default=None)
 
+    @property
+    def damaged_chunks(self) -> int:
+        """Damaged chunks that were met so far; what was put in between its own is no loss."""
+        return max(len(self.damaged_offsets) - (self.surplus or 0), 0)
+
     def all_gaps(self) -> list[Gap]:
         """Gaps of the segment, those of damaged chunks that were met so far included."""
+        if self.surplus == len(self.damaged_offsets):  # what was put in may have brought counts that show gaps
+            return []
         met = []
-        for number, chunk in enumerate(self.chunks):
+        for number, chunk in enumerate(self.chunks if self.damaged_chunks else ()):
             if chunk.offset in self.damaged_offsets:
                 before = self.chunks[number - 1].end_ns if number else None
                 after = self.chunks[number + 1].start_ns if number + 1 < len(self.chunks) else None
@@ -193,10 +200,24 @@ def scan_segment(path: Path) -> SegmentScan:
             if magic != MAGIC and any(magic):  # zeros: the power failed before its first bytes were on the disk
                 raise InputError("the file is no MCAP recording", where=path, got=repr(magic), expected=repr(MAGIC))
             size = path.stat().st_size
-            found = _indexed_segment(path, file, size)
-            if found is not None:
-                return found
-            return _Scan(path, file, size).run()
+
+            def read(offset: int, length: int) -> bytes:
+                file.seek(offset)
+                return file.read(length)
+
+            return _indexed_segment(path, read, size) or _Scan(path, file, size).run()
+
+
+def unique_segments(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]:
+    """The segments without those that are there a second time, under another name: that is said."""
+    first: dict[object, SegmentScan] = {}
+    for segment in segments:
+        content = tuple((chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
+        known = first.setdefault(content or segment.path, segment)
+        if known is not segment:
+            name, folder = segment.path.name, segment.path.parent
+            _log.warning("%s: %s is %s once more; it is left out", folder, name, known.path.name)
+    return tuple(first.values())
 
 
 def log_times(place: ChunkLocation) -> dict[int, tuple[int, ...]] | None:
@@ -248,6 +269,9 @@ class _Scan:
         self._ids: set[int] = set()  # of the last place
         self._sets = ChannelSets()
         self._damaged_offsets: set[int] = set()
+        self._heads: set[int] = set()  # of the recording's own chunks
+        self._is_copy, self._copies = False, 0  # whether the last chunk is one, and how many are
+        self._has_end = False
         self._channels = Channels()
         self._about = _About()
         self._before: tuple[int, int] | None = None
@@ -255,11 +279,11 @@ class _Scan:
         self._messages = 0  # by indexes
         self._gaps: list[_OpenGap] = []
         self._counted_lost = (0, 0)  # chunks and messages that are in gaps
-        self._stated_chunks = 0
+        self._stated_chunks: int | None = None
 
     def run(self) -> SegmentScan:
         """Scan the file from its start."""
-        position, is_whole, has_end, is_torn = len(MAGIC), False, False, False
+        position, is_whole, is_torn = len(MAGIC), False, False
         while not is_torn and position + HEAD.size <= self._size:
             opcode, length = HEAD.unpack(self._read(position, HEAD.size))
             at = position + HEAD.size
@@ -267,16 +291,21 @@ class _Scan:
                 break
             if at + length <= self._size and self._take(opcode, at, length):
                 position = at + length
-                has_end |= opcode == Opcode.DATA_END and length == _DATA_END_BYTES
+                if opcode == Opcode.DATA_END and length == _DATA_END_BYTES:
+                    self._take_end(position)
                 if opcode == Opcode.FOOTER:
                     is_whole = self._size - position == len(MAGIC)
                     break
-            elif has_end:  # what is damaged tells of messages, and is none
+            elif self._has_end:  # what is damaged tells of messages, and is none
                 break
             else:
                 position, is_torn = self._skip(position)
         self._settle()
-        self._count_chunks(self._stated_chunks)
+        surplus = None
+        if self._stated_chunks is not None:
+            self._count_chunks(self._stated_chunks)
+            more = len(self._places) - self._stated_chunks
+            surplus = more if more > 0 or (more == 0 and self._copies) else None
         places = self._places
         if not all(place.is_bare for place in places) and any(place.is_bare for place in places):
             # No recorder mixes the two: what looks like a message between chunks is a damaged record.
@@ -288,14 +317,15 @@ class _Scan:
             chunks=tuple(places),
             station=self._about.station,
             is_whole=is_whole,
-            has_end=has_end,
+            has_end=self._has_end,
             is_recovered=self._about.is_recovered,
             before=self._before,
-            after=self._after if has_end else None,
+            after=self._after if self._has_end else None,
             messages=self._messages,
             gaps=tuple(self._closed(gap) for gap in self._gaps if gap.chunks != 0),
             channels=self._channels,
             texts=self._about.texts,
+            surplus=surplus,
             damaged_offsets=self._damaged_offsets,
         )
 
@@ -351,11 +381,9 @@ class _Scan:
             return self._take_message(position, length)
         if opcode == Opcode.MESSAGE_INDEX:
             return self._take_index(length, head)
-        if opcode == Opcode.STATISTICS and length >= _STATISTICS.size:
-            self._stated_chunks = _STATISTICS.unpack_from(head)[0]
-        elif opcode == Opcode.METADATA and length > _MAX_SMALL_RECORD:
+        if opcode == Opcode.METADATA and length > _MAX_SMALL_RECORD:
             return True  # nobody's configuration: what lies behind it is read
-        elif opcode in {*DEFINITIONS, Opcode.METADATA, Opcode.HEADER}:
+        if opcode in {*DEFINITIONS, Opcode.METADATA, Opcode.HEADER}:
             return length <= _MAX_SMALL_RECORD and self._take_small(opcode, self._file.read(length))
         return opcode in OPCODES or goes_on(self._read, position + length, self._size)
 
@@ -363,22 +391,38 @@ class _Scan:
         try:
             chunk_head(head, length)
         except ValueError:  # a chunk that cannot be read here is one only where records go on behind it
-            if length < _CHUNK_TIMES.size or not goes_on(self._read, position + length, self._size):
+            if length < CHUNK_HEAD.size or not goes_on(self._read, position + length, self._size):
                 return False
         self._add_chunk(position, length)
         return True
 
     def _add_chunk(self, position: int, length: int) -> None:
-        start_ns, end_ns = _CHUNK_TIMES.unpack(self._read(position, _CHUNK_TIMES.size))
+        data = self._read(position, CHUNK_HEAD.size)
+        start_ns, end_ns, _, crc = CHUNK_HEAD.unpack(data)
+        head = int.from_bytes(data)
+        self._is_copy = head in self._heads
+        if self._is_copy:
+            self._after, self._copies = None, self._copies + 1
+            _log.warning("%s: the chunk at byte %d is there twice; it is read once", self._path, position)
+            return
+        if crc and self._about.recording is not None:
+            self._heads.add(head)
         self._add(position, length, start_ns, end_ns, is_bare=False)
 
     def _take_index(self, length: int, head: bytes) -> bool:
         channel_id = indexed_channel(head, length)
-        if channel_id is None:
-            return False
+        if channel_id is None or self._is_copy:
+            return channel_id is not None
         self._ids.add(channel_id)
         self._messages += length // INDEX_ENTRY_BYTES  # its head is shorter than an entry
         return True
+
+    def _take_end(self, position: int) -> None:
+        """Take note of the end of the data, and of how many chunks a sound summary behind it says there are."""
+        self._has_end = True
+        summary = read_summary(self._read, self._size, position)
+        if summary is not None and summary.is_checked and summary.statistics is not None:
+            self._stated_chunks = summary.statistics.chunk_count
 
     def _take_message(self, position: int, length: int) -> bool:
         """Add a message that stands in no chunk to the ones right before it."""
@@ -480,22 +524,17 @@ class _About:
             self.is_recovered = True
 
 
-def _indexed_segment(path: Path, file: BinaryIO, size: int) -> SegmentScan | None:
+def _indexed_segment(path: Path, read: Callable[[int, int], bytes], size: int) -> SegmentScan | None:
     """Scan by the file's index; None where it has none, or one that is damaged or incomplete.
 
     Args:
         path: The file's name.
-        file: The file, open.
-        size: Bytes of it.
+        read: Reads so many bytes from an offset of the file.
+        size: Bytes of the file.
 
     Raises:
         OSError: It cannot be read.
     """
-
-    def read(offset: int, length: int) -> bytes:
-        file.seek(offset)
-        return file.read(length)
-
     summary = read_summary(read, size)
     if summary is None or summary.statistics is None or not _is_complete(summary):
         return None

@@ -16,7 +16,13 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Header, Metadata
 
-from aerodft.adapters.recording.channels import DEFINITIONS, RECORDING_KEY, Channels, definition
+from aerodft.adapters.recording.channels import (
+    DEFINITIONS,
+    RECORDING_KEY,
+    Channels,
+    ForeignChunkError,
+    definition,
+)
 from aerodft.adapters.recording.layout import (
     CHUNK_HEAD,
     MAGIC,
@@ -34,6 +40,7 @@ from aerodft.adapters.recording.read import (
     MOST_ATTACHMENTS,
     AttachmentHead,
     ChunkHead,
+    FileSummary,
     attachment_head,
     chunk_content,
     chunk_head,
@@ -93,6 +100,7 @@ class DamagedBytes:
         why: What is wrong with them.
         is_chunk: Whether a chunk was there, known to be damaged.
         is_torn: Whether the file ends in them.
+        is_extra: Whether they are a whole chunk that is not its own: of another recording, or a copy.
     """
 
     offset: int
@@ -100,6 +108,11 @@ class DamagedBytes:
     why: str
     is_chunk: bool = False
     is_torn: bool = False
+    is_extra: bool = False
+
+
+class _CopiedChunkError(ValueError):
+    """A chunk that the file holds already."""
 
 
 class ChunkScanner:
@@ -134,6 +147,7 @@ class ChunkScanner:
         self.count: tuple[int, int] | None = None
         self.indexes: list[ChunkIndex] = []
         self._indexed: list[int] = []
+        self._heads: set[bytes] = set()
         self._metadata_bytes = self._index_bytes = 0
         self._most_index_bytes = MOST_INDEX_BYTES * 3 // 2  # a segment may have to go on to the next key image
         self.stated_messages: int | None = None
@@ -177,6 +191,7 @@ class ChunkScanner:
             return self._lost(start, "a record that claims more than there is")
         if opcode == Opcode.DATA_END and end - start == _DATA_END_BYTES:
             self.has_end, self._end = True, end
+            self._take_count(read_summary(self._read, self._size, end))
         elif opcode in {Opcode.HEADER, Opcode.METADATA}:
             if not self._take(opcode, self._read(start + RECORD_HEAD.size, length)):
                 return self._lost(start, "a damaged record")
@@ -242,12 +257,16 @@ class ChunkScanner:
         try:
             content = chunk_content(head, data)
             chunk = _with_indexes(head, data, content)
+            if chunk.head in self._heads:
+                raise _CopiedChunkError("it is there already")
             defines = self._define(content)
         except ValueError as error:
             self.count = None
             if goes_on(self._read, end, self._size):
                 self._position = end
-                return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True)
+                is_extra = isinstance(error, (ForeignChunkError, _CopiedChunkError))
+                kind = {"is_chunk": True, "is_extra": is_extra}
+                return DamagedBytes(offset=start, length=end - start, why=str(error), **kind)
             return self._lost(start, str(error), may_salvage=False)
         self._position = end
         count, self.count = self.count, None
@@ -257,6 +276,8 @@ class ChunkScanner:
         else:
             is_as_built = False
         self._index_bytes += index_bytes(chunk)
+        if head.crc and self.channels.recording is not None:
+            self._heads.add(chunk.head)
         return WholeChunk(
             offset=start, chunk=chunk, content=content, defines=defines, is_as_built=is_as_built, before=count
         )
@@ -315,9 +336,12 @@ class ChunkScanner:
         self.channels = summary.channels
         self.indexes = sorted(summary.chunks, key=lambda each: each.chunk_start_offset)
         self._indexed = [each.chunk_start_offset for each in self.indexes]
-        if summary.statistics is not None:
-            self.stated_messages = summary.statistics.message_count
+        self._take_count(summary)
         return summary.start
+
+    def _take_count(self, summary: FileSummary | None) -> None:
+        if summary is not None and summary.is_checked and summary.statistics is not None:
+            self.stated_messages = summary.statistics.message_count
 
     def _read(self, offset: int, length: int) -> bytes:
         return os.pread(self._descriptor, length, offset)

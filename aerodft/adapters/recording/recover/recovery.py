@@ -27,7 +27,15 @@ from aerodft.adapters.recording.layout import (
     compressor,
     encode_records,
 )
-from aerodft.adapters.recording.read import CRC_BYTES, ChunkReader, SegmentScan, recording_of, records_in, scan_segment
+from aerodft.adapters.recording.read import (
+    CRC_BYTES,
+    ChunkReader,
+    SegmentScan,
+    recording_of,
+    records_in,
+    scan_segment,
+    unique_segments,
+)
 from aerodft.adapters.recording.recover.chunk_scanner import ChunkScanner, DamagedBytes, WholeChunk
 from aerodft.adapters.recording.write import (
     METADATA_NAME,
@@ -68,6 +76,7 @@ class DataLoss:
         length: How many bytes that were.
         messages: How many messages that were; None where nobody knows.
         is_torn: Whether it is the end of a file that was not written to its end.
+        is_extra: Whether it is a chunk that is not the file's own; what of its own is not there then is ``messages``.
     """
 
     what: str
@@ -77,6 +86,7 @@ class DataLoss:
     length: int = 0
     messages: int | None = None
     is_torn: bool = False
+    is_extra: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +97,7 @@ class SegmentRecovery:
         name: Of the file.
         state: ``sound`` (not touched), ``completed`` (now ends as it should), ``unfinished`` (not touched: its
             messages are in no chunks), ``unreadable`` (not touched), ``foreign`` (not touched: it belongs to another
-            recording) or ``missing``.
+            recording), ``copy`` (not touched: of another segment) or ``missing``.
         messages: In it now.
         start_ns: Earliest log time; None where there is no message.
         end_ns: Latest.
@@ -212,20 +222,19 @@ def _recover_series(
         paths: Its segments by number.
         scans: What the segments of all series hold.
         owners: Ids of the recordings that segments with chunks belong to.
-        own: Id of the recording; None where it has none.
+        own: Id of the recording by its data; None where it has none.
     """
+    ids = [owners[path] for _, path in paths if path in owners]
+    own = own if own in ids else _own_id(ids)  # a recomputed recording has a copy of another one's images
+    left_alone = _left_alone([path for _, path in paths if path in owners], scans, owners, own)
+    yield from left_alone.values()
+    paths = [(number, path) for number, path in paths if path not in left_alone]
     expected, last_ns = 0, None
     others_ns = max(
         (scan.end_ns or 0 for path, scan in scans.items() if scan and not path.match(f"{stem}_*")), default=0
     )
     for place, (number, path) in enumerate(paths):
         scan, later = scans[path], [scans[each] for _, each in paths[place + 1 :]]
-        if stem == "data" and own is not None and owners.get(path) not in (None, own):
-            whose = f"recording {owners[path]}" if owners[path] else "another recording"
-            loss = DataLoss(what=f"it belongs to {whose}, not to {own}", from_ns=last_ns)
-            yield SegmentRecovery(name=path.name, state="foreign", losses=(loss,))
-            expected = number + 1
-            continue
         start_ns = next((each.start_ns for each in later if each is not None and each.chunks), None)
         is_next = place + 1 < len(paths) and paths[place + 1][0] == number + 1
         before = later[0].before if is_next and later[0] is not None else None
@@ -239,6 +248,23 @@ def _recover_series(
             yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
         yield segment
         expected, last_ns = number + 1, segment.end_ns or last_ns
+
+
+def _left_alone(
+    paths: Sequence[Path],
+    scans: Mapping[Path, SegmentScan | None],
+    owners: Mapping[Path, str | None],
+    own: str | None,
+) -> dict[Path, SegmentRecovery]:
+    """Outcomes of the segments with chunks that are of another recording than ``own``, or copies of others."""
+    kept = unique_segments([scan for path in paths if (scan := scans[path]) is not None])
+    found = {path: SegmentRecovery(name=path.name, state="copy") for path in paths}
+    for path in (scan.path for scan in kept):
+        del found[path]
+        if own is not None and owners[path] not in (None, own):
+            loss = DataLoss(what=f"it belongs to recording {owners[path]}, not to {own}", messages=0)
+            found[path] = SegmentRecovery(name=path.name, state="foreign", losses=(loss,))
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,11 +458,9 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
             place = torn[0] if torn else DataLoss(what=_CUT, from_ns=found.end_ns)
             found.losses = [*inside, replace(_more_followed(place), to_ns=end.start_ns, messages=missing)]
         return
-    to_ns = end.start_ns
-    if to_ns is None and found.end_ns is not None and end.others_ns > found.end_ns + _MOST_UNSYNCED_NS:
-        to_ns = end.others_ns
-    if torn and to_ns is not None and not found.has_end:
-        found.losses = [*inside, *(replace(_more_followed(loss), to_ns=to_ns) for loss in torn)]
+    followed = found.end_ns is not None and end.others_ns > found.end_ns + _MOST_UNSYNCED_NS
+    if torn and (end.start_ns is not None or followed) and not found.has_end:
+        found.losses = [*inside, *(replace(_more_followed(loss), to_ns=end.start_ns) for loss in torn)]
 
 
 def _more_followed(loss: DataLoss) -> DataLoss:
@@ -511,8 +535,8 @@ def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
         found.is_sound = False
         is_beginning = item.offset == 0 and not item.is_torn
         if not (is_beginning or (item.is_torn and scanner.has_end)):
-            place = {"offset": item.offset, "length": item.length}
-            found.losses.append(DataLoss(what=_message(item), from_ns=found.end_ns, **place, is_torn=item.is_torn))
+            loss = DataLoss(what=_message(item), from_ns=found.end_ns, offset=item.offset, length=item.length)
+            found.losses.append(replace(loss, is_torn=item.is_torn, is_extra=item.is_extra))
     if not scanner.has_end and not any(loss.to_ns is None for loss in found.losses):
         found.losses.append(DataLoss(what=_UNFINISHED, from_ns=found.end_ns, is_torn=True))
     found.channels, found.has_end = scanner.channels, scanner.has_end
@@ -536,7 +560,8 @@ def _examine(descriptor: int, known: Sequence[Channels] = ()) -> _SegmentReport:
 def _message(bad: DamagedBytes) -> str:
     if bad.is_torn:
         return f"{_UNFINISHED}; a torn end was cut off"
-    return f"a damaged chunk ({bad.why})" if bad.is_chunk else f"damaged bytes ({bad.why})"
+    kind = "an extra chunk" if bad.is_extra else "a damaged chunk" if bad.is_chunk else "damaged bytes"
+    return f"{kind} ({bad.why})"
 
 
 def _count_lost(found: _SegmentReport, item: WholeChunk) -> None:
@@ -578,8 +603,10 @@ def _before(loss: DataLoss, start_ns: int) -> DataLoss:
 
 def _stated_losses(losses: list[DataLoss], missing: int) -> list[DataLoss]:
     """The losses of a file that says how many messages it had."""
-    if missing <= 0:  # what is damaged held none: indexes, or what the file says of itself
-        return [replace(loss, messages=0) for loss in losses if loss.from_ns is None]
+    if missing < 0:  # something was put in, and what may be missing besides nobody can tell
+        return losses
+    if missing == 0:  # what is damaged held none: indexes, or what the file says of itself
+        return [replace(loss, messages=0) for loss in losses if loss.from_ns is None or loss.is_extra]
     return [replace(loss, messages=missing) for loss in losses] if len(losses) == 1 else losses
 
 

@@ -311,3 +311,15 @@ def test_four_points_off_by_more_than_their_stds_are_taken_on_demand(tmp_path, s
     for name, value in truth.items():
         found = document["parameters"][name]
         assert abs(found["value"] - value) < 1.96 * found["std"], name
+
+
+def test_a_misfit_that_leaves_the_camera_anywhere_is_not_taken(tmp_path):
+    """60 px off, and stds that are stated as 0.5: scaled, the height's is 58 times the height."""
+    few, rng = Field.of(4, 9), np.random.default_rng(9)
+    text = LOCAL + landmarks(few.pixels + rng.normal(0.0, 60.0, (4, 2)), few.places)
+    run, output = calibrate(tmp_path, text, "--accept-misfit", unknowns=f"{POSE},focal")
+    assert (run.code, run.out) == (4, b"")
+    assert "cannot be told apart" in run.last
+    assert "times as large as the stated stds" in run.last
+    assert "--accept-misfit" not in run.last
+    assert not output.exists()

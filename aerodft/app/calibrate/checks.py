@@ -29,6 +29,7 @@ _SYNONYMS: Final = {
 }
 _DOUBT: Final = 3.0  # of residuals, in stated stds; below that it is not these that leave an unknown undetermined
 _LINE, _NARROW = 3, 0.01  # landmarks that make one, and how narrow it is for its length
+_ACCEPTED: Final = 10.0  # std of an accepted misfit, in natural sizes: beyond that the camera may be anywhere
 _MAX_MISFIT: Final = 30.0  # of residuals, in stated stds; beyond that they are taken for a mistake
 _MAX_OUTLIERS = 0.4  # of all observations; beyond that nobody can tell who is right
 
@@ -118,17 +119,19 @@ def not_determined(
 
 
 def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_misfit: bool) -> str:
-    solution, kept = result.solution, result.solution.kept
-    is_told = result.weakest.std_share <= LIMIT * solution.sigma_scale  # if the stated stds were true
+    solution, kept, share = result.solution, result.solution.kept, result.weakest.std_share
+    is_told = share <= LIMIT * solution.sigma_scale  # if the stated stds were true
     if not is_told or (not result.weakest.is_determined and solution.misfit <= _DOUBT):
         return f"{result.weakest.sentence}{_in_line(result)}"
-    if (not result.weakest.is_determined or solution.misfit > _MAX_MISFIT) and not accept_misfit:
+    contradicts = solution.misfit > _MAX_MISFIT and not accept_misfit
+    if contradicts or share > (_ACCEPTED if accept_misfit else LIMIT):
         worst = max(result.left, key=lambda left: left.sigma if math.isfinite(left.sigma) else 0.0)
         far = (
             f"residuals are {solution.misfit:.3g} times as large as the stated stds ({worst.name} is {worst.px:.3g} px"
-            " off); check the coordinates, the pixels and the stds, or take it with stds scaled up by `accept_misfit`"
+            " off); check the coordinates, the pixels and the stds"
         )
-        if solution.misfit > _MAX_MISFIT:
+        far += ", or take it with stds scaled up by `accept_misfit`" if share <= _ACCEPTED else ""
+        if contradicts:
             return f"the observations contradict each other: {far}"
         return f"{result.weakest.sentence}; by the stated stds they could, but {far}"
     if isinstance(result, Result) and result.solution.alternative is not None:

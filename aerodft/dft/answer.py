@@ -35,10 +35,9 @@ from aerodft.dft.monte_carlo import (
     Interval,
     draw,
     draw_lengths,
-    draw_ranges,
     linearity_errors,
 )
-from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
+from aerodft.dft.probe_kinds import LEAN_STDS, MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
 from aerodft.dft.projection import (
     ELEVATION,
     FOCAL,
@@ -55,7 +54,7 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient, RayGeometry
 from aerodft.dft.request import Setup
-from aerodft.geometry import matrix
+from aerodft.geometry import Ground, from_rotation_vector, matrix, rotate
 from aerodft.model import (
     CODE_OF,
     CODES,
@@ -78,7 +77,9 @@ _NO_RAY_CODES: Final = (CODE_OF[Status.OUT_OF_IMAGE], CODE_OF[Status.BEYOND_LENS
 
 _OK: Final = CODE_OF[Status.OK]
 _STD_FIELDS: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "heading")}
-_MAX_WIDTH_CHANGE, _QUICK_DRAWS = 0.25, 256  # relative; so many draws give a width within a tenth
+_MAX_WIDTH_CHANGE: Final = 0.25  # relative
+_OFFSETS_RAD: Final = np.multiply.outer([1.0, -1.0], 1e-4 * 1.2 ** np.arange(57)).ravel()
+"""Angles by which rays are off whose ground is looked for: from 0.006 to 160 degrees, to either side."""
 _SECOND_ORDER_LIMIT: Final = 0.1
 """Standard deviations: a smaller bound of the second-order term is negligible."""
 _NONLINEARITY_LIMIT: Final = 0.1
@@ -311,8 +312,8 @@ class Answers:
     def _refine_by_draws(self) -> None:
         """Refuse requests whose ranges are too uncertain; replace first order by draws where it is not enough."""
         surface, differs = self._view.setup.ground, np.zeros(self.code.shape, dtype=np.bool_)
-        if surface is not None and surface.has_edges and self._on_ground:
-            differs = self._differs_over_edges()
+        if surface is not None and surface.has_edges:
+            differs = self._differs_over_edges(surface)
         is_known = np.all(self._range_half_m <= Z95 * MAX_RELATIVE_RANGE_STD * self._range_m, axis=-1)
         self._refuse(~is_known, Status.ILL_CONDITIONED, self._say_range)
         if not self.is_pinhole:
@@ -426,17 +427,45 @@ class Answers:
         det = bound_cov[:, 0, 0] * bound_cov[:, 1, 1] - bound_cov[:, 0, 1] * bound_cov[:, 1, 0]
         return np.asarray(~((bound_cov[:, 0, 0] >= 0) & (bound_cov[:, 1, 1] >= 0) & (det >= 0)))  # semidefinite
 
-    def _differs_over_edges(self) -> BoolArray:
-        """Whether draws over the actual ground give other range intervals than its slope at the point; keeps these."""
-        differs = np.zeros(self.code.shape, dtype=np.bool_)
-        at = np.nonzero(self.is_open)
-        if len(at[0]):
-            by_slope_m = self._range_half_m[at]
-            drawn_m = draw_ranges(self._draw_input(*at), self._on_ground, _QUICK_DRAWS)
-            is_other = ~(np.abs(drawn_m - by_slope_m) <= _MAX_WIDTH_CHANGE * np.minimum(drawn_m, by_slope_m))
-            self._range_half_m[at] = np.where(is_other, drawn_m, by_slope_m)
-            differs[at] = np.any(is_other, axis=-1)
-        return differs
+    def _differs_over_edges(self, surface: Ground) -> BoolArray:
+        """Whether the actual ground gives other range intervals than its slope at the points; keeps those.
+
+        A range's interval spans all that a ray meets when it is off upwards, sideways or in heading, within 95 % of
+        these errors, by angles that are always the same ones; it is infinite where a ray misses that is hardly farther
+        off. A larger error has more of them within it and none less: what one of them refuses stays refused.
+        """
+        by_slope_m, camera_m = self._range_half_m.copy(), self._view.poses.pose.position_enu_m
+        heading_std = self._view.poses.std[:, STD_NAMES.index("heading_rad"), None]
+        for point in range(self._on_ground):
+            ground, range_m = self._ground[:, :, point], self._range_m[..., point]
+            away = (ground.points_enu_m - self._camera_m) / range_m[..., None]
+            level = np.hypot(away[..., 0], away[..., 1])
+            sideways = np.stack([away[..., 1], -away[..., 0], 0.0 * level], axis=-1) / level[..., None]
+            sideways = np.where(level[..., None] > 0.0, sideways, [1.0, 0.0, 0.0])
+            upwards = np.cross(sideways, away)
+            up_std, side_std = (self._ray_std_m(ground, move) / range_m for move in (upwards, sideways))
+            side_std = np.sqrt(np.maximum(side_std**2 - np.square(heading_std * level), 0.0))
+            near_m, far_m = range_m.copy(), range_m.copy()
+            for axis, std in ((sideways, up_std), (upwards, side_std), (np.array([[[0.0, 0.0, 1.0]]]), heading_std)):
+                offsets = np.abs(_OFFSETS_RAD) / (std + 0.0 * range_m)[..., None]
+                image, request, offset = np.nonzero(offsets <= LEAN_STDS)
+                rotation_rad = _OFFSETS_RAD[offset, None] * np.broadcast_to(axis, away.shape)[image, request]
+                rays = rotate(matrix(from_rotation_vector(rotation_rad)), away[image, request])
+                elevation_m = self._view.elevation_m[image, self._pixel_index[request, point]]
+                found_m = surface.meet(camera_m[image], rays, elevation_m).range_m
+                is_farther_off = offsets[image, request, offset] > Z95
+                found_m = np.where(is_farther_off & np.isfinite(found_m), range_m[image, request], found_m)
+                np.fmin.at(near_m, (image, request), found_m)
+                np.maximum.at(far_m, (image, request), np.where(np.isnan(found_m), np.inf, found_m))
+            self._range_half_m[..., point] = (far_m - near_m) / 2
+        change_m = np.abs(self._range_half_m - by_slope_m)
+        return np.asarray(np.any(~(change_m <= _MAX_WIDTH_CHANGE * self._range_half_m), axis=-1) & self.is_open)
+
+    def _ray_std_m(self, ground: GroundPoints, move: FloatArray) -> FloatArray:
+        """Standard deviations ``(n, g)`` of where rays pass their points, along ``move (n, g, 3)`` across the rays."""
+        jac_shared = np.einsum("ngi,ngis->ngs", move, ground.jac_shared)
+        jac_shared[..., ELEVATION] = -move[..., 2]
+        return self._std(jac_shared, np.einsum("ngi,ngij->ngj", move, ground.jac_px))
 
     def _draw_input(self, images: IntArray, requests: IntArray) -> DrawInput:
         view = self._view

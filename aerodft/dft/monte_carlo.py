@@ -159,13 +159,6 @@ def draw(probes: DrawInput, first: FirstOrder | None, first_enu_m: FloatArray) -
     return Interval(*scalars), cov
 
 
-def draw_ranges(probes: DrawInput, on_ground: int, count: int) -> FloatArray:
-    """Half widths ``(p, k)`` of intervals of slant ranges from ``count`` draws; not finite where too many miss."""
-    drawn = _draws(probes, _covariance_roots(probes), count)
-    low, high = np.concatenate([_quantile_ends(_ranges(seen, on_ground)) for _, seen in drawn], axis=1)
-    return np.asarray((high - low) / 2)
-
-
 def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArray, first: FloatArray) -> FloatArray:
     """Differences ``(p, c, 32)`` of a few draws from first order; infinite where a draw has no value.
 
@@ -436,20 +429,6 @@ def _intersect_level(
         points[0, d] = camera[0, d] + reach * away[0, d]
         points[1, d] = camera[1, d] + reach * away[1, d]
         points[2, d] = camera[2, d] + reach * away[2, d]
-
-
-@njit_fused
-def _ranges(seen: _RayDraws, count: int) -> FloatArray:
-    """Slant ranges ``(m, count, d)`` of the first ``count`` points."""
-    cameras, _, points = seen
-    ranges = np.empty((len(points), count, points.shape[3]))
-    for m in range(len(points)):
-        for k in range(count):
-            camera, point, out = cameras[m], points[m, k], ranges[m, k]
-            for d in range(len(out)):
-                x, y, z = point[0, d] - camera[0, d], point[1, d] - camera[1, d], point[2, d] - camera[2, d]
-                out[d] = math.sqrt(x * x + y * y + z * z)
-    return ranges
 
 
 def central_interval(values: FloatArray, linear: FloatArray | None = None) -> FloatArray:

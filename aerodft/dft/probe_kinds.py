@@ -42,7 +42,7 @@ MAX_RELATIVE_RANGE_STD: Final = 0.3
 MAX_BEARING_STD_RAD: Final = 0.3
 """Standard deviation above which a bearing is ``ILL_CONDITIONED``."""
 
-LEAN_STDS: Final = 2.2
+LEAN_STDS: Final = 2.6
 """Tilt error of the camera towards an object that must leave its height defined: more than the draws' 1.96."""
 
 LEANING_STDS: Final = 6.0
@@ -233,7 +233,7 @@ class _UprightHeight(Kind):
         value, geometry = np.abs(first.value), first.geometry
         size = geometry.camera_enu_m[..., 2] - geometry.points_enu_m[..., 0, 2]
         limit = MAX_RELATIVE_RANGE_STD * np.fmax(size, value)
-        uncertain = ~(first.std <= limit) | ~np.isfinite(first.value)
+        uncertain = ~(first.linear_std <= limit) | ~np.isfinite(first.value + first.std)
         if first.is_pinhole:
             uncertain |= _std_by_lean(first) > limit
         sentence = "the object is seen from above: its height may be anything"
@@ -308,23 +308,25 @@ def _std_by_lean(first: FirstOrder) -> FloatArray:
     towards it do not. Infinite where such an error may put the foot under base or top.
     """
     geometry = first.geometry
-    sight = geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m
+    sight, ray = geometry.points_enu_m[..., 0, :] - geometry.camera_enu_m, geometry.directions_enu[..., 1, :]
     horizontal_m, down_m = np.hypot(sight[..., 0], sight[..., 1]), -sight[..., 2]
+    none, level = np.zeros(geometry.directions_enu.shape), [1.0, 1.0, 0.0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        outwards = sight * [1.0, 1.0, 0.0] / horizontal_m[..., None]
-        by_points = np.zeros(geometry.points_enu_m.shape)
-        by_points[..., 0, :] = outwards
-        std_m = first.std_of(Gradient(-outwards, np.zeros(geometry.directions_enu.shape), by_points))
-        std_rad = std_m * down_m / (np.square(down_m) + np.square(horizontal_m))
-        ray = geometry.directions_enu[..., 1, :]
-        base_rad = np.arctan2(horizontal_m, down_m)
-        top_rad = np.arctan2(np.sum(ray * outwards, axis=-1), -ray[..., 2])
+        outwards = sight * level / horizontal_m[..., None]
+        ray_outwards = np.sum(ray * outwards, axis=-1)
+        by_base, by_top, by_directions = none.copy(), none.copy(), none.copy()
+        by_base[..., 0, :] = outwards
+        by_top[..., 0, :] = (ray * level - ray_outwards[..., None] * outwards) / horizontal_m[..., None]
+        by_directions[..., 1, :] = outwards
+        std_rad = first.std_of(Gradient(-outwards, none, by_base)) * down_m / np.sum(np.square(sight), axis=-1)
+        may_cross = ray_outwards <= LEAN_STDS * first.std_of(Gradient(-by_top[..., 0, :], by_directions, by_top))
+        base_rad, top_rad = np.arctan2(horizontal_m, down_m), np.arctan2(ray_outwards, -ray[..., 2])
         ends_m = [
             down_m * (1 - np.tan(base_rad + lean) / np.tan(top_rad + lean))
             for lean in (-LEAN_STDS * std_rad, LEAN_STDS * std_rad)
         ]
         std = np.abs(ends_m[1] - ends_m[0]) / (2 * LEAN_STDS)
-        return np.where(np.minimum(base_rad, top_rad) <= LEAN_STDS * std_rad, np.inf, std)
+        return np.where((np.minimum(base_rad, top_rad) <= LEAN_STDS * std_rad) | may_cross, np.inf, std)
 
 
 def _max_cosecant(geometry: RayGeometry) -> FloatArray:

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Request, Setup
 from aerodft.dft.covariance import Z95, relative_range_halves
-from aerodft.geometry import camera_pose
+from aerodft.geometry import ElevationGrid, Terrain, camera_pose
 from aerodft.model import Camera, CameraStd, PoseSample, PoseStd, Probe, ProbeKind, ProjectionModel, Status
 from tests.one_image import measure
 
@@ -46,7 +46,19 @@ def test_straight_down_tilts_are_refused_that_are_a_tenth_less_uncertain_than_dr
     assert less < LIMIT < same
 
 
-def statuses(model, stated, pose_cov, focal_px, std_px, elevation_std_m):
+def rough_ground():
+    """Hills and bumps of all sizes over 600 m, 10 m high by standard deviation, and 0 below the camera."""
+    rate = np.hypot(*np.meshgrid(*[np.fft.fftfreq(121)] * 2))
+    rate[0, 0] = 1.0
+    heights = np.fft.ifft2(np.fft.fft2(np.random.default_rng(1).standard_normal(rate.shape)) / rate**1.7).real
+    heights_m = (heights - heights[60, 60]) * 10 / np.std(heights)
+    return Terrain(ElevationGrid(east_m=-300.0, north_m=-300.0, cell_m=5.0, heights_m=heights_m))
+
+
+LEVEL = [(model, None) for model in ProjectionModel]
+
+
+def statuses(surface, stated, pose_cov, focal_px, std_px, elevation_std_m):
     pose = camera_pose(height_agl_m=stated[0], tilt_rad=stated[1], roll_rad=stated[2], heading_rad=1.0)
     requests = tuple(
         Request(
@@ -57,16 +69,18 @@ def statuses(model, stated, pose_cov, focal_px, std_px, elevation_std_m):
         for kind, pixels in PROBES
     )
     sample = PoseSample(stamp_ns=0, status=Status.OK, pose=replace(pose, cov=pose_cov), std=PoseStd())
-    setup = Setup(camera=replace(CAMERA, std=CameraStd(focal_px=focal_px)), model=model)
+    model, ground = surface
+    setup = Setup(camera=replace(CAMERA, std=CameraStd(focal_px=focal_px)), model=model, ground=ground)
     return [each.status for each in measure(setup, sample, requests)]
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32), st.sampled_from(ProjectionModel))
-def test_a_refusal_does_not_disappear_when_any_error_grows(seed, model):
+@given(st.integers(0, 2**32), st.sampled_from(LEVEL))
+@example(2341, (ProjectionModel.PINHOLE, rough_ground()))
+def test_a_refusal_does_not_disappear_when_any_error_grows(seed, surface):
     rng = np.random.default_rng(seed)
     height_m = math.exp(rng.uniform(0, 5))
-    stated = height_m, rng.uniform(0, 1.4), rng.uniform(-0.3, 0.3) * (model is ProjectionModel.PINHOLE)
+    stated = height_m, rng.uniform(0, 1.4), rng.uniform(-0.3, 0.3) * (surface[0] is ProjectionModel.PINHOLE)
     scale = np.diag([height_m] * 3 + [1.0] * 3)
 
     def some(sizes):
@@ -76,7 +90,7 @@ def test_a_refusal_does_not_disappear_when_any_error_grows(seed, model):
         return scale @ parts @ parts.T @ scale, np.square(stds)
 
     (cov, variances), (more, more_vars) = some([-4, -1]), some([-8, -1])
-    before = statuses(model, stated, cov, *np.sqrt(variances))
-    after = statuses(model, stated, cov + more, *np.sqrt(variances + more_vars))
+    before = statuses(surface, stated, cov, *np.sqrt(variances))
+    after = statuses(surface, stated, cov + more, *np.sqrt(variances + more_vars))
     refused = [one is Status.ILL_CONDITIONED for one in before]
     assert all(now is Status.ILL_CONDITIONED for now, was in zip(after, refused, strict=True) if was)

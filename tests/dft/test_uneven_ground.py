@@ -37,8 +37,8 @@ def pixels_of(pose, points):
     return cv2.projectPoints(points, rotation, away, intrinsics, np.array(CAMERA.distortion))[0].reshape(-1, 2)
 
 
-def answers(ground, pose, requests, **setup):
-    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=pose)
+def answers(ground, pose, requests, std=None, **setup):
+    sample = PoseSample(stamp_ns=0, status=Status.OK, pose=pose, std=std or PoseStd())
     return measure(Setup(camera=CAMERA, ground=ground, **setup), sample, requests)
 
 
@@ -142,6 +142,22 @@ class TestRidge:
         out = self.seen(4.0)
         assert out.status is Status.BEYOND_TERRAIN
         assert out.reasons == ("pixel 0 (970, 530) looks past the border of the elevation model",)
+
+
+def post(east_m, north_m):
+    return np.where((np.abs(east_m) < 3) & (np.abs(north_m - 60) < 3), 60.0, 0.0)
+
+
+@pytest.mark.parametrize("heading_deg", [2, 5, 20, 60, 180])
+def test_a_post_stays_refused_however_little_is_known_of_the_heading(heading_deg):
+    """The ground beside it is four times as far; the less the heading is known, the more draws agree on that."""
+    ground, asked = Terrain(grid_of(post)), (request(ProbeKind.RANGE, [[CAMERA.cx_px, CAMERA.cy_px]]),)
+    known, unknown = (
+        answers(ground, camera_pose(height_agl_m=60.0, tilt_rad=1.33, std=std), asked, std)[0]
+        for std in (PoseStd(heading_rad=math.radians(deg)) for deg in (0.5, heading_deg))
+    )
+    assert known.value == pytest.approx(57 / math.sin(1.33), abs=1.0)
+    assert unknown.status is Status.ILL_CONDITIONED
 
 
 def test_a_camera_in_the_ground_is_told_how_far():

@@ -87,6 +87,44 @@ def test_nothing_that_is_refused_is_answered_when_a_std_grows(seed, scenes):
     assert refused > len(scenes)
 
 
+def scaled(stated, share):
+    """The same, with all stds of pose and pixels larger by a factor."""
+    names = ("height_agl_m", "horizontal_m", "tilt_rad", "pan_rad", "roll_rad", "heading_rad")
+    std = replace(stated.std, **{name: share * getattr(stated.std, name) for name in names})
+    return replace(stated, std=std, std_px=share * stated.std_px)
+
+
+def least_refused(stated, probe):
+    """The same with stds that are just large enough for a refusal; None where none of them is, or the least."""
+    answered, refused = 0.1, 10.0
+    statuses = [scaled(stated, share).answers([probe])[0].status for share in (answered, refused)]
+    if statuses != [Status.OK, Status.ILL_CONDITIONED]:
+        return None
+    for _ in range(12):
+        share = math.sqrt(answered * refused)
+        if scaled(stated, share).answers([probe])[0].status is Status.ILL_CONDITIONED:
+            refused = share
+        else:
+            answered = share
+    return scaled(stated, refused)
+
+
+@pytest.mark.parametrize("scenes", [(14, 69), pytest.param(range(600), marks=FULL.marks)], ids=["sample", "full"])
+def test_a_height_that_is_just_refused_stays_so_when_a_std_grows_by_little(scenes):
+    limits = 0
+    for seed in scenes:
+        rng = np.random.default_rng(seed)
+        stated = replace(Stated.drawn(rng), tilt_rad=math.radians(rng.uniform(0, 12)))
+        base = rng.uniform([60, 400], SIZE - 60)
+        probe = ProbeKind.HEIGHT, np.stack([base, base - [rng.uniform(-30, 30), rng.uniform(5, 350)]])
+        stated = least_refused(stated, probe)
+        for name in ("height_agl_m", "horizontal_m", "tilt_rad", "pan_rad", "roll_rad") if stated else ():
+            limits += 1
+            worse = replace(stated, std=replace(stated.std, **{name: 1.01 * getattr(stated.std, name) + 1e-5}))
+            assert worse.answers([probe])[0].status is Status.ILL_CONDITIONED, (stated, name, probe)
+    assert limits > len(scenes)
+
+
 @pytest.mark.parametrize("heading_deg", [90, 180, 720, 1e11])
 def test_an_unknown_heading_changes_what_depends_on_it_alone(heading_deg):
     rng = np.random.default_rng(5)

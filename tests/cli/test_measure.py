@@ -174,10 +174,11 @@ def test_every_answer_says_what_was_stated_and_what_assumed(aerodft, lens):
     assert assumed["reasons"] == [said, "std of pixels assumed: 1 px"]
     assert assumed["std"] == pytest.approx(0.5, rel=2e-3)
     (partly,) = aerodft(*asked, "--json", "--std", "height=0.1,px=1").json
-    said = "std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading"
-    assert partly["reasons"] == [f"{said}, focal"]
-    (focal,) = aerodft(*asked, "--json", "--std", "height=0.1,px=1,focal=3").json
-    assert focal["reasons"] == [said]
+    said = "assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading"
+    assert partly["reasons"] == [f"std stated: height 0.1 m; {said}, focal", "std of pixels stated: 1 px"]
+    (more,) = aerodft(*asked, "--json", "--std", "height=0.1,px=0.5,focal=3,elevation=0.2").json
+    pixels, elevation = "std of pixels stated: 0.5 px", "std of the elevation stated: 0.2 m"
+    assert more["reasons"] == [f"std stated: height 0.1 m, focal 3 px; {said}", pixels, elevation]
     (exact,) = aerodft(*asked, "--json", "--std", "px=0,height=0,attitude=0").json
     assert exact["std"] == 0.0
     assert said in aerodft(*asked, "--std", "height=0.1").out.decode()

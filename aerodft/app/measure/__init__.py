@@ -26,5 +26,5 @@ from aerodft.app.measure.scene import (
     image_setup,
     in_range,
     projection_model,
-    with_pixels_noted,
+    with_stds_noted,
 )

@@ -103,15 +103,17 @@ class PoseStd:
         """The standard deviations with those that are assumed of a pose at this height."""
         return PoseStd(**{each.name: self._of(each.name, height_m) for each in fields(self)})
 
-    def description(self, height_m: float, *exact: str) -> str:
-        """Which are stated, assumed and taken as exact at this height, for people; ``exact`` names more of the last."""
+    def description(self, height_m: float, focal_px: float | None = None) -> str:
+        """Which are stated, assumed and taken as exact at this height, for people; with the focal length's."""
         parts: dict[str, list[str]] = {"std stated": [], "assumed": [], "taken as exact": []}
         for each in fields(self):
             (name, unit), value = each.name.split("_"), self._of(each.name, height_m)
             is_stated = getattr(self, each.name) is not None
             part = "std stated" if is_stated else "assumed" if value else "taken as exact"
             parts[part].append(f"{name} {value:.3g} {unit}" if is_stated or value else name)
-        parts["taken as exact"].extend(exact)
+        if focal_px is not None:
+            part, name = ("std stated", f"focal {focal_px:.3g} px") if focal_px else ("taken as exact", "focal")
+            parts[part].append(name)
         return "; ".join(f"{part}: {', '.join(names)}" for part, names in parts.items() if names)
 
     def si(self, height_m: float) -> model.PoseStd:
@@ -205,15 +207,15 @@ class CameraPose:
 
         Args:
             origin: The camera's foot; with its altitude, where that is known.
-            camera: The camera, whose focal length may be taken as exact: the pose's reasons say so.
+            camera: The camera, of whose focal length the pose's reasons say how well it is known.
 
         Raises:
             UsageError: There is no height, or there are two.
             InputError: The altitude is below the ground.
         """
         pose, height_m = self.pose(origin), self._height_m(origin)
-        exact = () if camera.covariance or camera.std.focal_px else ("focal",)
-        said = (self.std.description(height_m, *exact),) if self.covariance is None else ()
+        focal_px = None if camera.covariance else camera.std.focal_px
+        said = (self.std.description(height_m, focal_px),) if self.covariance is None else ()
         ground_msl_m = None if origin is None else origin.alt_msl_m
         return PoseSample(
             stamp_ns=0,
@@ -289,9 +291,12 @@ class ElevationModel:
     path: str | Path
 
 
-def with_pixels_noted(sample: PoseSample, std_px: float | None) -> PoseSample:
-    """A pose whose measurements say that the std of their pixels is assumed, where ``std_px`` is None."""
-    return replace(sample, reasons=(*sample.reasons, "std of pixels assumed: 1 px")) if std_px is None else sample
+def with_stds_noted(sample: PoseSample, std_px: float | None, elevation_std_m: float = 0.0) -> PoseSample:
+    """A pose whose measurements say the stds of pixels, which are assumed where None, and of the measured surface."""
+    said = ["std of pixels assumed: 1 px" if std_px is None else f"std of pixels stated: {std_px:.3g} px"]
+    if elevation_std_m:
+        said.append(f"std of the elevation stated: {elevation_std_m:.3g} m")
+    return replace(sample, reasons=(*sample.reasons, *said))
 
 
 GroundTerms: TypeAlias = Slope | ElevationModel | Ground | None

@@ -17,7 +17,7 @@ from aerodft.adapters.images import encode_jpeg
 from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.adapters.wire.pose import summary_payload
 from aerodft.app.diagnose import Diagnosis
-from aerodft.app.measure import Distance, ImageProbe, measured_document, requests_of, with_pixels_noted
+from aerodft.app.measure import Distance, ImageProbe, measured_document, requests_of, with_stds_noted
 from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.dft import Request, Setup, explain, measure
 from aerodft.errors import AerodftError, InputError, UsageError
@@ -291,7 +291,7 @@ class View(ABC):
             AerodftError: There is no such image, or a probe makes no sense.
         """
         setup, sample = self.scene(number)
-        sample, requests = with_pixels_noted(sample, self.std_px), requests_of(probes)
+        sample, requests = with_stds_noted(sample, self.std_px), requests_of(probes)
         documents = []
         for found, request in zip(measure(setup, PoseBatch.from_samples([sample]), requests)[0], requests, strict=True):
             budget = explain(setup, sample, request) if with_budget else None

@@ -196,7 +196,7 @@ def measure_image(
     )
     if recorded.recording is not None:
         refuse_beside(scene.stated_pose() | given_options(ground), "--recording")
-    from aerodft.app.measure import with_pixels_noted
+    from aerodft.app.measure import with_stds_noted
 
     found = recorded.scene(scene)
     if found is not None:
@@ -206,7 +206,7 @@ def measure_image(
             say(_pose_sentence(sample))
     else:
         setup, sample = scene.scene(ground, model)
-    sample = with_pixels_noted(sample, scene.stds.px)
+    sample = with_stds_noted(sample, scene.stds.px, setup.elevation_std_m)
     _check_model(setup, sample, model, scene.roll, compare=compare)
     if mapped.depth_map is not None:
         _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from aerodft.errors import InputError, os_errors_as, printable
+from aerodft.errors import InputError, UsageError, os_errors_as, printable
 
 _MAGIC: tuple[tuple[int, bytes, str], ...] = (
     (0, b"\xff\xd8\xff", "a JPEG image"),
@@ -90,6 +90,16 @@ def read_whole(path: Path) -> bytes:
     if path.stat().st_size > _MOST_BYTES:
         raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB", str(path))
     return path.read_bytes()
+
+
+def check_ending(path: Path, *endings: str) -> None:
+    """Refuse a name that promises another format than is written; without an ending it promises none.
+
+    Raises:
+        UsageError: It ends with none of ``endings``.
+    """
+    if path.suffix and path.suffix.lower() not in endings:
+        raise UsageError("the name says another format", where=path, got=path.suffix, expected=" or ".join(endings))
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import tomli_w
 from PIL import Image as PillowImage
 
 from aerodft.adapters.config.camera import camera_document
-from aerodft.adapters.files import write_whole
+from aerodft.adapters.files import check_ending, write_whole
 from aerodft.adapters.images import NamedImage, common_mode, image_files, named_images
 from aerodft.app import Progress, no_progress
 from aerodft.errors import InputError, NoAnswerError, os_errors_as
@@ -213,7 +213,7 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
         ``size_mm`` on paper, and the ``file``.
 
     Raises:
-        UsageError: The board is none.
+        UsageError: The board is none, or the file's ending says another format.
         InputError: The file cannot be written.
 
     Example:
@@ -221,6 +221,7 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
         >>> ad.print_board("chessboard:9x6:25mm", "board.png")["size_mm"]
         [270.0, 201.7]
     """
+    check_ending(Path(path), ".png")
     parsed = parse_board(board)
     picture = np.pad(
         draw_board(parsed, _PRINT_PX_PER_M, _MARGIN_M), ((0, 2 * _CAPTION_PX), (0, 0)), constant_values=255

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import tomli_w
 
 from aerodft.adapters.config.station import parse_station, resolved_toml
-from aerodft.adapters.files import whole_file
+from aerodft.adapters.files import check_ending, whole_file
 from aerodft.adapters.recording.recover import Recovery, is_recording, recordings_in, recover_folder
 from aerodft.app.assembly import recorded_station
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, located
@@ -308,6 +308,7 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
         The page.
 
     Raises:
+        UsageError: The file's ending says another format.
         InputError: What it is about is damaged, or the file exists or cannot be written.
         NoAnswerError: The recording holds neither measurements nor poses.
 
@@ -320,6 +321,7 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
     from aerodft.reports import page, recording_plot, recording_series, style  # figures load slowly
 
     path = Path(path)
+    check_ending(path, ".html", ".htm")
     if isinstance(what, str | Path) and is_river_folder(Path(what)):
         text = page.river_page(read_river_folder(Path(what)))
     else:

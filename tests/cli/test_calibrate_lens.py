@@ -221,6 +221,7 @@ def test_another_board_is_bad_input_and_a_better_one_is_suggested(photos, tmp_pa
         (("text.mp4",), 3, "text.mp4: not a readable video: got text"),
         (("p.png", "--board", "chess"), 2, "--board: got chess"),
         (("p.png", "--lens", "prism"), 2, "prism"),
+        (("--print-board", "b.svg"), 2, "b.svg: the name says another format: got .svg, expected .png"),
         (("--print-board", "none/b.png"), 3, "none/b.png: the board cannot be written"),
     ],
 )

@@ -85,15 +85,21 @@ def test_what_cannot_be_plotted_is_one_sentence(aerodft, tmp_path, name, options
     assert (done.code, said in done.last, list(tmp_path.iterdir())) == (2, True, []), done.err
 
 
-@pytest.mark.parametrize("command", ["plot", "report"])
-def test_nothing_is_replaced_unless_asked(aerodft, tmp_path, command):
-    target = tmp_path / "x.svg"
+@pytest.mark.parametrize(("command", "name"), [("plot", "x.svg"), ("report", "x.html")])
+def test_nothing_is_replaced_unless_asked(aerodft, tmp_path, command, name):
+    target = tmp_path / name
     target.write_text("mine")
     refused = aerodft(command, RECORDING, "-o", target)
     assert (refused.code, target.read_text()) == (3, "mine")
     assert "the file exists" in refused.last
     assert aerodft(command, RECORDING, "-o", target, "--overwrite").code == 0
-    assert aerodft(command, tmp_path / "none", "-o", tmp_path / "y.svg").code == 3
+    assert aerodft(command, tmp_path / "none", "-o", tmp_path / f"y{name}").code == 3
+
+
+def test_a_page_is_no_pdf(aerodft, tmp_path):
+    done = aerodft("report", RECORDING, "-o", tmp_path / "x.pdf")
+    assert (done.code, list(tmp_path.iterdir())) == (2, [])
+    assert "x.pdf: the name says another format: got .pdf, expected .html" in done.last
 
 
 def test_a_page_says_what_was_measured_and_of_what(aerodft, tmp_path):
@@ -125,8 +131,8 @@ def test_a_page_says_what_was_measured_and_of_what(aerodft, tmp_path):
     assert sum(tag == "svg" for tag, _ in page.elements) == 2
 
 
-@pytest.mark.parametrize("command", ["plot", "report"])
-def test_what_is_not_whole_is_said(aerodft, tmp_path, command):
+@pytest.mark.parametrize(("command", "name"), [("plot", "x.svg"), ("report", "x.html")])
+def test_what_is_not_whole_is_said(aerodft, tmp_path, command, name):
     folder = tmp_path / "r"
     folder.mkdir()
     for file in RECORDING.iterdir():
@@ -135,10 +141,10 @@ def test_what_is_not_whole_is_said(aerodft, tmp_path, command):
     middle = len(data) // 2
     data[middle : middle + 200] = bytes(200)
     (folder / "data_000.mcap").write_bytes(data)
-    done = aerodft(command, folder, "-o", tmp_path / "x.svg")
-    assert (done.code, (tmp_path / "x.svg").exists()) == (5, True)
+    done = aerodft(command, folder, "-o", tmp_path / name)
+    assert (done.code, (tmp_path / name).exists()) == (5, True)
     assert "without 1 damaged chunk" in done.last
-    assert command == "plot" or "without 1 damaged chunk" in (tmp_path / "x.svg").read_text()
+    assert command == "plot" or "without 1 damaged chunk" in (tmp_path / name).read_text()
 
 
 def test_addresses_of_the_station_stay_out_of_the_page(aerodft, tmp_path):

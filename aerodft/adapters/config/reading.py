@@ -2,6 +2,7 @@
 
 import difflib
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
@@ -84,7 +85,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     """
     try:
         document = tomllib.loads(data.decode())
-        has_huge_integer = _has_huge_integer(document)
+        leaves = list(_leaves(document))
     except UnicodeDecodeError:
         raise ConfigError("not a text file", got=content_looks_like(data), expected="TOML") from None
     except tomllib.TOMLDecodeError as error:
@@ -93,20 +94,22 @@ def parse_toml(data: bytes) -> dict[str, Any]:
         raise ConfigError("TOML syntax: an integer of too many digits", expected=_INTEGERS) from None
     except RecursionError:
         raise ConfigError("TOML syntax: too many lists or tables within each other") from None
-    if has_huge_integer:
+    if any(isinstance(leaf, int) and leaf.bit_length() >= _INTEGER_BITS for leaf in leaves):  # of base 16, say
         raise ConfigError("TOML: an integer that is too large", expected=_INTEGERS)
+    if any(isinstance(leaf, str) and "\0" in leaf for leaf in leaves):  # no file has such a name
+        raise ConfigError("TOML: a text with the character 0 in it", hint="take it out")
     if not document:
         raise ConfigError("holds no keys", got=content_looks_like(data), expected="TOML tables and keys")
     return document
 
 
-def _has_huge_integer(value: object) -> bool:
-    """Whether an integer is in it that TOML does not have, in base 16 of any length."""
-    if isinstance(value, dict):
-        return any(map(_has_huge_integer, value.values()))
-    if isinstance(value, list):
-        return any(map(_has_huge_integer, value))
-    return isinstance(value, int) and value.bit_length() >= _INTEGER_BITS
+def _leaves(value: object) -> Iterator[object]:
+    """All values in it that are neither tables nor lists."""
+    if isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _leaves(each)
+    else:
+        yield value
 
 
 def validated(model: type[TableT], document: object, prefix: str = "") -> TableT:

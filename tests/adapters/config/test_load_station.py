@@ -244,6 +244,7 @@ def test_everything_about_telemetry_reaches_the_settings() -> None:
         (FLIGHT + "[observations]\ntime_offset_s = 1e10\n", "time_offset_s: got 10000000000.0, expected at most 1e+09"),
         (FLIGHT + PROBE.replace('"p"', '"p\\nq"'), 'probe[0].name: got "p\\nq", expected letters, digits'),
         ("a = " + 5000 * "[", "x.toml: TOML syntax: too many lists or tables within each other"),
+        (STATION + 'x = "a\\u0000b"', "x.toml: TOML: a text with the character 0 in it; take it out"),
         ("a." * 2000 + "a = 1", "x.toml: TOML syntax: too many lists or tables within each other"),
         ("station = 3\n" + CAMERA, "x.toml: station: got 3, expected a table"),
     ],

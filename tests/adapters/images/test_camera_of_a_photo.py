@@ -101,3 +101,10 @@ def test_a_camera_of_the_library_is_recognised(tmp_path):
         image.save(tmp_path / "zoomed.jpg", exif=exif)
     zoomed = ad.load_camera(tmp_path / "zoomed.jpg")
     assert abs(zoomed.fx_px - 2 * known.camera.fx_px) < 1.96 * zoomed.std.focal_px
+
+
+def test_a_phone_s_own_format_is_named(tmp_path):
+    path = tmp_path / "IMG_1.HEIC"
+    path.write_bytes(b"\0\0\0\x24ftypheic\0\0\0\0mif1heic\xff\xfe")
+    with pytest.raises(ad.AerodftError, match="a HEIC photo, which is to be saved as JPEG"):
+        ad.load_camera(path)

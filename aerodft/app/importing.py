@@ -138,12 +138,13 @@ def _recorded(
         assembly.run(
             feed, pipeline, (*outputs, recorder, statistics), lambda now_ns: progress(now_ns - first_ns, span_ns)
         )
+        recorder.unmeasured = {"damaged": max(flight.stamped - statistics.images, 0)}
     return assembly.RunResult(
         totals=recorder.totals,
         statistics=statistics,
         counts=pipeline.counts,
         observers=observers.report(flight.observed.counts),
-        unmeasured={"damaged": max(flight.stamped - statistics.images, 0)},
+        unmeasured=recorder.unmeasured,
         warnings=() if flight.log is None else flight.log.warnings(),
         left_out=flight.log.left_out() if isinstance(flight.log, assembly.RecordedTelemetry) else LeftOut(),
     )

@@ -96,6 +96,7 @@ def _recorded(job: "Recomputation", output: Path, progress: Progress) -> Recompu
         assembly.run(
             job.feed, job.pipeline, (recorder, statistics), lambda now_ns: progress(now_ns - old.start_ns, span_ns)
         )
+        recorder.unmeasured = old.unmeasured
     image_segments = _copy_images(old, output) if next(old.image_messages(), None) is not None else 0
     redetection = job.redetection
     return RecomputeResult(
@@ -103,6 +104,7 @@ def _recorded(job: "Recomputation", output: Path, progress: Progress) -> Recompu
         statistics=statistics,
         counts=job.pipeline.counts,
         observers={} if redetection is None else job.observers.report(redetection.counts),
+        unmeasured=recorder.unmeasured,
         warnings=() if redetection is None else _few_images(tuple(job.observers.by_name), redetection.moved.kept),
         provenance=provenance,
         left_out=old.left_out(images=True),

@@ -162,6 +162,11 @@ class StationRecording:
         """
         return recorded_station(self.reader).pipeline.probes
 
+    @property
+    def unmeasured(self) -> dict[str, int]:
+        """Images that came and were never measured, by cause (``damaged``, ``dropped``, ...)."""
+        return self.reader.unmeasured
+
     def measurements(self) -> Measurements:
         """All measurements, in the order of measuring."""
         return Measurements(self.reader)
@@ -328,14 +333,16 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
         opened = what if isinstance(what, StationRecording) else open_recording(what)
         found = recording_series.read_series(opened.reader)
         best = best_image(opened.reader, style.colours_of(each.name for each in found.probes.values()))
-        lacks = opened.reader.left_out(images=True).sentence
+        lacks = [sentence] if (sentence := opened.reader.left_out(images=True).sentence) else []
+        causes = [f"{number} {cause}" for cause, number in opened.unmeasured.items() if number]
+        lacks += [f"images that were never measured: {', '.join(causes)}"] if causes else []
         facts = page.RecordingFacts(
             path=opened.path,
             station=opened.station,
             start_ns=opened.start_ns,
             end_ns=opened.end_ns,
             settings=_settings(opened),
-            lacks=[lacks] if lacks else [],
+            lacks=lacks,
             best=None if best is None else (best[0].index, best[1]),
         )
         text = page.recording_page(found, recording_plot.chosen_probes(found, ()), facts)

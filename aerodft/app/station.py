@@ -18,7 +18,7 @@ from aerodft.adapters.images import LiveRate, StreamReader
 from aerodft.adapters.outputs import Output, open_outputs
 from aerodft.adapters.telemetry import opened_signing, signing_sentences
 from aerodft.adapters.telemetry.mavlink import MavlinkLink, parse_address
-from aerodft.adapters.wire.status import StationStatus
+from aerodft.adapters.wire.status import UNMEASURED, StationStatus
 from aerodft.app import assembly
 from aerodft.app.recordings import recovering_beside
 from aerodft.conventions import SECOND_NS
@@ -279,7 +279,7 @@ class Station:
             "images": statistics.images,
             "looks": sum(each.looked for each in looks),
             "skipped_looks": sum(each.skipped for each in looks),
-            **{f"unmeasured_{cause}": number for cause, number in self._unmeasured().items()},
+            **{f"{UNMEASURED}{cause}": number for cause, number in self._unmeasured().items()},
             **({} if self._link is None else _link_counts(self._link)),
             **({} if self._recorder is None else self._recorder.totals.counts),
             **{f"poses_{status}": number for status, number in statistics.poses.items()},

@@ -4,6 +4,7 @@ import heapq
 import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -30,6 +31,7 @@ from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.adapters.wire.schemas import SCHEMAS
+from aerodft.adapters.wire.status import STATUS_SCHEMA, unmeasured_of
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, located, os_errors_as
 from aerodft.model import Image, PoseSample, StampClock, WireProtocol
@@ -238,6 +240,16 @@ class Recording:
         with located(self.folder):
             return decode_pose(first.data).stamp_ns
 
+    @cached_property
+    def unmeasured(self) -> dict[str, int]:
+        """Images that came and were never measured, by cause, as the last statuses of the recording say."""
+        found: dict[str, int] = {}
+        recent = self.messages(from_ns=self.end_ns - _LATEST_NS, wanted=lambda each: each.schema == STATUS_SCHEMA)
+        for message in recent:
+            with suppress(InputError):  # a newer version's
+                found |= unmeasured_of(message.data)
+        return found
+
     def left_out(self, *, images: bool = False) -> LeftOut:
         """Known losses of the data so far; where asked, of the images too."""
         series = (self.data, self.images) if images and self.images is not self.data else (self.data,)
@@ -350,7 +362,7 @@ def _missing(segment: SegmentScan, following: SegmentScan) -> tuple[int, int] | 
     """Chunks and messages that a segment lacks, besides those that it knows of itself; None where no count says it."""
     if segment.is_recovered or segment.before is None or following.before is None:
         return None
-    if _number(following) != _number(segment) + 1:
+    if not _is_next(segment, following):
         return None
     chunks, messages = (
         after - before for after, before in zip(segment.after or following.before, segment.before, strict=True)
@@ -378,7 +390,7 @@ def _gaps_between(segments: Sequence[SegmentScan]) -> list[Gap]:
     if segments and _number(segments[0]) == 0 and (lost := _lost_at_start((0, 0), segments[0])) is not None:
         gaps.append(Gap(from_ns=None, to_ns=segments[0].start_ns, chunks=lost[0], messages=lost[1]))
     for segment, following in pairwise(segments):
-        if _number(following) != _number(segment) + 1:
+        if not _is_next(segment, following):
             continue  # what is missing is named
         start_ns = next((each.start_ns for each in segments[segments.index(following) :] if each.chunks), None)
         if (lost := _lost_at_start(segment.after, following)) is not None:
@@ -419,6 +431,12 @@ def _lost_at_start(counted: tuple[int, int] | None, following: SegmentScan) -> t
         return None
     chunks, messages = (held - before for held, before in zip(following.before, counted, strict=True))
     return (chunks, messages) if chunks > 0 else None
+
+
+def _is_next(segment: SegmentScan, following: SegmentScan) -> bool:
+    """Whether a segment has the next number, and not another recording's id: images of several may be copied."""
+    ids = {segment.recording, following.recording} - {None}
+    return _number(following) == _number(segment) + 1 and len(ids) <= 1
 
 
 def _number(segment: SegmentScan) -> int:

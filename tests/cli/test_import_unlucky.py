@@ -72,6 +72,10 @@ def test_damaged_images_of_a_video_are_counted_as_never_measured(aerodft, desk):
     assert damaged > 0
     assert done.json["images"] + damaged == 60
     assert f"images that were never measured: {damaged} damaged" in done.err
+    again = aerodft("recompute", desk.folder / "rec", "-o", desk.folder / "again", "--json")
+    assert again.json["unmeasured"] == {"damaged": damaged}, "the recording knows it"
+    assert aerodft("report", desk.folder / "again", "-o", desk.folder / "report.html").code == 0
+    assert f"images that were never measured: {damaged} damaged" in (desk.folder / "report.html").read_text()
 
 
 def test_a_video_with_a_garbled_title_is_a_video(aerodft, desk):

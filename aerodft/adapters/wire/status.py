@@ -18,6 +18,7 @@ from aerodft.adapters.wire.payload import (
     Schema,
     doc,
     list_of,
+    load_payload,
     object_of,
     one_of,
     or_null,
@@ -28,6 +29,8 @@ from aerodft.model import CalibrationEstimate, CameraMotionEstimate, Health, Mot
 
 STATUS_SCHEMA = "aerodft.status/1"
 STATES = ("starting", "running", "ending")
+UNMEASURED: Final = "unmeasured_"
+"""What counts of images that were never measured begin with; the cause follows."""
 
 _NUMBERS_BY_NAME: Final[Schema] = {"type": "object", "additionalProperties": NUMBER}
 _HEALTH = object_of(
@@ -177,6 +180,20 @@ def encode_status(status: StationStatus) -> bytes:
         health=None if status.health is None else _health_payload(status.health),
         rejected=dict(status.rejected),
     )
+
+
+def unmeasured_of(data: bytes) -> dict[str, int]:
+    """Images that were never measured, by cause, as ``aerodft.status/1`` says.
+
+    Raises:
+        InputError: The payload is not of that schema.
+    """
+
+    def counts(status: Json) -> dict[str, int]:
+        found = {name: each for name, each in status["counts"].items() if name.startswith(UNMEASURED)}
+        return {name.removeprefix(UNMEASURED): int(each) for name, each in found.items()}
+
+    return load_payload(data, STATUS_SCHEMA, counts)
 
 
 def _health_payload(health: Health) -> Json:

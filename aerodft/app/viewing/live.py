@@ -17,7 +17,7 @@ import orjson
 from aerodft.adapters.config.station import StationConfig, with_calibration
 from aerodft.adapters.images import decode_jpeg, encode_jpeg
 from aerodft.adapters.wire.measurement import measurement_payload
-from aerodft.adapters.wire.status import StationStatus, encode_status
+from aerodft.adapters.wire.status import UNMEASURED, StationStatus, encode_status
 from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.app.diagnose import diagnose_heard
 from aerodft.app.viewing.view import Document, PoseFinder, Scene, View, ViewedImage, doctor_document
@@ -119,7 +119,7 @@ def _of_status(status: StationStatus) -> Sentences:
     if gone or images:
         yield "disk", f"{gone} messages and {images} images are not recorded: the disk is too slow, full or failing"
     for key, causes, why in _UNMEASURED:
-        if images := sum(counts.get(f"unmeasured_{cause}", 0) for cause in causes):
+        if images := sum(counts.get(f"{UNMEASURED}{cause}", 0) for cause in causes):
             yield key, f"{images} images were not measured: {why}"
     if health is None:
         return

@@ -213,7 +213,7 @@ def unique_segments(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]:
     first: dict[object, SegmentScan] = {}
     for segment in segments:
         content = tuple((chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
-        known = first.setdefault(content or segment.path, segment)
+        known = first.setdefault((segment.recording, content) if content else segment.path, segment)
         if known is not segment:
             name, folder = segment.path.name, segment.path.parent
             _log.warning("%s: %s is %s once more; it is left out", folder, name, known.path.name)

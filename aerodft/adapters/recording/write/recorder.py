@@ -34,7 +34,7 @@ from aerodft.adapters.recording.write.records import (
 from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME, sync_folder
 from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter, SegmentedWriterSettings
 from aerodft.adapters.wire.keys import Keys
-from aerodft.adapters.wire.status import StationStatus
+from aerodft.adapters.wire.status import UNMEASURED, StationStatus
 from aerodft.adapters.worker_queue import WorkerQueue
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import MeasurementBatch
@@ -296,6 +296,9 @@ _log = logging.getLogger(__name__)
 class McapRecorder:
     """Records what a pipeline reads and makes.
 
+    Attributes:
+        unmeasured: Images that were never measured, by cause; the last status says them too.
+
     Args:
         folder: A new or empty folder.
         settings: How.
@@ -315,6 +318,7 @@ class McapRecorder:
         self._encoder = RecordEncoder(Keys(settings.station), settings.camera.name)
         self._camera = protobuf_channel(Keys(settings.station).camera, CameraCalibration)
         self._shed_messages = 0
+        self.unmeasured: Mapping[str, int] = {}
         self._is_open = False
         warm_up()
         _prepare(folder)
@@ -441,6 +445,7 @@ class McapRecorder:
     def _status_now(self, state: str) -> StationStatus:
         shed_images = self._image_writer.shed if self._is_open else 0
         counts = {"shed_messages": self._shed_messages, "shed_images": shed_images}
+        counts |= {f"{UNMEASURED}{cause}": number for cause, number in self.unmeasured.items()}
         return StationStatus(station=self._settings.station, stamp_ns=self._now_ns, state=state, counts=counts)
 
     def _put(self, work: _Work, messages: int, size: int) -> None:

@@ -19,7 +19,7 @@ _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
 _TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
 _TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
 _TIME_SIZE: Final = 8
-_NEAR_US: Final = 10_000_000  # of two messages side by side; what stands there by chance is years away
+_NEAR_US: Final = 10_000_000  # between two messages side by side; what stands there by chance is years away
 _ORDER_US: Final = 50_000  # so much earlier than the last message may one be: threads log side by side
 
 
@@ -71,12 +71,21 @@ def _time_us(data: Bytes, at: int, kind: int) -> int:
 
 
 @njit
+def _follows(time_us: int, before_us: int) -> bool:
+    """Whether a message may have been logged behind one of another time."""
+    return -_ORDER_US <= time_us - before_us <= _NEAR_US
+
+
+@njit
 def _is_in_order(data: Bytes, time_us: int, end: int, types: IntArray, last_us: int) -> bool:
     """Whether the time of the message before ``end`` is between that of the last one and that of the next, if any."""
     next_us = _time_us(data, end, types[data[end + 2]]) if end + HEAD_SIZE <= len(data) else -1
     if next_us < 0:
-        next_us = last_us + _NEAR_US
-    return max(min(last_us, next_us) - _ORDER_US, 0) <= time_us <= max(last_us, next_us) + _ORDER_US
+        next_us = last_us + _NEAR_US if last_us > 0 else time_us
+    if _follows(next_us, last_us):
+        return max(last_us - _ORDER_US, 0) <= time_us <= next_us + _ORDER_US
+    is_near_last = abs(time_us - last_us) <= _ORDER_US
+    return time_us >= 0 and (is_near_last or _follows(next_us, time_us))  # behind a gap, or a damaged time is beside it
 
 
 @njit
@@ -86,8 +95,7 @@ def _judge(data: Bytes, at: int, end: int, types: IntArray, time_us: int, last_u
     It is doubtful where the log does not go on behind it, or its time is not between those of the messages beside it;
     damaged where another message starts within it. What looks like a head by chance has no time near the last one.
     """
-    has_no_time = end == len(data) or not types[data[at + 2]] & _TIMED  # or none to compare it with
-    is_timely = has_no_time or _is_in_order(data, time_us, end, types, last_us)
+    is_timely = not types[data[at + 2]] & _TIMED or _is_in_order(data, time_us, end, types, last_us)
     verdict = _WHOLE if is_timely and _goes_on(data, end) else _DOUBTFUL
     for inner in range(at + len(HEAD), min(end, len(data) - HEAD_SIZE + 1)):
         if not _starts(data, inner) or types[data[inner + 2]] == 0:

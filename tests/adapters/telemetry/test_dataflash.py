@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.adapters.telemetry.dataflash import DataflashDecoder, DataflashSource, gps_to_unix_ns
 from aerodft.model import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
+from tests.nights import at_night
 
 USED = ("GPS", "ATT", "MNT", "POS", "RFND", "TERR")
 
@@ -313,7 +314,7 @@ def _read(path: Path) -> tuple[Counter[bytes], Counter[bytes]]:
     return whole, doubtful
 
 
-@pytest.mark.parametrize("share", [0.02, 0.2])
+@pytest.mark.parametrize("share", [*at_night(0.02), 0.2])
 @pytest.mark.parametrize("kind", ["cut", "flipped", "noise", "zeros"])
 def test_damage_costs_no_more_than_with_pymavlink_and_invents_nothing(kind: str, share: float, tmp_path: Path) -> None:
     """Messages cut short, or with one bit flipped, which only the message itself can lose, or before foreign bytes."""

@@ -4,7 +4,7 @@ Intervals are first order where that is enough, Monte-Carlo where it is not: whe
 deviation is above 5 %; below that, where neither a bound of the second-order term is negligible nor a few draws agree
 with first order (at a stationary point only second order is left). The bias of a line's length by pixel noise is
 subtracted. The dft model has first order only. Whether a slant range is known well enough is decided without draws, so
-that what is refused stays refused when an error grows.
+that what is refused stays refused when an error grows; only over an elevation model may draws miss all ground as well.
 
 ``n`` images, ``g`` requests of a kind with ``q`` pixels each, ``s`` shared errors as in ``projection``.
 """

@@ -179,7 +179,7 @@ def test_the_recording_of_another_tool_is_left_alone(aerodft, tmp_path):
 def test_a_recording_that_was_written_again_without_chunks_stays_as_it_is(aerodft, flight, is_cut):
     """Its messages are readable, and have no checksums: nothing could be made better."""
     folder, data = flight
-    held = without_chunks(data)
+    held = written_again(data, profile="x-aerodft")
     if is_cut:
         cut(data, data.stat().st_size // 2)
         with data.open("rb") as file:
@@ -195,14 +195,23 @@ def test_a_recording_that_was_written_again_without_chunks_stays_as_it_is(aerodf
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def without_chunks(path):
-    """Write a segment again as the stock writer does without chunks; returns its messages."""
+def test_a_recording_that_was_written_again_under_the_name_of_aerodft_is_sound(aerodft, flight):
+    """Its header names who wrote it first, and no profile: its chunks do not say which recording they belong to."""
+    folder, data = flight
+    held = written_again(data, use_chunking=True, library="aerodft 0.1.0")
+    done = aerodft("recover", folder, "--json")
+    segment = done.json["segments"][0]
+    assert (done.code, segment["state"], segment["messages"]) == (0, "sound", len(held))
+
+
+def written_again(path, *, use_chunking=False, **header):
+    """Write a segment again as the stock writer does; returns its messages."""
     with path.open("rb") as file:
         reader = make_reader(file)
         records, metadata = list(reader.iter_messages(log_time_order=False)), list(reader.iter_metadata())
     with path.open("wb") as file:
-        writer = Writer(file, use_chunking=False)
-        writer.start(profile="x-aerodft")
+        writer = Writer(file, use_chunking=use_chunking)
+        writer.start(**header)
         for each in metadata:
             writer.add_metadata(each.name, each.metadata)
         ids = {}

@@ -33,6 +33,7 @@ from aerodft.adapters.recording.read.segment_scan import (
     ChunkLocation,
     Gap,
     SegmentScan,
+    has_owned_chunks,
     log_times,
     scan_segment,
     unique_segments,

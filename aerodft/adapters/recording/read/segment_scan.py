@@ -208,6 +208,11 @@ def scan_segment(path: Path) -> SegmentScan:
             return _indexed_segment(path, read, size) or _Scan(path, file, size).run()
 
 
+def has_owned_chunks(header: Header) -> bool:
+    """Whether each chunk of a file says which recording it belongs to: aerodft made it, and nobody wrote it again."""
+    return header.profile == PROFILE and header.library.startswith(_OWN_LIBRARY)
+
+
 def unique_segments(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]:
     """The segments without those that are there a second time, under another name: that is said."""
     first: dict[object, SegmentScan] = {}
@@ -510,7 +515,7 @@ class _About:
 
     def take_header(self, header: Header) -> None:
         """Learn who wrote the file."""
-        self._is_own = header.profile == PROFILE and header.library.startswith(_OWN_LIBRARY)
+        self._is_own = has_owned_chunks(header)
 
     def take(self, metadata: Metadata) -> None:
         """Take one of its metadata records; of several, as in a merged file, the first says what it is."""

@@ -45,6 +45,7 @@ from aerodft.adapters.recording.read import (
     chunk_content,
     chunk_head,
     goes_on,
+    has_owned_chunks,
     indexed_channel,
     is_chunk,
     next_chunk,
@@ -63,7 +64,6 @@ from aerodft.adapters.recording.write import (
 )
 
 _MAX_SMALL_BYTES = 4 << 20
-_OWN_LIBRARY = "aerodft"
 _COUNT_BEGIN = RECORD_HEAD.pack(Opcode.METADATA, COUNT_BYTES - RECORD_HEAD.size)
 _DATA_END_BYTES = RECORD_HEAD.size + 4
 _UNREADABLE = (McapError, struct.error, UnicodeDecodeError, OverflowError)
@@ -241,8 +241,7 @@ class ChunkScanner:
             return
         self.metadata.append(found)
         self._metadata_bytes = total
-        is_own = self.header is not None and self.header.library.startswith(_OWN_LIBRARY)
-        if found.name == METADATA_NAME and is_own:
+        if found.name == METADATA_NAME and self.header is not None and has_owned_chunks(self.header):
             self.channels.recording = found.metadata.get(RECORDING_KEY)
 
     def _chunk(self, start: int, length: int, end: int) -> WholeChunk | DamagedBytes:

@@ -347,6 +347,19 @@ def test_damage_costs_no_more_than_with_pymavlink_and_invents_nothing(kind: str,
     assert invented <= (1e-3 * cuts if kind == "cut" else 0)  # what is left of a head may fill one that lost a byte
 
 
+def test_one_flipped_bit_of_two_times_side_by_side_is_no_gap(tmp_path: Path) -> None:
+    """A day between two whole messages is: an autopilot's time goes on while nothing is logged."""
+    path, messages, day_us = tmp_path / "flipped.bin", [m for m in _flight(0) if m[2] != 13], 86_400_000_000
+    for k in (2000, 2001, *range(3000, len(messages))):
+        time_us = struct.unpack_from("<Q", messages[k], 3)[0]
+        later_us = time_us + day_us if k >= 3000 else time_us ^ 1 << 43
+        messages[k] = messages[k][:3] + struct.pack("<Q", later_us) + messages[k][11:]
+    path.write_bytes(b"".join(messages))
+    whole, doubtful = _read(path)
+    assert doubtful == Counter(messages[2000:2002])
+    assert whole + doubtful == Counter(messages)
+
+
 @pytest.mark.parametrize("is_noise", [False, True])
 def test_lost_sectors_of_a_card_invent_no_message(tmp_path: Path, *, is_noise: bool) -> None:
     """A message that ends in a bad sector is none; one that ends where the sector begins is whole."""

@@ -78,14 +78,27 @@ def _follows(time_us: int, before_us: int) -> bool:
 
 @njit
 def _is_in_order(data: Bytes, time_us: int, end: int, types: IntArray, last_us: int) -> bool:
-    """Whether the time of the message before ``end`` is between that of the last one and that of the next, if any."""
-    next_us = _time_us(data, end, types[data[end + 2]]) if end + HEAD_SIZE <= len(data) else -1
+    """Whether the time of the message before ``end`` is between that of the last one and that of the next, if any.
+
+    It may be far ahead behind a gap, where the next two go on from it: two side by side may have the same bit flipped.
+    """
+    next_us, next_end = _next_time(data, end, types)
     if next_us < 0:
         next_us = last_us + _NEAR_US if last_us > 0 else time_us
     if _follows(next_us, last_us):
         return max(last_us - _ORDER_US, 0) <= time_us <= next_us + _ORDER_US
-    is_near_last = abs(time_us - last_us) <= _ORDER_US
-    return time_us >= 0 and (is_near_last or _follows(next_us, time_us))  # behind a gap, or a damaged time is beside it
+    after_us, _ = _next_time(data, next_end, types)
+    is_behind_gap = _follows(next_us, time_us) and (after_us < 0 or _follows(after_us, next_us))
+    return time_us >= 0 and (abs(time_us - last_us) <= _ORDER_US or is_behind_gap)
+
+
+@njit
+def _next_time(data: Bytes, at: int, types: IntArray) -> tuple[int, int]:
+    """The time since boot of the message at ``at``, if any, and where it ends; -1 where it has none."""
+    if at + HEAD_SIZE > len(data):
+        return -1, len(data)
+    kind = types[data[at + 2]]
+    return _time_us(data, at, kind), at + (kind & 0xFF)
 
 
 @njit

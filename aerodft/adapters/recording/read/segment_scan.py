@@ -274,7 +274,7 @@ class _Scan:
         self._ids: set[int] = set()  # of the last place
         self._sets = ChannelSets()
         self._damaged_offsets: set[int] = set()
-        self._heads: set[int] = set()  # of the recording's own chunks
+        self._heads: set[bytes] = set()  # of the recording's own chunks
         self._is_copy, self._copies = False, 0  # whether the last chunk is one, and how many are
         self._has_end = False
         self._channels = Channels()
@@ -402,9 +402,8 @@ class _Scan:
         return True
 
     def _add_chunk(self, position: int, length: int) -> None:
-        data = self._read(position, CHUNK_HEAD.size)
-        start_ns, end_ns, _, crc = CHUNK_HEAD.unpack(data)
-        head = int.from_bytes(data)
+        head = self._read(position, CHUNK_HEAD.size)
+        start_ns, end_ns, _, crc = CHUNK_HEAD.unpack(head)
         self._is_copy = head in self._heads
         if self._is_copy:
             self._after, self._copies = None, self._copies + 1

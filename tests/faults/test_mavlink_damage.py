@@ -18,7 +18,6 @@ DATAGRAM = 1400
 LEAST_BYTES_PER_S = 2e6
 MOST_LUCKY_SHARE = 1e-3
 START_US = 1_700_000_000_000_000
-LOGS = Path(__file__).parents[2].parent / "shared" / "data" / "logs"
 
 
 def _frames(seed: int) -> list[bytes]:
@@ -122,9 +121,10 @@ def _assert_honest(found: list[bytes], sent: list[bytes], intact: list[bytes]) -
 
 @pytest.mark.parametrize("kind", ["truncated", "flipped"])
 @pytest.mark.parametrize("log", ["dronekit_quad.tlog", "vtol.tlog"])
-def test_a_damaged_flight(log: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert LOGS.is_dir(), f"{LOGS} has the recorded flights"
-    frames = _frames_of(TlogSource(LOGS / log))
+def test_a_damaged_flight(
+    log: str, kind: str, data_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = _frames_of(TlogSource(data_folder / "logs" / log))
     stream, intact = _damaged(frames, kind)
     path = tmp_path / log
     path.write_bytes(b"".join((START_US + k * 1000).to_bytes(8, "big") + piece for k, piece in enumerate(stream)))

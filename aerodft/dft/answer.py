@@ -51,6 +51,7 @@ from aerodft.dft.projection import (
     pixel_directions,
     pixel_rays,
     project,
+    scale_changes,
 )
 from aerodft.dft.quantities import Gradient, RayGeometry
 from aerodft.dft.request import Setup
@@ -80,6 +81,8 @@ _STD_FIELDS: Final = {name: f"{name}_rad" for name in ("tilt", "pan", "roll", "h
 _MAX_WIDTH_CHANGE: Final = 0.25  # relative
 _OFFSETS_RAD: Final = np.multiply.outer([1.0, -1.0], 1e-4 * 1.2 ** np.arange(57)).ravel()
 """Angles by which rays are off whose ground is looked for: from 0.006 to 160 degrees, to either side."""
+_MAX_SCALE_CHANGE: Final = 0.1
+"""Share of a lens's scale by which one std of its distortion may change it: rays are linear over these errors."""
 _SECOND_ORDER_LIMIT: Final = 0.1
 """Standard deviations: a smaller bound of the second-order term is negligible."""
 _NONLINEARITY_LIMIT: Final = 0.1
@@ -112,6 +115,7 @@ class ProjectedPixels:
         shared_cov: ``(n, s, s)``, see ``shared_covariance``.
         ground: The ``(n, k)`` points.
         rays: The pixels' rays.
+        scale_change: ``(k,)`` or ``(n, k)``, see ``scale_changes``.
     """
 
     setup: Setup
@@ -123,6 +127,7 @@ class ProjectedPixels:
     shared_cov: FloatArray
     ground: GroundPoints
     rays: PixelRays
+    scale_change: FloatArray
 
     @staticmethod
     def project(
@@ -151,7 +156,8 @@ class ProjectedPixels:
         ground = project(setup.camera, poses.pose, pixels_px, elevation_m, setup.model, setup.ground, magnification)
         elevation_m = np.broadcast_to(elevation_m, ground.status.shape)
         rays = pixel_rays(setup.camera, pixels_px, magnification)
-        return ProjectedPixels(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays)
+        change = scale_changes(setup.camera, pixels_px, magnification, rays)
+        return ProjectedPixels(setup, poses, pixels_px, elevation_m, *stds, shared_cov, ground, rays, change)
 
 
 class Answers:
@@ -314,6 +320,10 @@ class Answers:
         surface, differs = self._view.setup.ground, np.zeros(self.code.shape, dtype=np.bool_)
         if surface is not None and surface.has_edges:
             differs = self._differs_over_edges(surface)
+        change = np.broadcast_to(np.max(self._view.scale_change[..., self._pixel_index], axis=-1), self.code.shape)
+        most = f"{_MAX_SCALE_CHANGE:.0%}"
+        bent = f"errors of the lens change its scale there by more than {most}: calibrate it with points near its edge"
+        self._refuse(~(change <= _MAX_SCALE_CHANGE), Status.ILL_CONDITIONED, _reason(bent))
         is_known = np.all(self._range_half_m <= Z95 * MAX_RELATIVE_RANGE_STD * self._range_m, axis=-1)
         self._refuse(~is_known, Status.ILL_CONDITIONED, self._say_range)
         if not self.is_pinhole:

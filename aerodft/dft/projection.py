@@ -247,6 +247,28 @@ def pixel_rays(camera: Camera, pixels_px: FloatArray, magnification: FloatArray 
     return PixelRays(rays.rays_cam, rays.jac_px / scale[..., None], jac_intrinsics)
 
 
+def scale_changes(
+    camera: Camera, pixels_px: FloatArray, magnification: FloatArray | None, rays: PixelRays
+) -> FloatArray:
+    """Share ``(k,)`` or ``(n, k)`` by which one std of the distortion's errors changes the lens's scale at pixels.
+
+    Rays are linear over these errors where it is small. NaN where a lens with such an error has no ray.
+
+    Args:
+        camera: The camera.
+        pixels_px: ``(k, 2)`` or ``(n, k, 2)``.
+        magnification: ``(n,)`` of the images, as for ``pixel_rays``.
+        rays: The pixels' rays.
+    """
+    squares = np.zeros(rays.rays_cam.shape[:-1])
+    variances, axes = np.linalg.eigh(intrinsics_covariance(camera)[PINHOLE_PARAMETERS:, PINHOLE_PARAMETERS:])
+    for error in (axes * np.sqrt(np.maximum(variances, 0.0))).T:
+        changed = replace(camera, distortion=tuple((camera.distortion + error).tolist()))
+        change = pixel_rays(changed, pixels_px, magnification).jac_px - rays.jac_px
+        squares += np.sum(np.square(change), axis=(-2, -1))
+    return np.asarray(np.sqrt(squares / np.sum(np.square(rays.jac_px), axis=(-2, -1))))
+
+
 def pixel_directions(rays: PixelRays, pose: Pose) -> Directions:
     """Directions in ENU ``(..., 3)`` of rays of one pose; ``(k, 3)`` or ``(n, k, 3)`` of poses ``(n,)``."""
     rotation = _per_point(pose, matrix(pose.wxyz))

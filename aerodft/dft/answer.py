@@ -322,7 +322,7 @@ class Answers:
             differs = self._differs_over_edges(surface)
         change = np.broadcast_to(np.max(self._view.scale_change[..., self._pixel_index], axis=-1), self.code.shape)
         most = f"{_MAX_SCALE_CHANGE:.0%}"
-        bent = f"errors of the lens change its scale there by more than {most}: calibrate it with points near its edge"
+        bent = f"errors of the lens change its scale at these pixels by over {most}: calibrate it nearer to its edge"
         self._refuse(~(change <= _MAX_SCALE_CHANGE), Status.ILL_CONDITIONED, _reason(bent))
         is_known = np.all(self._range_half_m <= Z95 * MAX_RELATIVE_RANGE_STD * self._range_m, axis=-1)
         self._refuse(~is_known, Status.ILL_CONDITIONED, self._say_range)

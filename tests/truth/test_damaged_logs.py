@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pymavlink import DFReader
 from scipy.spatial.transform import Rotation
 
 from aerodft.adapters.telemetry.dataflash import DataflashSource
@@ -11,25 +10,9 @@ from aerodft.model import RawBlock, Status
 from replay.recordings import Recording
 from tests.commands import run_aerodft
 from tests.nights import at_night
+from tests.pymavlink_logs import messages_by_pymavlink
+from tests.truth.recorded_station import station
 
-STATION = """
-[station]
-name = "damaged"
-[camera]
-name = "1080p"
-width_px = 1920
-height_px = 1080
-hfov_deg = 62.0
-vfov_deg = 36.0
-[telemetry.height]
-order = ["rangefinder", "terrain", "home"]
-[images]
-rate_hz = 20
-[[probe]]
-name = "centre"
-kind = "range"
-pixels = [[959.5, 539.5]]
-"""
 UNHARMED = 2044  # messages at the beginning: formats, and a first fix, without which there is no UTC
 SHARES = (0.0005, 0.01, 0.1, 0.2)
 
@@ -96,16 +79,6 @@ def found_in(path, sizes):
     return found, doubtful
 
 
-def found_by_pymavlink(path):
-    log = DFReader.DFReader_binary(str(path), zero_time_base=False)
-    found = set()
-    while log._parse_next() is not None:  # noqa: SLF001 - the one reader of its kind that says where a message is
-        found.add(log.offset - log.formats[log.prev_type].len)
-    log.filehandle.close()
-    log.data_map.close()
-    return found
-
-
 SEEDS = {("overwritten", 0.1): 1, ("deleted", 0.2): 1}  # at 0 pymavlink itself ends with a ValueError
 CASES = [
     (kind, share)
@@ -122,7 +95,7 @@ def test_no_more_messages_are_lost_than_by_pymavlink(kind, share, data_folder, t
     sizes = {data[start + 2]: end - start for start, end in spans(data).tolist()}
     found, doubtful = found_in(path, sizes)
     false = found - doubtful - whole - changed
-    theirs = found_by_pymavlink(path)
+    theirs = {start for start, _ in messages_by_pymavlink(path)}
     lost, theirs_lost = len(whole - found), len(whole - theirs)
     theirs_false = len(theirs - whole - changed)
     print(
@@ -138,7 +111,7 @@ def imported(tmp_path_factory):
 
     def imported(content):
         folder = tmp_path_factory.mktemp("damaged")
-        (folder / "station.toml").write_text(STATION)
+        (folder / "station.toml").write_text(station(rate_hz=20))
         (folder / "log.bin").write_bytes(content)
         done = run_aerodft("import", folder / "log.bin", "-c", folder / "station.toml", "-o", folder / "recording")
         assert done.code == 0, done.err

@@ -16,6 +16,7 @@ from aerodft.model import Status
 from replay.recordings import Recording
 from tests.commands import run_aerodft
 from tests.nights import at_night
+from tests.truth.recorded_station import station
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SECOND = 1_000_000_000
@@ -26,25 +27,6 @@ CUT = "sitl/brushless_cut.BIN"
 HOME, EVERY = '["home"]', '["rangefinder", "terrain", "home"]'
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there: the recorded flights are kept apart")
-
-STATION = f"""
-[station]
-name = "truth"
-[camera]
-name = "1080p"
-width_px = 1920
-height_px = 1080
-hfov_deg = 62.0
-vfov_deg = 36.0
-[telemetry.height]
-order = ORDER
-[images]
-rate_hz = {RATE_HZ}
-[[probe]]
-name = "centre"
-kind = "range"
-pixels = [[959.5, 539.5]]
-"""
 
 
 @dataclass(frozen=True)
@@ -76,7 +58,7 @@ def flown(tmp_path_factory):
     def flown(name, order=HOME):
         if (name, order) not in made:
             folder = tmp_path_factory.mktemp(Path(name).stem)
-            (folder / "station.toml").write_text(STATION.replace("ORDER", order))
+            (folder / "station.toml").write_text(station(rate_hz=RATE_HZ, heights=order))
             code, out, err = run(
                 "import", DATA / name, "-c", folder / "station.toml", "-o", folder / "recording", "--json"
             )

@@ -1,7 +1,6 @@
 """The live view in Foxglove where something is wrong with its viewers, or with the machine."""
 
 import sys
-import time
 from contextlib import closing
 from pathlib import Path
 
@@ -50,9 +49,11 @@ def show(server, index):
 
 
 def wait_until_subscribed(viewer, server):
-    while not viewer.of("aerodft/s/status"):
+    def is_heard():
         server.status(StationStatus(station="s", stamp_ns=1, state="running"))
-        time.sleep(0.01)
+        return viewer.of("aerodft/s/status")
+
+    viewer.wait_for(is_heard)
 
 
 def test_a_viewer_that_does_not_read_takes_nothing_from_others():

@@ -13,6 +13,7 @@ from aerodft.adapters.telemetry import CompositeDecoder
 from aerodft.adapters.telemetry.dataflash import DataflashDecoder, DataflashSource, gps_to_unix_ns
 from aerodft.model import ClockTrack, GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
 from tests.nights import at_night
+from tests.pymavlink_logs import messages_by_pymavlink
 
 USED = ("GPS", "ATT", "MNT", "POS", "RFND", "TERR")
 
@@ -290,14 +291,8 @@ def _flight(seed: int) -> list[bytes]:
 
 
 def _read_by_pymavlink(path: Path) -> Counter[bytes]:
-    """The messages that DFReader gives, one after the other."""
-    log = DFReader.DFReader_binary(str(path), zero_time_base=False)
-    data, found = bytes(log.data_map), Counter[bytes]()
-    while log._parse_next() is not None:  # noqa: SLF001 - the one reader of its kind that says where a message is
-        found[data[log.offset - log.formats[log.prev_type].len : log.offset]] += 1
-    log.filehandle.close()
-    log.data_map.close()
-    return found
+    data = path.read_bytes()
+    return Counter(data[start:end] for start, end in messages_by_pymavlink(path))
 
 
 def _read(path: Path) -> tuple[Counter[bytes], Counter[bytes]]:

@@ -190,7 +190,7 @@ class StationRecording:
         from aerodft.reports import recording_plot, recording_series, style  # figures load slowly
 
         path, wanted = Path(path), tuple(probes)
-        form = style.figure_format(path.suffix)
+        form = style.figure_format(path)
         found = recording_series.read_series(self.reader)
         drawn = recording_plot.chosen_probes(found, wanted)
         with whole_file(path, overwrite=overwrite) as partial:

@@ -197,6 +197,7 @@ class Answers:
         self._refuse_undefined()
         self.is_undefined = self.code != _OK
         self._measure()
+        self._refuse_bent_rays()
         self._refine_by_draws()
         for refusal in self._kind.refusals(self):
             self._refuse(refusal.where, refusal.status, _reason(refusal.sentence, refusal.number))
@@ -315,15 +316,18 @@ class Answers:
         px = jac_px.reshape(*jac_px.shape[:2], -1)
         return standard_deviations(jac_shared, px, self._view.shared_cov, *self._vars)
 
+    def _refuse_bent_rays(self) -> None:
+        """Refuse requests with pixels where the lens bends so much that rays are not linear over its errors."""
+        change = np.broadcast_to(np.max(self._view.scale_change[..., self._pixel_index], axis=-1), self.code.shape)
+        cause = f"the lens's own errors change its scale at these pixels by more than {_MAX_SCALE_CHANGE:.0%}"
+        remedy = "calibrate it with points as near to the image's edge"
+        self._refuse(~(change <= _MAX_SCALE_CHANGE), Status.ILL_CONDITIONED, _reason(f"{cause}: {remedy}"))
+
     def _refine_by_draws(self) -> None:
         """Refuse requests whose ranges are too uncertain; replace first order by draws where it is not enough."""
         surface, differs = self._view.setup.ground, np.zeros(self.code.shape, dtype=np.bool_)
         if surface is not None and surface.has_edges:
             differs = self._differs_over_edges(surface)
-        change = np.broadcast_to(np.max(self._view.scale_change[..., self._pixel_index], axis=-1), self.code.shape)
-        most = f"{_MAX_SCALE_CHANGE:.0%}"
-        bent = f"errors of the lens change its scale at these pixels by over {most}: calibrate it nearer to its edge"
-        self._refuse(~(change <= _MAX_SCALE_CHANGE), Status.ILL_CONDITIONED, _reason(bent))
         is_known = np.all(self._range_half_m <= Z95 * MAX_RELATIVE_RANGE_STD * self._range_m, axis=-1)
         self._refuse(~is_known, Status.ILL_CONDITIONED, self._say_range)
         if not self.is_pinhole:
@@ -438,38 +442,48 @@ class Answers:
         return np.asarray(~((bound_cov[:, 0, 0] >= 0) & (bound_cov[:, 1, 1] >= 0) & (det >= 0)))  # semidefinite
 
     def _differs_over_edges(self, surface: Ground) -> BoolArray:
-        """Whether the actual ground gives other range intervals than its slope at the points; keeps those.
-
-        A range's interval spans all that a ray meets when it is off upwards, sideways or in heading, within 95 % of
-        these errors, by angles that are always the same ones; it is infinite where a ray misses that is hardly farther
-        off. A larger error has more of them within it and none less: what one of them refuses stays refused.
-        """
-        by_slope_m, camera_m = self._range_half_m.copy(), self._view.poses.pose.position_enu_m
-        heading_std = self._view.poses.std[:, STD_NAMES.index("heading_rad"), None]
+        """Whether the actual ground gives other range intervals than its slope at the points; keeps those."""
+        by_slope_m = self._range_half_m.copy()
         for point in range(self._on_ground):
-            ground, range_m = self._ground[:, :, point], self._range_m[..., point]
-            away = (ground.points_enu_m - self._camera_m) / range_m[..., None]
-            level = np.hypot(away[..., 0], away[..., 1])
-            sideways = np.stack([away[..., 1], -away[..., 0], 0.0 * level], axis=-1) / level[..., None]
-            sideways = np.where(level[..., None] > 0.0, sideways, [1.0, 0.0, 0.0])
-            upwards = np.cross(sideways, away)
-            up_std, side_std = (self._ray_std_m(ground, move) / range_m for move in (upwards, sideways))
-            side_std = np.sqrt(np.maximum(side_std**2 - np.square(heading_std * level), 0.0))
-            near_m, far_m = range_m.copy(), range_m.copy()
-            for axis, std in ((sideways, up_std), (upwards, side_std), (np.array([[[0.0, 0.0, 1.0]]]), heading_std)):
-                offsets = np.abs(_OFFSETS_RAD) / (std + 0.0 * range_m)[..., None]
-                image, request, offset = np.nonzero(offsets <= LEAN_STDS)
-                rotation_rad = _OFFSETS_RAD[offset, None] * np.broadcast_to(axis, away.shape)[image, request]
-                rays = rotate(matrix(from_rotation_vector(rotation_rad)), away[image, request])
-                elevation_m = self._view.elevation_m[image, self._pixel_index[request, point]]
-                found_m = surface.meet(camera_m[image], rays, elevation_m).range_m
-                is_farther_off = offsets[image, request, offset] > Z95
-                found_m = np.where(is_farther_off & np.isfinite(found_m), range_m[image, request], found_m)
-                np.fmin.at(near_m, (image, request), found_m)
-                np.maximum.at(far_m, (image, request), np.where(np.isnan(found_m), np.inf, found_m))
-            self._range_half_m[..., point] = (far_m - near_m) / 2
+            self._range_half_m[..., point] = self._range_half_over(surface, point)
         change_m = np.abs(self._range_half_m - by_slope_m)
         return np.asarray(np.any(~(change_m <= _MAX_WIDTH_CHANGE * self._range_half_m), axis=-1) & self.is_open)
+
+    def _range_half_over(self, surface: Ground, point: int) -> FloatArray:
+        """Half widths ``(n, g)`` of intervals of slant ranges of points by the ground around them.
+
+        An interval spans all that a ray meets when it is off upwards, sideways or in heading, within 95 % of these
+        errors, by angles that are always the same ones; it is infinite where a ray misses that is hardly farther off. A
+        larger error has more of them within it and none less: what one of them refuses stays refused.
+        """
+        range_m, camera_m = self._range_m[..., point], self._view.poses.pose.position_enu_m
+        away = (self._ground.points_enu_m[:, :, point] - self._camera_m) / range_m[..., None]
+        near_m, far_m = range_m.copy(), range_m.copy()
+        for axis, std_rad in self._ray_errors(point, away):
+            offsets = np.abs(_OFFSETS_RAD) / std_rad[..., None]
+            image, request, offset = np.nonzero(offsets <= LEAN_STDS)
+            rotation_rad = _OFFSETS_RAD[offset, None] * axis[image, request]
+            rays = rotate(matrix(from_rotation_vector(rotation_rad)), away[image, request])
+            elevation_m = self._view.elevation_m[image, self._pixel_index[request, point]]
+            found_m = surface.meet(camera_m[image], rays, elevation_m).range_m
+            is_farther_off = offsets[image, request, offset] > Z95
+            found_m = np.where(is_farther_off & np.isfinite(found_m), range_m[image, request], found_m)
+            np.fmin.at(near_m, (image, request), found_m)
+            np.maximum.at(far_m, (image, request), np.where(np.isnan(found_m), np.inf, found_m))
+        return (far_m - near_m) / 2
+
+    def _ray_errors(self, point: int, away: FloatArray) -> Iterable[tuple[FloatArray, FloatArray]]:
+        """Axes ``(n, g, 3)`` in ENU about which rays turn upwards, sideways and in heading; stds of these angles."""
+        ground, range_m = self._ground[:, :, point], self._range_m[..., point]
+        level = np.hypot(away[..., 0], away[..., 1])
+        sideways = np.stack([away[..., 1], -away[..., 0], np.zeros_like(level)], axis=-1) / level[..., None]
+        sideways = np.where(level[..., None] > 0.0, sideways, [1.0, 0.0, 0.0])
+        upwards = np.cross(sideways, away)
+        up_std, side_std = (self._ray_std_m(ground, move) / range_m for move in (upwards, sideways))
+        heading_std = np.broadcast_to(self._view.poses.std[:, STD_NAMES.index("heading_rad"), None], level.shape)
+        side_std = np.sqrt(np.maximum(side_std**2 - np.square(heading_std * level), 0.0))
+        up = np.broadcast_to([0.0, 0.0, 1.0], away.shape)
+        return (sideways, up_std), (upwards, side_std), (up, heading_std)
 
     def _ray_std_m(self, ground: GroundPoints, move: FloatArray) -> FloatArray:
         """Standard deviations ``(n, g)`` of where rays pass their points, along ``move (n, g, 3)`` across the rays."""

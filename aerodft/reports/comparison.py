@@ -12,7 +12,7 @@ from aerodft.adapters.files import output_folder
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.model import FloatArray, IntArray
-from aerodft.reports.style import BLACK, BLUE, ORANGE, RED, draw_band, figure_format, save_figure, styled, with_gaps
+from aerodft.reports.style import BLACK, BLUE, ORANGE, RED, draw_band, save_figure, styled, with_gaps
 
 if TYPE_CHECKING:
     from calibration.sync import Alignment
@@ -28,7 +28,7 @@ _BY_IMAGES, _BY_LOG = BLUE, ORANGE
 
 
 @styled()
-def plot_comparison(comparison: "Comparison", path: Path, suffix: str) -> None:
+def plot_comparison(comparison: "Comparison", path: Path, form: str) -> None:
     """Second minus first over time with one combined std to both sides, and how often they are how many stds apart.
 
     The probes that are farthest apart in stds are shown; of more pairs than a picture has columns, the farthest.
@@ -36,13 +36,12 @@ def plot_comparison(comparison: "Comparison", path: Path, suffix: str) -> None:
     Args:
         comparison: Two recordings.
         path: The file.
-        suffix: Says the format: ``.png``, ``.svg``, ``.pdf``.
+        form: Its format, see ``figure_format``.
 
     Raises:
-        UsageError: It says another.
         OSError: It cannot be written.
     """
-    pairs, form = comparison.pairs, figure_format(suffix)
+    pairs = comparison.pairs
     shown = sorted(pairs, key=lambda name: (-(comparison.probes[name].max_sigmas or 0.0), name))[:_MOST_PROBES]
     figure = Figure(figsize=(11, 0.8 + 2.4 * len(shown)), layout="constrained")
     panels = figure.subplots(len(shown), 2, squeeze=False, sharex="col", width_ratios=(3, 1))

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke, withStroke
 from matplotlib.ticker import MaxNLocator
 
-from aerodft.errors import UsageError
+from aerodft.adapters.files import check_ending
 from aerodft.model import FloatArray
 from replay.export import time_utc
 
@@ -76,16 +76,14 @@ def styled() -> Iterator[None]:
         yield
 
 
-def figure_format(suffix: str) -> str:
-    """Format of a figure by its file's suffix.
+def figure_format(path: Path) -> str:
+    """Format of a figure by its file's ending; PNG without one.
 
     Raises:
-        UsageError: It says none.
+        UsageError: It says another.
     """
-    form = suffix.lower().removeprefix(".") or "png"
-    if form not in FORMATS:
-        raise UsageError("`path`", got=suffix, expected=" or ".join(sorted(f".{each}" for each in FORMATS)))
-    return form
+    check_ending(path, *sorted(f".{each}" for each in FORMATS))
+    return path.suffix.lower().removeprefix(".") or "png"
 
 
 @styled()

@@ -53,7 +53,7 @@ def test_an_interval_holds_or_the_lens_is_refused(off_axis_px, share):
     found, ranges_m = measured(off_axis_px, share), drawn(off_axis_px, share)
     if found.ci95 is None:
         assert (found.status, off_axis_px >= 900.0) == ("ILL_CONDITIONED", True)
-        assert "errors of the lens" in found.reasons[0]
+        assert "the lens's own errors change its scale" in found.reasons[0]
     else:
         held = np.mean((ranges_m >= found.ci95[0]) & (ranges_m <= found.ci95[1]))
         print(f"\n{off_axis_px:.0f} px, {share}: {100 * held:.1f} %")

@@ -49,6 +49,7 @@ def compare(
     """
     from aerodft.app.recordings import compare as compare_recordings
     from aerodft.reports.comparison import plot_comparison
+    from aerodft.reports.style import figure_format
 
     check_output(output, (first, second))
     comparison = compare_recordings(
@@ -56,7 +57,7 @@ def compare(
     )
     if output is not None:
         with whole_file(output, overwrite=overwrite) as partial:
-            plot_comparison(comparison, partial, output.suffix)
+            plot_comparison(comparison, partial, figure_format(output))
     if json:
         print_json(comparison.to_dict())
     else:

@@ -69,7 +69,7 @@ class LandmarkList:
 
 def is_gcp_list(text: str) -> bool:
     """Whether a text begins with a projection, or with a line of one column above a point, as no CSV file does."""
-    (_, head), (_, point), *_ = [*_stated_lines(text), (0, ""), (0, "")]
+    head, point, *_ = [*(line for _, line in _stated_lines(text)), "", ""]
     cells = point.split()
     is_point = len(cells) > _NUMBERS and all(map(_is_number, cells[:_NUMBERS]))
     return _PROJECTION.match(head) is not None or (is_point and not any(each in head for each in _SEPARATORS))

@@ -264,8 +264,7 @@ class ChunkScanner:
             if goes_on(self._read, end, self._size):
                 self._position = end
                 is_extra = isinstance(error, (ForeignChunkError, _CopiedChunkError))
-                kind = {"is_chunk": True, "is_extra": is_extra}
-                return DamagedBytes(offset=start, length=end - start, why=str(error), **kind)
+                return DamagedBytes(offset=start, length=end - start, why=str(error), is_chunk=True, is_extra=is_extra)
             return self._lost(start, str(error), may_salvage=False)
         self._position = end
         count, self.count = self.count, None

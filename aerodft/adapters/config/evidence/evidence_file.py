@@ -443,7 +443,7 @@ def _plane_note(file: _File, frame: LocalFrame) -> Iterator[str]:
         zero = f"{frame.origin[2]:.10g} m, the middle one of the landmarks' heights"
         yield f"heights count from the measured plane, taken to be at {zero}; {key} states another"
     elif file.is_list:
-        yield f"heights count from the measured plane, taken to be at 0 of the landmarks' heights; {key} states another"
+        yield f"heights count from the measured plane, taken to be where landmarks have height 0; {key} states another"
 
 
 def check_against(found: EvidenceFile, camera: Camera) -> None:

@@ -304,7 +304,7 @@ def recompute_rows(
     job: Job, *, dataset: Dataset, config: Path | None = None, calibration: Path | None = None, overwrite: bool = False
 ) -> JobOutcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
-    from replay.export import ParquetRows  # slow to load, and one recording has no table
+    from replay.export import ParquetRows, parse_measurement  # slow to load, and one recording has no table
 
     try:
         opened = open_recomputation(job.folder, config, calibration)
@@ -321,7 +321,9 @@ def recompute_rows(
                 "recorded_calibration": None if recorded.calibration is None else recorded.calibration.id,
             }
             with ParquetRows(part.path, constants=constants, metadata=part.metadata) as rows:
-                sink = assembly.MeasurementSink(lambda measurement: rows.add([encode_measurement(measurement)]))
+                sink = assembly.MeasurementSink(
+                    lambda measurement: rows.add([parse_measurement(encode_measurement(measurement))])
+                )
                 assembly.run(opened.feed, opened.pipeline, (sink, statistics))
                 if not rows.count:
                     raise NoAnswerError("nothing was measured", where=job.folder, got="no probe in any image")

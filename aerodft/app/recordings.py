@@ -4,13 +4,11 @@ import logging
 import subprocess
 import sys
 import tomllib
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -25,24 +23,15 @@ from aerodft.reports.river_folder import is_river_folder, read_river_folder
 from replay.compare import MAX_STAMP_GAP_S, Comparison, PairBy, compare_measurements, parse_tolerance
 from replay.export import (
     COLUMNS,
-    MAP_FORMATS,
-    TEXT_FORMATS,
+    EXPORTERS,
     ColumnType,
-    ExportFormat,
+    Exporter,
     MapCrs,
-    MapFeature,
-    ParquetRows,
+    MapExporter,
     arrow_table,
     best_image,
-    export_text,
-    geojson_text,
-    map_features,
-    merge_segments,
     parse_measurement,
     row_of,
-    write_geopackage,
-    write_kml,
-    write_video,
 )
 from replay.recordings import LeftOut, Recording
 
@@ -54,13 +43,10 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_WITH_IMAGES: Final = frozenset({ExportFormat.MCAP, ExportFormat.MP4})
-_ANY_TEXT: Final = ".txt"
 _TELLING: Final = ("camera", "pose", "telemetry", "ground", "limits")  # tables that numbers follow from
 _REQUIRED: Final = ("station", "camera", "pose")  # tables without which there is no station
 _NAMES: Final = frozenset({"name", "lens", "model"})
 _OF_LINKS: Final = frozenset({"baud"})
-_AMBIGUOUS_SUFFIX: Final = ".json"  # a map, or lines
 
 _log = logging.getLogger(__name__)
 
@@ -223,13 +209,13 @@ class ExportSummary:
 
     Attributes:
         file: The file.
-        format: Its format.
+        format: Name of its format.
         counts: How many measurements, messages, images, ... are in it.
         left_out: What the recording lacks.
     """
 
     file: Path
-    format: ExportFormat
+    format: str
     counts: dict[str, int]
     left_out: LeftOut
 
@@ -242,7 +228,7 @@ def export(
     recording: str | Path | StationRecording,
     path: str | Path,
     *,
-    form: ExportFormat | str | None = None,
+    form: str | None = None,
     crs: str | None = None,
     overwrite: bool = False,
 ) -> ExportSummary:
@@ -270,32 +256,36 @@ def export(
         >>> ad.export("tests/cli/frozen-0.1", "widths.geojson").counts
         {'measurements': 118}
     """
-    path, form = Path(path), export_format(form, Path(path), crs)
+    path = Path(path)
+    exporter = choose_exporter(form, path, crs)
     if isinstance(recording, str | Path) and is_river_folder(Path(recording)):
-        return _export_river(Path(recording), path, form, crs=crs, overwrite=overwrite)
+        return _export_river(Path(recording), path, exporter, crs=crs, overwrite=overwrite)
     opened = recording if isinstance(recording, StationRecording) else open_recording(recording)
     if path.suffix == ".mcap" and path.resolve().parent == opened.path.resolve():
         got = f"{path.name} among the recording's own segments"
         raise UsageError("`path`", got=got, expected="a file elsewhere", hint="it would be read as one of them")
     with whole_file(path, overwrite=overwrite) as partial, located(opened.path):
-        counts = _write(opened.reader, form, partial, crs)
-    left_out = opened.reader.left_out(images=form in _WITH_IMAGES)
-    return ExportSummary(file=path, format=form, counts=counts, left_out=left_out)
+        counts = exporter.write(opened.reader, partial, _crs_of_recording(opened.reader, exporter, crs))
+    left_out = opened.reader.left_out(images=exporter.with_images)
+    return ExportSummary(file=path, format=exporter.name, counts=counts, left_out=left_out)
 
 
-def _export_river(folder: Path, path: Path, form: ExportFormat, *, crs: str | None, overwrite: bool) -> ExportSummary:
+def _export_river(folder: Path, path: Path, exporter: Exporter, *, crs: str | None, overwrite: bool) -> ExportSummary:
     """Write the map of a river's folder."""
-    if form not in MAP_FORMATS:
-        expected = f"a map: .{', .'.join(sorted(MAP_FORMATS))}"
-        raise UsageError("`form` of a river's folder", got=form, expected=expected, hint="transects.csv is its table")
+    if not isinstance(exporter, MapExporter):
+        endings = sorted(each.endings[0] for each in EXPORTERS.values() if isinstance(each, MapExporter))
+        expected = f"a map: {', '.join(endings)}"
+        hint = "transects.csv is its table"
+        raise UsageError("`form` of a river's folder", got=exporter.name, expected=expected, hint=hint)
     river = read_river_folder(folder)
-    if river.is_local and form is ExportFormat.GEOJSON:
+    if river.is_local and not exporter.takes_local:
         hint = "write .gpkg, or say `lat_deg` and `lon_deg` to the survey"
-        raise UsageError("a river in local metres", where=folder, expected="a place: GeoJSON has no metres", hint=hint)
-    system = _map_crs(crs, form, folder, is_local=river.is_local)
+        what = f"{exporter.name} of a river in local metres"
+        raise UsageError(what, where=folder, expected="a place on Earth", hint=hint)
+    system = _map_crs(crs, exporter, folder, is_local=river.is_local)
     with whole_file(path, overwrite=overwrite) as partial:
-        counts = _write_map(partial, river.features, form, system)
-    return ExportSummary(file=path, format=form, counts=counts, left_out=LeftOut())
+        counts = exporter.write_features(partial, river.features, system)
+    return ExportSummary(file=path, format=exporter.name, counts=counts, left_out=LeftOut())
 
 
 def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -387,30 +377,39 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
             yield f"{prefix}{key}", str(value)
 
 
-def export_format(form: ExportFormat | str | None, path: Path | None, crs: str | None = None) -> ExportFormat:
-    """The format that was chosen, or else what the file's ending says.
+def choose_exporter(form: str | None, path: Path | None, crs: str | None = None) -> Exporter:
+    """Choose an export format by its name, else by the file's ending, else the first one.
 
     Raises:
-        UsageError: The ending says another, or there is a ``crs`` for what is no map of one's own choice.
+        UsageError: There is no such format, the ending is of another one, or a ``crs`` is given to a format in WGS84.
     """
-    chosen, ending = None if form is None else ExportFormat(form), "" if path is None else path.suffix.lower()
-    named = next((each for each in ExportFormat if ending == f".{each}"), None)
-    is_json = ending == _AMBIGUOUS_SUFFIX and chosen in {ExportFormat.GEOJSON, ExportFormat.JSONL}
-    is_text = ending == _ANY_TEXT and chosen in TEXT_FORMATS
-    if ending and not is_json and not is_text and (named is None or chosen not in {None, named}):
-        got = f"{ending} with `form` {chosen}" if chosen is not None else ending
-        expected = f"a name that ends with .{chosen}" if chosen is not None else f"one of .{', .'.join(ExportFormat)}"
-        raise UsageError("`path`", got=got, expected=expected)
-    found = chosen or named or ExportFormat.CSV
-    if crs is not None and found not in MAP_FORMATS - {ExportFormat.KML}:
-        why = "KML is in WGS84" if found is ExportFormat.KML else "a table's latitudes and longitudes are of WGS84"
-        raise UsageError(f"`crs` for {found}", expected="a GeoPackage or GeoJSON", hint=why)
+    if form is not None and form not in EXPORTERS:
+        raise UsageError("`form`", got=form, expected=f"one of {', '.join(EXPORTERS)}")
+    ending = "" if path is None else path.suffix.lower()
+    chosen = None if form is None else EXPORTERS[form]
+    named = next((each for each in EXPORTERS.values() if ending == each.endings[0]), None)
+    if chosen is None and ending and named is None:
+        endings = ", ".join(each.endings[0] for each in EXPORTERS.values())
+        raise UsageError("`path`", got=ending, expected=f"one of {endings}")
+    if chosen is not None and ending and ending not in chosen.endings:
+        expected = f"a name that ends with {chosen.endings[0]}"
+        raise UsageError("`path`", got=f"{ending} with `form` {form}", expected=expected)
+    exporter = chosen or named or next(iter(EXPORTERS.values()))
     if crs is not None:
+        _check_takes_crs(exporter)
         MapCrs.from_epsg(crs)
-    return found
+    return exporter
 
 
-def exported_text(recording: StationRecording, form: ExportFormat, crs: str | None = None) -> Iterator[str]:
+def _check_takes_crs(exporter: Exporter) -> None:
+    if isinstance(exporter, MapExporter) and exporter.takes_crs:
+        return
+    is_map = isinstance(exporter, MapExporter)
+    why = f"{exporter.name.upper()} is in WGS84" if is_map else "a table's latitudes and longitudes are of WGS84"
+    raise UsageError(f"`crs` for {exporter.name}", expected="a GeoPackage or GeoJSON", hint=why)
+
+
+def exported_text(recording: StationRecording, exporter: Exporter, crs: str | None = None) -> Iterator[str]:
     """A recording's measurements as text, piece by piece.
 
     Raises:
@@ -420,23 +419,26 @@ def exported_text(recording: StationRecording, form: ExportFormat, crs: str | No
     """
     reader = recording.reader
     with located(recording.path):
-        yield from export_text(_payloads(reader), form, _recorded_crs(reader, form, crs))
+        system = _crs_of_recording(reader, exporter, crs)
+        yield from exporter.text(map(parse_measurement, reader.measurements()), system)
 
 
-def _recorded_crs(recording: Recording, form: ExportFormat, crs: str | None) -> MapCrs | None:
-    """Coordinate system for a recording's map; None for other formats.
+def _crs_of_recording(recording: Recording, exporter: Exporter, crs: str | None) -> MapCrs:
+    """Choose the coordinate system of a recording's map; WGS84 for other formats.
 
     Raises:
-        UsageError: The ``crs`` is none, or it or KML is wanted and nothing in the recording has a place.
+        UsageError: There is no such ``crs``, or the map needs a place and nothing in the recording has one.
+        NoAnswerError: The recording holds no measurement.
     """
-    if form not in MAP_FORMATS:
-        return None
+    if exporter.of_measurements and next(recording.measurements(), None) is None:
+        raise NoAnswerError("the recording holds no measurement", where=recording.folder)
+    if not isinstance(exporter, MapExporter):
+        return MapCrs.wgs84()
     is_local = _is_local(map(parse_measurement, recording.measurements()))
-    system = _map_crs(crs, form, recording.folder, is_local=is_local)
-    if is_local and form is ExportFormat.GEOJSON:
+    if is_local and exporter.is_text and crs is None:
         _log.warning("%s: no place is known, and GeoJSON has no metres: write .gpkg for a map", recording.folder)
         return MapCrs.wgs84()
-    return system
+    return _map_crs(crs, exporter, recording.folder, is_local=is_local)
 
 
 def _is_local(items: Iterable[Mapping[str, Any]]) -> bool:
@@ -449,68 +451,19 @@ def _is_local(items: Iterable[Mapping[str, Any]]) -> bool:
     return has_metres
 
 
-def _map_crs(crs: str | None, form: ExportFormat, where: Path, *, is_local: bool) -> MapCrs:
-    """The system that was chosen; local metres where there is no place, which has to be meant."""
-    if is_local and (crs is not None or form is ExportFormat.KML):
-        what = "`crs`" if crs is not None else "KML"
+def _map_crs(crs: str | None, exporter: MapExporter, where: Path, *, is_local: bool) -> MapCrs:
+    """Choose the stated system, else WGS84; local metres where no place is known.
+
+    Raises:
+        UsageError: The map needs a place and none is known.
+    """
+    if is_local and (crs is not None or not exporter.takes_local):
+        what = "`crs`" if crs is not None else exporter.name.upper()
         hint = "nobody said where the camera stands; write .gpkg without `crs`, in local metres"
         raise UsageError(f"{what} for local metres", where=where, hint=hint)
     if is_local:
         return MapCrs.local()
     return MapCrs.wgs84() if crs is None else MapCrs.from_epsg(crs)
-
-
-def _write_map(path: Path, features: Iterable[MapFeature], form: ExportFormat, crs: MapCrs) -> dict[str, int]:
-    """Write a map, and count what is in each of its layers."""
-    if form is ExportFormat.GPKG:
-        return write_geopackage(path, features, crs)
-    if form is ExportFormat.KML:
-        return write_kml(path, features)
-    counts: Counter[str] = Counter()
-    with path.open("w", encoding="utf-8") as file:
-        file.writelines(geojson_text(_counted(features, counts, lambda feature: feature.layer), crs))
-    return dict(counts)
-
-
-def _counted(items: Iterable[T], counts: Counter[str], kind: Callable[[T], str]) -> Iterator[T]:
-    """The items, each counted as it passes."""
-    for each in items:
-        counts[kind(each)] += 1
-        yield each
-
-
-def _write(recording: Recording, form: ExportFormat, path: Path, crs: str | None) -> dict[str, int]:
-    """Write the file, and count what is in it."""
-    if form is ExportFormat.MCAP:
-        merged = merge_segments(recording, path)
-        return {"messages": merged.messages, "attachments": merged.attachments}
-    if form is ExportFormat.MP4:
-        return asdict(write_video(recording, path))
-    payloads, system = _payloads(recording), _recorded_crs(recording, form, crs)
-    if system is not None:
-        features = map_features(payloads, is_local=system.crs is None)
-        return {"measurements": sum(_write_map(path, features, form, system).values())}
-    if form is ExportFormat.PARQUET:
-        with ParquetRows(path) as rows:
-            rows.add(payloads)
-        return {"measurements": rows.count}
-    counts: Counter[str] = Counter()
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(export_text(_counted(payloads, counts, lambda _: "measurements"), form))
-    return dict(counts)
-
-
-def _payloads(recording: Recording) -> Iterator[bytes]:
-    """The payloads of a recording's measurements.
-
-    Raises:
-        NoAnswerError: There is none.
-    """
-    payloads = recording.measurements()
-    first = next(payloads, None)
-    if first is None:
-        raise NoAnswerError("the recording holds no measurement", where=recording.folder)
-    return chain((first,), payloads)
 
 
 def compare(

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from aerodft.reports.style import BAND, BLACK, BLUE, draw_band, save_figure, styled, with_gaps
-from replay.export import ExportFormat, best_image, export_text
+from replay.export import EXPORTERS, MapCrs, best_image
 from replay.recordings import Recording
 
 
@@ -68,8 +68,8 @@ def report_demo(flight: Path, recording: Recording, out: Path) -> dict[str, Any]
     best = best_image(recording)
     if best is not None:
         cv2.imwrite(str(out / "annotated.png"), cv2.cvtColor(best[1], cv2.COLOR_RGB2BGR))
-    for form, name in ((ExportFormat.CSV, "measurements.csv"), (ExportFormat.GEOJSON, "measurements.geojson")):
-        (out / name).write_text("".join(export_text(recording.measurements(), form)), encoding="utf-8")
+    for name in ("csv", "geojson"):
+        EXPORTERS[name].write(recording, out / f"measurements.{name}", MapCrs.wgs84())
     return {name: _summary(series) for name, series in answers.items()}
 
 

@@ -1,17 +1,8 @@
 """Recordings as tables, maps, videos and single files."""
 
-from replay.export.formats import (
-    MAP_FORMATS,
-    TEXT_FORMATS,
-    ExportFormat,
-    ParquetRows,
-    arrow_table,
-    export_text,
-    parquet_metadata,
-    parquet_rows,
-)
-from replay.export.maps import MapCrs, MapFeature, geojson_text, map_features, write_geopackage, write_kml
-from replay.export.merging import merge_segments
+from replay.export.exporters import EXPORTERS, Exporter, MapExporter
+from replay.export.maps import MapCrs, MapFeature, geojson_text, map_features
+from replay.export.parquet import ParquetRows, arrow_table, parquet_metadata, parquet_rows
 from replay.export.table import (
     COLUMNS,
     LARGEST_NUMBER,

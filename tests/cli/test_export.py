@@ -9,9 +9,14 @@ import orjson
 import pyarrow.parquet as pq
 import pytest
 
-from replay.export import ExportFormat, export_text
+from replay.export import EXPORTERS, MapCrs, parse_measurement
 from replay.export.table import COLUMNS, ColumnType, geometry_of
 from replay.recordings import Recording
+
+
+def exported(payloads, form):
+    """Measurements in a text format."""
+    return "".join(EXPORTERS[form].text(map(parse_measurement, payloads), MapCrs.wgs84()))
 
 
 def rows_of_csv(text):
@@ -52,7 +57,7 @@ def test_without_a_pose_no_std_is_stated_and_what_is_level_is_zero(flight_record
     pose = item["pose"] | {"roll_deg": -1.89e-14, "height_age_s": 0.25}
     missed = pose | {"tilt_deg": None, "roll_deg": None, "heading_deg": None, "height_agl_m": None}
     payloads = [orjson.dumps(item | {"pose": each}) for each in (pose, missed)]
-    known, unknown = rows_of_csv("".join(export_text(payloads, ExportFormat.CSV)))
+    known, unknown = rows_of_csv(exported(payloads, "csv"))
     assert (known["roll_deg"], known["height_age_s"]) == ("0.0", "0.25")
     stds = [name for name in COLUMNS if "_std_" in name]
     assert [unknown[name] for name in stds] == [""] * 5
@@ -76,12 +81,12 @@ def test_an_area_is_a_closed_counterclockwise_polygon(flight_recording):
     corners = [(-35.0, 149.0), (-34.9, 149.0), (-34.9, 149.1)]  # north, then east: clockwise
     item |= {"kind": "area", "geo": [{"lat_deg": lat, "lon_deg": lon, "alt_msl_m": 5.0} for lat, lon in corners]}
     payload = orjson.dumps(item)
-    document = orjson.loads("".join(export_text([payload], ExportFormat.GEOJSON)))
+    document = orjson.loads(exported([payload], "geojson"))
     geometry = document["features"][0]["geometry"]
     assert geometry["type"] == "Polygon"
     ring = [[149.1, -34.9, 5.0], [149.0, -34.9, 5.0], [149.0, -35.0, 5.0], [149.1, -34.9, 5.0]]
     assert geometry["coordinates"] == [ring]
-    (row,) = rows_of_csv("".join(export_text([payload], ExportFormat.CSV)))
+    (row,) = rows_of_csv(exported([payload], "csv"))
     assert row["geo_wkt"] == "POLYGON Z ((149.1 -34.9 5.0, 149.0 -34.9 5.0, 149.0 -35.0 5.0, 149.1 -34.9 5.0))"
 
 

@@ -1,6 +1,7 @@
 """Maps, read by GDAL: layers, names, types, places and systems of what ``export`` writes."""
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -9,6 +10,7 @@ import orjson
 import pytest
 from pyproj import Geod, Transformer
 
+from replay.export import MapCrs, MapFeature, geopackage
 from tests.cli.conftest import CAMERA
 
 pyogrio = pytest.importorskip("pyogrio")
@@ -73,6 +75,21 @@ def test_a_geopackage_has_a_layer_for_each_kind(aerodft, rows, tmp_path):
     assert area.geometry.dropna().is_valid.all()
 
 
+def test_a_layer_written_in_parts_is_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr(geopackage, "_FEATURES_AT_ONCE", 3)
+    places = [{"type": "Point", "coordinates": [0.1 * k, 47.0, 5.0]} if k % 4 else None for k in range(10)]
+    rows = [{"name": f"p{k}", "image": k if k % 3 else None, "range_m": 0.5 * k if k % 2 else None} for k in range(10)]
+    features = [MapFeature("range", place, row) for place, row in zip(places, rows, strict=True)]
+    assert geopackage.write_geopackage(tmp_path / "x.gpkg", features, MapCrs.wgs84()) == {"range": 10}
+    frame = pyogrio.read_dataframe(tmp_path / "x.gpkg", layer="range")
+    assert [None if shape is None else list(shape.coords[0]) for shape in frame.geometry] == [
+        None if place is None else place["coordinates"] for place in places
+    ]
+    for name in ("name", "image", "range_m"):
+        assert frame[name].astype(object).where(frame[name].notna(), None).tolist() == [row[name] for row in rows]
+    assert list(tmp_path.iterdir()) == [tmp_path / "x.gpkg"]
+
+
 def test_every_layer_carries_its_style_for_qgis(aerodft, placed, tmp_path):
     for source, layers in ((RECORDING, set(LAYERS)), (placed, {"centreline", "banks", "transects", "water"})):
         aerodft("export", source, "-o", tmp_path / "x.gpkg", "--overwrite")
@@ -94,7 +111,7 @@ def test_every_layer_carries_its_style_for_qgis(aerodft, placed, tmp_path):
 
 def test_a_geopackage_keeps_the_rules_of_its_standard(aerodft, tmp_path):
     aerodft("export", RECORDING, "-o", tmp_path / "x.gpkg", "--crs", "EPSG:7855")
-    with sqlite3.connect(tmp_path / "x.gpkg") as package:
+    with closing(sqlite3.connect(tmp_path / "x.gpkg")) as package:
         assert package.execute("PRAGMA application_id").fetchone() == (0x47504B47,)
         assert package.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert package.execute("PRAGMA foreign_key_check").fetchall() == []
@@ -102,6 +119,8 @@ def test_a_geopackage_keeps_the_rules_of_its_standard(aerodft, tmp_path):
         assert {-1, 0, 4326, 7855} == set(systems)
         contents = dict(package.execute("SELECT table_name, srs_id FROM gpkg_contents WHERE data_type = 'features'"))
         assert contents == dict.fromkeys(LAYERS, 7855)
+        indexed = package.execute("SELECT table_name FROM gpkg_extensions WHERE extension_name = 'gpkg_rtree_index'")
+        assert {row[0] for row in indexed} == set(LAYERS)
 
 
 @pytest.mark.parametrize("form", ["gpkg", "geojson"])

@@ -20,7 +20,7 @@ from aerodft.cli.main import main
 from aerodft.errors import InputError
 from aerodft.model import Camera, GeoPoint, Measurement, PoseSample, ProbeKind, ProjectionModel, Status
 from replay.compare import Comparison, compare_measurements, parse_tolerance
-from replay.export import ExportFormat, export_text
+from replay.export import EXPORTERS, MapCrs, parse_measurement
 from replay.recordings import Recording
 from tests.batches import one_tick, take
 
@@ -109,6 +109,11 @@ GEO = (
 )
 
 
+def exported(payloads: list[bytes], form: str) -> str:
+    """Measurements in a text format."""
+    return "".join(EXPORTERS[form].text(map(parse_measurement, payloads), MapCrs.wgs84()))
+
+
 def payloads(tmp_path: Path) -> list[bytes]:
     values = [
         a_measurement(0, geo=GEO, ci95=(-1.0, 1.0), range_m=(7.0, 8.0)),
@@ -120,7 +125,7 @@ def payloads(tmp_path: Path) -> list[bytes]:
 
 
 def test_the_table_is_csv_that_a_stock_reader_reads(tmp_path: Path) -> None:
-    text = "".join(export_text(payloads(tmp_path), ExportFormat.CSV))
+    text = exported(payloads(tmp_path), "csv")
     rows = list(csv.DictReader(io.StringIO(text)))
     assert [row["value"] for row in rows] == ["0.0", "1.0", "", "3.0"]
     assert rows[0]["time_utc"] == "2026-11-21T01:54:38.000000+00:00".replace("01:54", rows[0]["time_utc"][11:16])
@@ -131,7 +136,7 @@ def test_the_table_is_csv_that_a_stock_reader_reads(tmp_path: Path) -> None:
 
 
 def test_the_map_is_geojson(tmp_path: Path) -> None:
-    document = orjson.loads("".join(export_text(payloads(tmp_path), ExportFormat.GEOJSON)))
+    document = orjson.loads(exported(payloads(tmp_path), "geojson"))
     assert document["type"] == "FeatureCollection"
     line, point, nothing, unknown = document["features"]
     assert line["geometry"]["type"] == "LineString"
@@ -143,14 +148,14 @@ def test_the_map_is_geojson(tmp_path: Path) -> None:
 
 
 def test_no_measurements_are_an_empty_table_and_map() -> None:
-    assert orjson.loads("".join(export_text([], ExportFormat.GEOJSON)))["features"] == []
-    assert "".join(export_text([], ExportFormat.CSV)).count("\n") == 1
+    assert orjson.loads(exported([], "geojson"))["features"] == []
+    assert exported([], "csv").count("\n") == 1
 
 
-@pytest.mark.parametrize("form", ExportFormat)
-def test_what_is_no_measurement_is_not_exported(form: ExportFormat) -> None:
+@pytest.mark.parametrize("form", [each.name for each in EXPORTERS.values() if each.is_text])
+def test_what_is_no_measurement_is_not_exported(form: str) -> None:
     with pytest.raises(InputError, match="a recorded measurement is none"):
-        list(export_text([b"{}"], form))
+        exported([b"{}"], form)
 
 
 class Done(NamedTuple):

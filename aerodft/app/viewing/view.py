@@ -23,7 +23,7 @@ from aerodft.dft import Request, Setup, explain, measure
 from aerodft.errors import AerodftError, InputError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
 from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
-from replay.export import MapCrs, geojson_text, map_features
+from replay.export import MapCrs, geojson_text, map_features, parse_measurement
 
 if TYPE_CHECKING:
     from aerodft.app.calibrate import CalibrationResult
@@ -335,7 +335,8 @@ def _geojson(measurement: Measurement) -> str | None:
     """The measurement as a map of one feature; None where its place is not known."""
     if measurement.geo is None:
         return None
-    return "".join(geojson_text(map_features([encode_measurement(measurement)]), MapCrs.wgs84()))
+    item = parse_measurement(encode_measurement(measurement))
+    return "".join(geojson_text(map_features([item]), MapCrs.wgs84()))
 
 
 def add_probe(path: Path, probe: ImageProbe, *, at_ns: int | None) -> None:

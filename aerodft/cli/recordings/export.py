@@ -3,7 +3,7 @@
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -17,9 +17,10 @@ def export(
         Path, typer.Argument(metavar="RECORDING|RIVER-FOLDER", help="A recording; or for a map what river wrote.")
     ],
     form: Annotated[
-        Literal["csv", "geojson", "gpkg", "kml", "jsonl", "parquet", "mcap", "mp4"] | None,
+        str | None,
         typer.Option(
             "--format",
+            metavar="<name>",
             help="Tables (csv, parquet), maps (gpkg with layers and a QGIS style, kml, geojson), JSON lines (jsonl),"
             " the whole recording as one file (mcap), the recorded images with what was measured in them (mp4). By"
             " default the output's ending, or csv.",
@@ -45,22 +46,21 @@ def export(
       aerodft export reach -o river.kml
       aerodft export flights/2026-11-21 --format mp4 -o flight.mp4
     """
+    from aerodft.app.recordings import choose_exporter, exported_text, open_recording
     from aerodft.app.recordings import export as export_recording
-    from aerodft.app.recordings import export_format, exported_text, open_recording
-    from replay.export import TEXT_FORMATS
 
-    chosen = export_format(form, output, crs)
-    if output is None and (json or chosen not in TEXT_FORMATS):
-        what = "--json" if json else f"--format {chosen}"
+    exporter = choose_exporter(form, output, crs)
+    if output is None and (json or not exporter.is_text):
+        what = "--json" if json else f"--format {exporter.name}"
         raise UsageError(f"{what} without --output", expected="-o FILE: stdout has room for one document")
     if output == Path("-"):
         raise UsageError("--output", got="-", expected="a file", hint="without --output, text goes to stdout")
     if output is None:
         source = open_recording(recording)
-        sys.stdout.writelines(exported_text(source, chosen, crs))
+        sys.stdout.writelines(exported_text(source, exporter, crs))
         end_with_gaps(source.reader.left_out())
         return
-    summary = export_recording(recording, output, form=chosen, crs=crs, overwrite=overwrite)
+    summary = export_recording(recording, output, form=form, crs=crs, overwrite=overwrite)
     if json:
         print_json(summary.to_dict())
     else:

@@ -1,86 +1,17 @@
-"""What a recording can be written as; and measurements as CSV, JSON lines, GeoJSON and Parquet.
+"""Measurements as Parquet: typed columns, 64-bit stamps, lists for points; needs the extra ``parquet``."""
 
-Parquet has typed columns, 64-bit stamps, and lists for points; it needs the extra ``parquet``.
-"""
-
-import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeAlias
 
-import orjson
-
-from aerodft.adapters.files import csv_cell
 from aerodft.errors import InputError
-from replay.export.maps import MapCrs, geojson_text, map_features
-from replay.export.table import COLUMNS, LISTS, ColumnType, parse_measurement, row_of
+from replay.export.table import COLUMNS, ColumnType, Item, row_of
 
 _ROWS_AT_ONCE: Final = 16_384
 
 ArrowObject: TypeAlias = Any
 """Of pyarrow, an extra without types."""
-
-
-class ExportFormat(StrEnum):
-    """Formats of exported recordings."""
-
-    CSV = "csv"
-    GEOJSON = "geojson"
-    GPKG = "gpkg"
-    KML = "kml"
-    JSONL = "jsonl"
-    PARQUET = "parquet"
-    MCAP = "mcap"
-    MP4 = "mp4"
-
-
-TEXT_FORMATS: Final = frozenset({ExportFormat.CSV, ExportFormat.GEOJSON, ExportFormat.JSONL})
-"""What ``export_text`` writes."""
-
-MAP_FORMATS: Final = frozenset({ExportFormat.GEOJSON, ExportFormat.GPKG, ExportFormat.KML})
-
-
-def export_text(payloads: Iterable[bytes], form: ExportFormat, crs: MapCrs | None = None) -> Iterator[str]:
-    """Measurements in an exchange format, piece by piece.
-
-    Args:
-        payloads: ``aerodft.measurement/1`` payloads.
-        form: One of ``TEXT_FORMATS``.
-        crs: Of a map; None for WGS84.
-
-    Raises:
-        InputError: A payload is no measurement.
-    """
-    if form is ExportFormat.JSONL:
-        return _lines(payloads)
-    return _csv(payloads) if form is ExportFormat.CSV else geojson_text(map_features(payloads), crs or MapCrs.wgs84())
-
-
-def _lines(payloads: Iterable[bytes]) -> Iterator[str]:
-    for payload in payloads:
-        item = parse_measurement(payload)
-        row_of(item)  # what is no measurement is refused in every format
-        yield f"{orjson.dumps(item).decode()}\n"
-
-
-class _Echo:
-    """Makes ``csv.writer`` return its lines."""
-
-    def write(self, text: str) -> str:
-        return text
-
-
-def _csv(payloads: Iterable[bytes]) -> Iterator[str]:
-    writer = csv.writer(_Echo(), lineterminator="\n")
-    yield writer.writerow(COLUMNS)
-    for payload in payloads:
-        row = row_of(parse_measurement(payload))
-        for name in LISTS:
-            value = row[name]
-            row[name] = None if value is None else orjson.dumps(value).decode()
-        yield writer.writerow([value if name in LISTS else csv_cell(value) for name, value in row.items()])
 
 
 class ParquetRows:
@@ -110,15 +41,15 @@ class ParquetRows:
         self._writer = parquet.ParquetWriter(path, self._schema, compression="zstd")
         self.count = 0
 
-    def add(self, payloads: Iterable[bytes]) -> None:
-        """Add measurements.
+    def add(self, items: Iterable[Item]) -> None:
+        """Add measurements, as ``parse_measurement`` gives them.
 
         Raises:
-            InputError: A payload is no measurement.
+            InputError: An item is no measurement.
             OSError: The file cannot be written.
         """
-        for payload in payloads:
-            self._rows.append(row_of(parse_measurement(payload)) | self._constants)
+        for item in items:
+            self._rows.append(row_of(item) | self._constants)
             self.count += 1
             if len(self._rows) >= _ROWS_AT_ONCE:
                 self._write()

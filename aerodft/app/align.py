@@ -43,7 +43,6 @@ class VideoAlignment:
         seconds: Length of the video, by its own clock.
         pairs: How many pairs of images were compared.
         solution: Offset, drift and lag with their covariance, unrounded.
-        stated_std_s: Standard deviation of the stamps that the station states already; it is added in quadrature.
     """
 
     video: Path
@@ -52,7 +51,6 @@ class VideoAlignment:
     seconds: float
     pairs: int
     solution: Alignment
-    stated_std_s: float = 0.0
 
     @property
     def time_offset_s(self) -> float:
@@ -71,9 +69,15 @@ class VideoAlignment:
 
     @property
     def time_std_s(self) -> float:
-        """Standard deviation of the aligned stamps, at worst over the video."""
-        worst_s = max(self.solution.attitude_std_s(sign * self.seconds / 2) for sign in (1, -1))
-        return math.ceil(math.hypot(self.stated_std_s, worst_s) * 1e4) / 1e4
+        """Standard deviation of the aligned stamps, the largest over the video.
+
+        It replaces the std that a station states: the alignment measured the clock that the station guessed. Attitudes
+        depend on offset less lag, positions on the offset; both are covered.
+        """
+        ends_s = (-self.seconds / 2, self.seconds / 2)
+        solution = self.solution
+        largest_s = max(max(solution.attitude_std_s(end_s), solution.position_std_s(end_s)) for end_s in ends_s)
+        return math.ceil(largest_s * 1e4) / 1e4
 
     @property
     def delay_s(self) -> float:
@@ -216,21 +220,20 @@ def align(  # noqa: PLR0913 - what a user may choose, by name
         raise ValueError("align needs a station or a camera")
     if not 0 < max_offset_s <= MAX_OFFSET_LIMIT_S:
         raise ValueError(f"max_offset_s is {max_offset_s:g}, above 0 and at most {MAX_OFFSET_LIMIT_S:g} are possible")
-    video, telemetry, stated_std_s = Path(video), TelemetrySettings(), 0.0
+    video, telemetry = Path(video), TelemetrySettings()
     if station is not None:
         where = "" if isinstance(station, StationConfig) else station
         station = station if isinstance(station, StationConfig) else load_station(Path(station))
         if station.pipeline.telemetry is None:
             raise ConfigError("the configuration has [pose]", where=where, expected="[telemetry]")
-        telemetry, stated_std_s = station.pipeline.telemetry, station.pipeline.time_std_s
+        telemetry = station.pipeline.telemetry
         camera, topics = camera or station.pipeline.camera, topics or station.topics
         if video_start_ns is None:
             video_start_ns = stated_start_ns(station.images.source, video)
     if not isinstance(camera, Camera):
         camera = load_camera(Path(str(camera)))
     source = VideoFileSource(video, start_ns=video_start_ns)
-    alignment = _aligned(source, Path(log), camera, telemetry, max_offset_s, topics, progress)
-    return replace(alignment, stated_std_s=stated_std_s)
+    return _aligned(source, Path(log), camera, telemetry, max_offset_s, topics, progress)
 
 
 def aligned_station(

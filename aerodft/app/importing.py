@@ -1,7 +1,6 @@
 """Importing a recorded flight: its sources on one axis of arrival times, through the pipeline into a recording."""
 
 import logging
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -37,7 +36,7 @@ from replay.foreign import ForeignImages, ForeignRecording
 from replay.recordings import LeftOut, is_mcap
 
 _WHOLE_SECONDS_STD_S: Final = 3**-0.5
-"""How far, root mean square, a time is from itself cut to whole seconds."""
+"""Root mean square of the part that truncation to whole seconds cuts off."""
 
 MAX_RATE_HZ: Final = 1000
 """Far beyond any camera."""
@@ -180,14 +179,17 @@ def _image_input(
 
 
 def _with_start_std(station: StationConfig) -> StationConfig:
-    """The station with a larger std in time where its video's start was read in whole seconds."""
+    """Widen the std in time to that of whole seconds where the video's start was read in whole seconds.
+
+    A larger std that the station states covers the rounding already.
+    """
     source = station.images.source
     if not isinstance(source, VideoFile) or source.start_ns is not None:
         return station
     start_ns = video_info(source.path).start_ns
     if start_ns is None or start_ns % SECOND_NS:
         return station
-    time_std_s = math.hypot(station.pipeline.time_std_s, _WHOLE_SECONDS_STD_S)
+    time_std_s = max(station.pipeline.time_std_s, _WHOLE_SECONDS_STD_S)
     _log.warning("%s: start in whole seconds: every interval covers %.2f s of std in time", source.path, time_std_s)
     return replace(station, pipeline=replace(station.pipeline, time_std_s=time_std_s))
 

@@ -98,9 +98,15 @@ class Alignment:
         return 2 * float(self.stds[LAG]) + self.time_constant_s
 
     def attitude_std_s(self, after_s: float = 0.0) -> float:
-        """Std of the attitude's time so long after the reference: of offset less lag, with drift."""
-        weights = np.array([1.0, after_s, -1.0])
-        return float(np.sqrt(weights @ self.cov @ weights))
+        """Std (s) of the attitudes' time, ``after_s`` after the reference: of offset less lag, with drift."""
+        return self._std_s([1.0, after_s, -1.0])
+
+    def position_std_s(self, after_s: float = 0.0) -> float:
+        """Std (s) of the positions' time, ``after_s`` after the reference: of the offset, with drift."""
+        return self._std_s([1.0, after_s, 0.0])
+
+    def _std_s(self, weights: list[float]) -> float:
+        return float(np.sqrt(np.array(weights) @ self.cov @ np.array(weights)))
 
 
 def align(

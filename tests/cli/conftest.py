@@ -88,9 +88,18 @@ def write_tlog(
     return path
 
 
-def write_video(path: Path, images: int = 10, *, fps: int = 5, size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)) -> Path:
-    """A grey video."""
+def write_video(
+    path: Path,
+    images: int = 10,
+    *,
+    fps: int = 5,
+    size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX),
+    start: str | None = None,
+) -> Path:
+    """A grey video; ``start`` is the UTC that its container states."""
     with av.open(str(path), "w") as container:
+        if start is not None:
+            container.metadata["creation_time"] = start
         stream = container.add_stream("libx264", rate=Fraction(fps))
         stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
         for index in range(images):

@@ -1,6 +1,7 @@
 """``aerodft import``: numbers out of logs, video and stills; and one clear sentence for every bad input."""
 
 import math
+import tomllib
 
 import cv2
 import numpy as np
@@ -91,6 +92,17 @@ def test_the_start_of_a_configured_video_can_be_given(aerodft, desk):
     out = desk.folder / "out"
     found = aerodft("import", desk.log, "-c", config, "-o", out, "--video-start", START, "--json")
     assert (found.code, found.json["poses"]) == (0, {"ok": 10}), found.err
+
+
+@pytest.mark.parametrize(("stated_s", "used_s"), [(0.0, 3**-0.5), (0.1, 3**-0.5), (0.6, 0.6), (2.0, 2.0)])
+def test_the_doubt_of_whole_seconds_is_counted_once(aerodft, desk, stated_s, used_s):
+    """The part cut off is uniform over a second: its root mean square is 1 / sqrt(3) s."""
+    desk.video(start="2026-11-21T00:32:48.000000Z")
+    station = desk.config.read_text().replace("rate_hz = 5", f'video = "flight.mp4"\ntime_std_s = {stated_s}')
+    done = aerodft("import", desk.log, "-c", desk.station(station), "-o", desk.folder / "rec")
+    assert done.code == 0, done.err
+    config = tomllib.loads((desk.folder / "rec" / "config.toml").read_text())
+    assert config["images"]["time_std_s"] == pytest.approx(used_s)
 
 
 def test_a_time_offset_moves_images_and_what_was_seen_in_them(aerodft, desk):

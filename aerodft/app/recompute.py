@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from aerodft.adapters.config.station import StationConfig, resolved_toml
+from aerodft.adapters.config.station import NO_SETTINGS, Settings, StationConfig, resolved_toml
 from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, os_errors_as
@@ -47,6 +47,7 @@ def recompute(
     *,
     config: str | Path | None = None,
     calibration: str | Path | None = None,
+    settings: Settings = NO_SETTINGS,
     redetect: bool = False,
     progress: Progress = no_progress,
 ) -> RecomputeResult:
@@ -58,8 +59,11 @@ def recompute(
     Args:
         recording: Folder of the recording.
         output: New folder for the new recording.
-        config: Another station file; None for the recording's own configuration.
+        config: Another station file; the alignment of the recorded video is kept unless the file states a clock. None
+            for the recording's own configuration.
         calibration: Another calibration file; None for that of the configuration.
+        settings: Values that replace those of the configuration, by key of the station file, such as
+            ``{"telemetry.height.home_above_plane_m": 3.0}``.
         redetect: Find what aerodft itself saw again in the recorded images; else it starts from the recorded
             observations.
         progress: Called between batches with nanoseconds of the recording; what it raises ends the work there, and
@@ -80,7 +84,8 @@ def recompute(
     """
     own = None if config is None else Path(config)
     known = None if calibration is None else Path(calibration)
-    return _recorded(open_recomputation(Path(recording), own, known, redetect=redetect), Path(output), progress)
+    job = open_recomputation(Path(recording), own, known, settings, redetect=redetect)
+    return _recorded(job, Path(output), progress)
 
 
 def _recorded(job: "Recomputation", output: Path, progress: Progress) -> RecomputeResult:
@@ -123,6 +128,7 @@ class Recomputation:
         station: The configuration to compute with.
         pipeline: The pipeline of ``station``.
         feed: The recording's input as that configuration stamps it.
+        settings: Values by which the configuration was changed.
         redetection: What is looked for again in the recorded images; None where observations are taken as recorded.
         observers: What looks for it.
     """
@@ -132,12 +138,18 @@ class Recomputation:
     station: StationConfig
     pipeline: Pipeline
     feed: Feed
+    settings: Settings = field(default_factory=dict)
     redetection: Redetection | None = None
     observers: assembly.ImageObservers = field(default_factory=assembly.ImageObservers)
 
 
 def open_recomputation(
-    folder: Path, config: Path | None, calibration: Path | None, *, redetect: bool = False
+    folder: Path,
+    config: Path | None,
+    calibration: Path | None,
+    settings: Settings = NO_SETTINGS,
+    *,
+    redetect: bool = False,
 ) -> Recomputation:
     """Open a recording with its own configuration or another one, and another calibration where there is one.
 
@@ -145,13 +157,14 @@ def open_recomputation(
         folder: The recording.
         config: None for its own configuration.
         calibration: None for that of the configuration.
+        settings: As in ``recompute``.
         redetect: Look again into the recorded images; else it starts from the recorded observations.
 
     Raises:
         AerodftError: As for ``recompute``.
     """
     recording = Recording(folder)
-    recorded, station = assembly.stations_of(recording, config, calibration)
+    recorded, station = assembly.stations_of(recording, config, calibration, settings)
     pipeline = assembly.build_pipeline(station)
     source = assembly.reoffset(RecordingSource(recording, pixels=redetect), recorded, station)
     redetection, observers = None, assembly.ImageObservers()
@@ -164,6 +177,7 @@ def open_recomputation(
         station=station,
         pipeline=pipeline,
         feed=MergedFeed([source], station.pipeline.tick_ns),
+        settings=settings,
         redetection=redetection,
         observers=observers,
     )
@@ -217,6 +231,7 @@ def _provenance_of(job: Recomputation) -> dict[str, Any]:
         "config": recorded.pipeline.config_id,
         "calibration": None if recorded.calibration is None else recorded.calibration.id,
         "config_toml": old.text("config.toml"),
+        "settings": dict(job.settings) or None,
         "computed_from": _earlier_provenance(old),
     }
     return {key: value for key, value in known.items() if value is not None}
@@ -238,6 +253,7 @@ def recompute_many(  # noqa: PLR0913 - what a user may choose, by name
     *,
     config: str | Path | None = None,
     calibration: str | Path | None = None,
+    settings: Settings = NO_SETTINGS,
     overwrite: bool = False,
     scheduler: str = "processes",
     workers: int | None = None,
@@ -250,6 +266,7 @@ def recompute_many(  # noqa: PLR0913 - what a user may choose, by name
         output: The dataset's folder.
         config: Another station file for all of them; None for each one's own configuration.
         calibration: Another calibration file for all of them; None for that of each configuration.
+        settings: Values that replace those of each configuration, as in ``recompute``.
         overwrite: Replace rows that the dataset has of other input.
         scheduler: ``processes`` of this machine, or the address of a Dask scheduler.
         workers: Processes of this machine; None for one a core.
@@ -268,6 +285,7 @@ def recompute_many(  # noqa: PLR0913 - what a user may choose, by name
         dataset=dataset,
         config=None if config is None else Path(config).resolve(),
         calibration=None if calibration is None else Path(calibration).resolve(),
+        settings=settings,
         overwrite=overwrite,
     )
     outcomes: dict[str, JobOutcome] = {}
@@ -301,13 +319,19 @@ def _folders(recordings: Sequence[str], output: Path) -> list[Path]:
 
 
 def recompute_rows(
-    job: Job, *, dataset: Dataset, config: Path | None = None, calibration: Path | None = None, overwrite: bool = False
+    job: Job,
+    *,
+    dataset: Dataset,
+    config: Path | None = None,
+    calibration: Path | None = None,
+    settings: Settings = NO_SETTINGS,
+    overwrite: bool = False,
 ) -> JobOutcome:
     """Compute one recording anew into its part of the dataset; skips what is done. Runs in a worker's process."""
     from replay.export import ParquetRows, parse_measurement  # slow to load, and one recording has no table
 
     try:
-        opened = open_recomputation(job.folder, config, calibration)
+        opened = open_recomputation(job.folder, config, calibration, settings)
         key = _key(opened)
         done = dataset.done(job.recording, key)
         if done is not None:

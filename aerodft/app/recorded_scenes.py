@@ -6,11 +6,18 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.config.station import StationConfig, Topics, load_station, with_calibration, with_derived_settings
-from aerodft.app.assembly import build_pipeline, recorded_station
+from aerodft.adapters.config.station import (
+    Settings,
+    StationConfig,
+    Topics,
+    load_station,
+    with_calibration,
+    with_derived_settings,
+)
+from aerodft.app.assembly import build_pipeline, station_of
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Setup, zoomed
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model import FIXED_POINTS, Event, Image, Observation, PoseSample, RawBlock
 from aerodft.service import MergedFeed, PipelineSettings, Source, TelemetrySettings
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
@@ -47,12 +54,19 @@ class Overrides:
         calibration: Calibration file.
         camera: Camera file.
         topics: Which topic of another tool's recording is what.
+        settings: Values that replace those of the configuration, by key of the station file.
     """
 
     config: Path | None = None
     calibration: Path | None = None
     camera: Path | None = None
     topics: Topics = field(default_factory=Topics)
+    settings: Settings = field(default_factory=dict)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the recording's own setup is used as it is."""
+        return self.config is None and self.calibration is None and self.camera is None and not self.settings
 
 
 _ITS_OWN: Final = Overrides()
@@ -77,7 +91,7 @@ class RecordedScenes:
         self._path = path
         self._recording = recording
         self._station = _station_of(recording, overrides)
-        self._is_its_own = overrides.config is None and overrides.calibration is None and overrides.camera is None
+        self._is_its_own = overrides.is_own
         self.setup = self._station.pipeline.setup
 
     def at(self, stamp_ns: int) -> tuple[Setup, PoseSample]:
@@ -145,10 +159,10 @@ def _zero_utc_ns(recording: Recording | ForeignRecording) -> int:
 
 
 def _station_of(recording: Recording | ForeignRecording, overrides: Overrides) -> StationConfig:
-    if overrides.config is not None:
-        station = load_station(overrides.config)
-    elif isinstance(recording, Recording):
-        station = recorded_station(recording)
+    if isinstance(recording, Recording):
+        station = station_of(recording, overrides.config, overrides.settings)
+    elif overrides.config is not None:
+        station = load_station(overrides.config, settings=overrides.settings)
     else:
         station = _station_without_config(recording, overrides)
     if overrides.camera is not None:
@@ -163,6 +177,8 @@ def _station_without_config(recording: ForeignRecording, overrides: Overrides) -
     if camera is None:
         refusal = recording.refusal_without("camera")
         raise InputError(refusal.what, where=refusal.where, got=refusal.got, hint="name a `camera`, or a `config`")
+    if overrides.settings:
+        raise UsageError("`settings`", got="a recording without a configuration", expected="`config` beside it")
     pipeline = PipelineSettings(station="recording", camera=camera, probes=(), telemetry=TelemetrySettings())
     return with_derived_settings(StationConfig(pipeline=pipeline))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from aerodft.adapters.config.station import StationConfig
+from aerodft.adapters.config.station import NO_SETTINGS, Settings, StationConfig
 from aerodft.adapters.files import looks_like
 from aerodft.adapters.images import VideoFileSource, read_camera_image, video_info
 from aerodft.app import Progress, no_progress
@@ -169,6 +169,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
     *,
     calibration: str | Path | None = None,
     config: str | Path | None = None,
+    settings: Settings = NO_SETTINGS,
     elevation_m: float = 0.0,
     max_range_m: float | None = None,
     spacing_m: float = 1.0,
@@ -185,7 +186,10 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         camera: The camera of an image or a video; None for that of the calibration.
         pose: Its pose; None for that of the calibration.
         calibration: A calibration file.
-        config: Station file to use in place of a recording's own.
+        config: Station file to use in place of a recording's own; the alignment of the recorded video is kept unless
+            the file states a clock.
+        settings: Values that replace those of a recording's configuration, by key of the station file, such as
+            ``{"telemetry.height.home_above_plane_m": 3.0}``.
         elevation_m: Height of the water above the ground that heights are counted from.
         max_range_m: Water farther than this is left out; None for no limit.
         spacing_m: Of the transects along the river.
@@ -223,7 +227,9 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
             raise UsageError("a camera or a pose beside a recording", expected="neither: the recording has them")
         own = None if config is None else Path(config)
         known = None if calibration is None else Path(calibration)
-        return survey_images(recorded_images(source, own, known, surface, images), question, progress)
+        return survey_images(recorded_images(source, own, known, surface, images, settings), question, progress)
+    if settings:
+        raise UsageError("`settings` without a recording", expected="them with a recording")
     setup, sample = image_setup(camera, pose, calibration=calibration, surface=surface)
     if source.suffix.lower() in VIDEO_SUFFIXES:
         return survey_images(filmed_images(source, setup, sample, images, no_progress), question, progress)
@@ -308,7 +314,12 @@ def is_recording(path: Path) -> bool:
 
 
 def recorded_images(
-    folder: Path, config: Path | None, calibration: Path | None, surface: MeasuredSurface, most: int
+    folder: Path,
+    config: Path | None,
+    calibration: Path | None,
+    surface: MeasuredSurface,
+    most: int,
+    settings: Settings = NO_SETTINGS,
 ) -> RiverImages:
     """Images of a recording, evenly spread, with the poses that its telemetry gives them.
 
@@ -317,7 +328,7 @@ def recorded_images(
         NoAnswerError: No image was recorded, or none has a pose.
     """
     recording = Recording(folder)
-    was, station = stations_of(recording, config, calibration)
+    was, station = stations_of(recording, config, calibration, settings)
     source = _PixelSource(reoffset(RecordingSource(recording, pixels=True), was, station))
     samples = list(_samples(station, source))
     if not source.pixels:
@@ -325,8 +336,8 @@ def recorded_images(
         raise NoAnswerError("no images in the recording", where=folder, hint=hint)
     kept = [(index, sample) for index, sample in samples if index in source.pixels]
     without_pose = dict(Counter(str(sample.status) for _, sample in kept if sample.status is not Status.OK))
-    settings = station.pipeline
-    setup = surface.on(Setup(camera=settings.camera, max_range_m=settings.max_range_m, config_id=settings.config_id))
+    pipeline = station.pipeline
+    setup = surface.on(Setup(camera=pipeline.camera, max_range_m=pipeline.max_range_m, config_id=pipeline.config_id))
     posed = [(index, sample) for index, sample in kept if sample.status is Status.OK]
     if not posed:
         got = ", ".join(f"{count} {status}" for status, count in without_pose.items())
@@ -340,7 +351,13 @@ def recorded_images(
             then, pixels = zoomed(setup, posed[after][1]), source.pixels[posed[after][0]]
             view = replace(view, later=_later(view, *then, partial(_copied, pixels)))
         views.append(view)
-    return RiverImages(tuple(views), len(kept), without_pose, is_utc=True)
+    computed_from = {
+        "recording": str(folder.resolve()),
+        "config": station.pipeline.config_id,
+        "calibration": None if station.calibration is None else station.calibration.id,
+        "settings": dict(settings),
+    }
+    return RiverImages(tuple(views), len(kept), without_pose, is_utc=True, computed_from=computed_from)
 
 
 def filmed_images(video: Path, setup: Setup, sample: PoseSample, most: int, progress: Progress) -> RiverImages:

@@ -357,7 +357,7 @@ def _telemetry(
     heights = {each.name: each for each in report.heights if each.count}
     attitudes = [each.name for each in report.attitudes if each.count]
     if home_above_plane_m is None and ("home" in heights or not heights):
-        said = "until then heights count from the take-off point"
+        said = "until then heights count from the take-off point; `river` and `recompute` take `home_above_plane_m` too"
         draft.to_do.insert(0, f"Measure how high the take-off point lies above the water: home_above_plane_m; {said}")
     yield "[telemetry]"
     if found.link is not None:

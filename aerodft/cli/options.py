@@ -3,6 +3,7 @@
 import inspect
 import math
 import re
+import tomllib
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
@@ -55,6 +56,8 @@ _TYPED_AS: Final = {
     "import_flight": "`aerodft import`",
     "recompute": "`aerodft recompute`",
     "recover": "`aerodft recover`",
+    "river": "`aerodft river`",
+    "settings": "--set",
     "form": "--format",
     "path": "--output",
     "start_ns": "--from",
@@ -105,6 +108,57 @@ def _options_of(parameter: inspect.Parameter, hint: Any) -> list[tuple[str, Any,
     hints = get_type_hints(hint, include_extras=True)
     empty = inspect.Parameter.empty
     return [(each.name, empty if each.default is MISSING else each.default, hints[each.name]) for each in fields(hint)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingOptions:
+    """Options that change single keys of the configuration that a recording is computed with."""
+
+    home_above_plane: Annotated[
+        float | None,
+        typer.Option(help="Of a recording: height of the take-off point above the water, m, in place of its own."),
+    ] = None
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="Of a recording: KEY=VALUE of the station file, as limits.max_range_m=80; again for more."
+        ),
+    ] = None
+
+    def settings(self) -> dict[str, Any]:
+        """Values by dotted key of the station file.
+
+        Raises:
+            UsageError: An option is no key with a value, or states a key twice.
+        """
+        from aerodft.adapters.config.station import HOME_ABOVE_PLANE
+
+        found: dict[str, Any] = {}
+        if self.home_above_plane is not None:
+            found[HOME_ABOVE_PLANE] = self.home_above_plane
+        for text in self.set_ or ():
+            key, is_stated, value = (part.strip() for part in text.partition("="))
+            if not (key and is_stated and value):
+                raise UsageError("--set", got=repr(text), expected="KEY=VALUE, as limits.max_range_m=80")
+            if key in found:
+                raise UsageError(f"--set {key}", got="it twice", expected="one value of each key")
+            found[key] = _toml_value(value)
+        return found
+
+    def refuse(self, expected: str) -> None:
+        """Refuse these options where no recording is computed."""
+        for option, given in (("--home-above-plane", self.home_above_plane), ("--set", self.set_)):
+            if given is not None:
+                raise UsageError(option, expected=expected)
+
+
+def _toml_value(text: str) -> Any:  # noqa: ANN401 - TOML's types
+    """A value as TOML has it; what is no TOML is text, so that names need no quotes."""
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except ValueError:
+        return text
+    return document["value"] if document.keys() == {"value"} else text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -90,6 +90,17 @@ def test_widths_of_a_flight_hold_the_truth_and_what_its_telemetry_is_off_by(flig
     assert low <= np.median(truth) <= high
 
 
+def test_a_corrected_home_height_scales_the_widths(flight, measured, aerodft):
+    """Every width is the height times a function of the angles; the transects lie elsewhere, so to 2 %."""
+    asked = ("river", flight[1], "--images", 8, "--spacing", 2, "--flow", 90, "--json")
+    done = aerodft(*asked, "--home-above-plane", 4)
+    assert done.code == 0, done.err
+    assert done.json["computed_from"]["settings"] == {"telemetry.height.home_above_plane_m": 4.0}
+    assert measured[0]["computed_from"]["settings"] == {}
+    ratio = done.json["width_m"]["median"] / measured[0]["width_m"]["median"]
+    assert ratio == pytest.approx((40 + HEIGHT_BIAS_M + 4) / (40 + HEIGHT_BIAS_M), rel=0.02)
+
+
 @pytest.mark.parametrize(("ratio", "remarks", "is_suspected"), [(1.2, 0, False), (4.2, 1, False), (85.0, 1, True)])
 def test_stamps_that_are_not_the_telemetry_s_are_suspected(ratio, remarks, is_suspected):
     """Of a flight at 90 m images whose stamps were 2 s off scattered 85 times as much as they state, others up to 4."""

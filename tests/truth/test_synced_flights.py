@@ -27,7 +27,7 @@ from ..calibration.sync_flights import (  # noqa: TID252 - test folders are no p
 
 pytestmark = pytest.mark.nightly
 
-SEEDS = tuple(range(1, 24, 2))
+SEEDS = tuple(range(1, 16, 2))
 CLIP_S, MARGIN_S, SIZE = 45.0, 10.0, (320, 180)
 STATION = """
 [station]
@@ -89,6 +89,6 @@ def test_widths_of_synced_flights_are_off_by_what_they_state(tmp_path):
         assert len(errors) > 200, seed
         mean_squares.append(np.mean(errors**2))
         worst = max(worst, np.max(np.abs(errors)))
-    # A flight's errors are common to its widths: 12 flights give the ratio to about 20 % (one std).
+    # A flight's errors are common to its widths: 8 flights give the ratio to about 25 % (one std).
     assert 0.5 < math.sqrt(np.mean(mean_squares)) < 1.5
     assert worst < 4

@@ -20,5 +20,6 @@ from aerodft.app.assembly.sources import (
     recorded_station,
     reoffset,
     size_checked,
+    station_of,
     stations_of,
 )

@@ -1,5 +1,6 @@
 """A station's sources, delayed, checked or restamped; and what is recorded as input again, with its station."""
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,7 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.config.station import StationConfig, Topics, load_station, parse_station, with_calibration
+from aerodft.adapters.config.station import (
+    NO_SETTINGS,
+    Settings,
+    StationConfig,
+    Topics,
+    load_station,
+    parse_station,
+    with_calibration,
+)
 from aerodft.adapters.images import refuse_other_size
 from aerodft.adapters.outputs import Run
 from aerodft.adapters.telemetry import LogSource, open_log
@@ -19,6 +28,8 @@ from aerodft.model import VISION, Camera, Event, Image, Observation, RawBlock
 from aerodft.service import Batches, MergedFeed, Source
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recordings import LeftOut, Recording, RecordingSource, is_mcap
+
+_log = logging.getLogger(__name__)
 
 DEFAULT_RATE_HZ: Final = 5.0
 """How often a station without images measures."""
@@ -158,12 +169,23 @@ def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSou
     return RecordedTelemetry(RecordingSource(recording), recording), None
 
 
-def recorded_station(recording: Recording) -> StationConfig:
+def recorded_station(recording: Recording, settings: Settings = NO_SETTINGS) -> StationConfig:
     """The configuration that a recording was made with.
+
+    Args:
+        recording: The recording.
+        settings: Values that replace some of it, by key of the station file.
 
     Raises:
         InputError: It has none, or one that this version cannot read.
+        ConfigError: A setting is impossible.
     """
+    beside = recording.folder if recording.folder.is_dir() else recording.folder.parent
+    where = str(recording.folder / "config.toml")
+    return parse_station(_config_text(recording), where=where, folder=beside, settings=settings)
+
+
+def _config_text(recording: Recording) -> bytes:
     text = recording.text("config.toml")
     if text is None:
         raise InputError(
@@ -171,27 +193,50 @@ def recorded_station(recording: Recording) -> StationConfig:
             where=recording.folder,
             hint="`recompute` takes one as `config`",
         )
-    beside = recording.folder if recording.folder.is_dir() else recording.folder.parent
-    return parse_station(text.encode(), where=str(recording.folder / "config.toml"), folder=beside)
+    return text.encode()
+
+
+def station_of(recording: Recording, config: Path | None, settings: Settings = NO_SETTINGS) -> StationConfig:
+    """The configuration to compute a recording with.
+
+    Args:
+        recording: The recording.
+        config: Another station file; the alignment of the recorded video is kept. None for the recording's own.
+        settings: Values that replace those of the configuration, by key of the station file.
+
+    Raises:
+        InputError: There is no configuration.
+        ConfigError: A configuration or a setting is impossible.
+    """
+    if config is None:
+        station = recorded_station(recording, settings)
+    else:
+        recorded = recording.text("config.toml")
+        station = load_station(config, settings=settings, recorded=None if recorded is None else recorded.encode())
+    for key, value in settings.items():
+        _log.info("%s = %s", key, value)
+    return station
 
 
 def stations_of(
-    recording: Recording, config: Path | None, calibration: Path | None
+    recording: Recording, config: Path | None, calibration: Path | None, settings: Settings = NO_SETTINGS
 ) -> tuple[StationConfig, StationConfig]:
     """The configuration that a recording was made with, and the one to compute with.
 
     Args:
         recording: The recording.
-        config: File of the one to compute with; it stands for the recording's own too, where that has none. None to
-            compute with the recording's own.
+        config: File of the one to compute with, as in ``station_of``; it stands for the recording's own too, where the
+            recording has none.
         calibration: File of the calibration to compute with; None for that of the configuration.
+        settings: As in ``station_of``.
 
     Raises:
         InputError: There is no configuration, or the recorded images are not of its camera.
+        ConfigError: A configuration or a setting is impossible.
     """
-    station = recorded_station(recording) if config is None else load_station(config)
-    is_own = config is None or recording.text("config.toml") is None
-    recorded = station if is_own else recorded_station(recording)
+    station = station_of(recording, config, settings)
+    has_own = recording.text("config.toml") is not None
+    recorded = recorded_station(recording) if has_own else station
     station = station if calibration is None else with_calibration(station, calibration)
     images = (event for event in RecordingSource(recording).events() if isinstance(event, Image))
     if (first := next(images, None)) is not None:  # one source has images of one size

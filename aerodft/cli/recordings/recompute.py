@@ -2,18 +2,18 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from aerodft.cli.flights.import_ import import_
 from aerodft.cli.interrupts import interruptible
-from aerodft.cli.options import ConfigOption, JsonOption, TopicOption, grouped
+from aerodft.cli.options import ConfigOption, JsonOption, SettingOptions, TopicOption, grouped
 from aerodft.cli.output import LOSS, print_json, progress, say
 from aerodft.cli.summary import report
 from aerodft.errors import UsageError
 
-_PROVENANCE_KEYS = ("recording", "recording_sha256", "config", "calibration")
+_PROVENANCE_KEYS = ("recording", "recording_sha256", "config", "calibration", "settings")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +38,7 @@ class ManyOptions:
 def recompute(
     recording: Annotated[list[str], typer.Argument(help="Folder of the recording; several, or a pattern in quotes.")],
     many: ManyOptions,
+    changes: SettingOptions,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="New folder for the new recording; of many: of the Parquet dataset."),
@@ -53,10 +54,11 @@ def recompute(
 ) -> None:
     r"""Compute a recording's measurements anew.
 
-    With the recording's own configuration the measurements are identical to the byte on the same machine. Images are
-    copied, not encoded again. It starts from the recorded observations; with --redetect what aerodft itself saw is
-    found again in the recorded images, and how far it is from where it was is said. Exit 5 where damaged or missing
-    parts of the recording are left out.
+    With the recording's own configuration the measurements are identical to the byte on the same machine. --set and
+    --home-above-plane change keys of it; another one (--config) keeps the clock that sync found, unless it states one.
+    Images are copied, not encoded again. It starts from the recorded observations; with --redetect what aerodft itself
+    saw is found again in the recorded images, and how far it is from where it was is said. Exit 5 where damaged or
+    missing parts of the recording are left out.
 
     Of many recordings (several, a pattern, or with --scheduler) one row per measurement goes into a Parquet dataset,
     which docs/batch.md describes: ./recomputed without --output. One that fails is reported, the others go on (exit 5);
@@ -65,6 +67,7 @@ def recompute(
     \b
     Example:
       aerodft recompute recordings/flight --calibration better.toml -o recordings/flight-better
+      aerodft recompute recordings/flight --home-above-plane 3.0 --set limits.max_range_m=80 -o recordings/higher
       aerodft recompute 'flights/*' --scheduler processes -o dataset
     """
     from aerodft.app.recompute import is_pattern
@@ -73,7 +76,8 @@ def recompute(
     if many.scheduler is not None or len(recording) > 1 or is_pattern(recording[0]):
         if redetect:
             raise UsageError("--redetect", got="several recordings", expected="one recording")
-        _recompute_many(recording, output or Path("recomputed"), config, calibration, many, as_json=json)
+        source = _Source(config, calibration, changes.settings())
+        _recompute_many(recording, output or Path("recomputed"), source, many, as_json=json)
         return
     for name, given in (("--workers", many.workers), ("--overwrite", many.overwrite)):
         if given:
@@ -85,19 +89,34 @@ def recompute(
         if config is None:
             hint = "it says what to measure, and with which camera"
             raise UsageError("no --config for another tool's recording", expected="--config FILE", hint=hint)
+        changes.refuse("a recording of aerodft: of another tool's the file of --config is changed")
         import_(path, config, output, calibration=calibration, topic=topic, json=json)
     else:
-        _recompute_one(path, output, config, calibration, redetect=redetect, as_json=json)
+        source = _Source(config, calibration, changes.settings())
+        _recompute_one(path, output, source, redetect=redetect, as_json=json)
 
 
-def _recompute_one(
-    folder: Path, output: Path, config: Path | None, calibration: Path | None, *, redetect: bool, as_json: bool
-) -> None:
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """The configuration and calibration to compute with; None for the recording's own."""
+
+    config: Path | None
+    calibration: Path | None
+    settings: dict[str, Any]
+
+
+def _recompute_one(folder: Path, output: Path, source: _Source, *, redetect: bool, as_json: bool) -> None:
     from aerodft.app.recompute import recompute as recompute_recording
 
     with progress("recomputing") as bar, interruptible(bar) as between_batches:
         result = recompute_recording(
-            folder, output, config=config, calibration=calibration, redetect=redetect, progress=between_batches
+            folder,
+            output,
+            config=source.config,
+            calibration=source.calibration,
+            settings=source.settings,
+            redetect=redetect,
+            progress=between_batches,
         )
     if result.image_segments:
         say(f"images: {result.image_segments} segments copied as they are")
@@ -109,15 +128,7 @@ def _recompute_one(
     report(result, as_json=as_json, details=details)
 
 
-def _recompute_many(
-    recordings: list[str],
-    output: Path,
-    config: Path | None,
-    calibration: Path | None,
-    many: ManyOptions,
-    *,
-    as_json: bool,
-) -> None:
+def _recompute_many(recordings: list[str], output: Path, source: _Source, many: ManyOptions, *, as_json: bool) -> None:
     """Compute many recordings, and say what became of all.
 
     Raises:
@@ -132,8 +143,9 @@ def _recompute_many(
         outcomes = recompute_many(
             recordings,
             output,
-            config=config,
-            calibration=calibration,
+            config=source.config,
+            calibration=source.calibration,
+            settings=source.settings,
             overwrite=many.overwrite,
             scheduler=scheduler,
             workers=many.workers,

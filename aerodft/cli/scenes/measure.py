@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from aerodft.cli.options import JsonOption, TopicOption, grouped, parse_instant, parse_topics
+from aerodft.cli.options import JsonOption, SettingOptions, TopicOption, grouped, parse_instant, parse_topics
 from aerodft.cli.output import print_json, say
 from aerodft.cli.scenes.image_options import (
     GroundOptions,
@@ -41,7 +41,7 @@ ProbeOption: TypeAlias = Annotated[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedOptions:
+class RecordedOptions(SettingOptions):
     """Options that take camera and pose from a recording."""
 
     recording: Annotated[Path | None, _of_recording(help="Take camera and pose from this recording.")] = None
@@ -56,6 +56,8 @@ class RecordedOptions:
         """Camera, ground and pose of the recording; None without one."""
         if self.recording is None and (self.config is not None or self.topic):
             raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
+        if self.recording is None:
+            self.refuse("--recording and --at with it")
         if (self.recording is None) != (self.at is None):
             expected = "--at in seconds from its first image, or UTC"
             raise UsageError("--recording and --at go together", expected=expected)
@@ -77,6 +79,7 @@ class RecordedOptions:
                 calibration=instead.calibration,
                 camera=instead.camera,
                 topics=parse_topics(self.topic),
+                settings=self.settings(),
             ),
         )
         return instead.surface.on(setup), sample

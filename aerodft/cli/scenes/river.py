@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from aerodft.cli.options import ConfigOption, JsonOption, grouped
+from aerodft.cli.options import ConfigOption, JsonOption, SettingOptions, grouped
 from aerodft.cli.output import print_json, progress, say
 from aerodft.cli.scenes.image_options import SurfaceOptions, refuse_beside
 from aerodft.conventions import LARGEST
@@ -70,6 +70,7 @@ def river(
     ],
     scene: SurfaceOptions,
     asked: QuestionOptions,
+    changes: SettingOptions,
     config: ConfigOption = None,
     images: Annotated[
         int | None,
@@ -80,19 +81,25 @@ def river(
 ) -> None:
     r"""Measure a river's width at transects along it, with the banks found in the images.
 
-    Of a recording --config takes the place of the station file that it was made with.
+    Of a recording --config takes the place of the station file that it was made with, but for the clock that sync
+    found; --home-above-plane and --set change keys of either.
 
     \b
     Examples:
       aerodft river bend.jpg --camera cam.toml --height 40 --tilt 30 --std height=0.4,attitude=0.3 -o bend --json
       aerodft river demo/recording --spacing 2 -o reach
+      aerodft river demo/recording --home-above-plane 1.2 -o reach
     """
     from aerodft.app.river import is_recording, survey_images, survey_still
     from aerodft.reports.river import check_folder
 
     check_folder(output)
     question = asked.question(scene.stds.px)
-    views = _recorded(what, scene, config, images) if is_recording(what) else _filmed(what, scene, config, images)
+    if is_recording(what):
+        views = _recorded(what, scene, config, changes.settings(), images)
+    else:
+        changes.refuse("a recording: an image and a video take --height")
+        views = _filmed(what, scene, config, images)
     if views is None:
         survey = survey_still(what, *scene.scene(), question)
     else:
@@ -108,11 +115,13 @@ def river(
         raise NoAnswerError("no river width", where=what, got=f"{survey.status}: {'; '.join(survey.reasons)}")
 
 
-def _recorded(folder: Path, scene: SurfaceOptions, config: Path | None, images: int | None) -> "RiverImages":
+def _recorded(
+    folder: Path, scene: SurfaceOptions, config: Path | None, settings: dict[str, Any], images: int | None
+) -> "RiverImages | None":
     from aerodft.app.river import MOST_IMAGES, recorded_images
 
     refuse_beside(scene.stated_pose() | {"camera": scene.camera}, "a recording")
-    return recorded_images(folder, config, scene.calibration, scene.surface, images or MOST_IMAGES)
+    return recorded_images(folder, config, scene.calibration, scene.surface, images or MOST_IMAGES, settings)
 
 
 def _filmed(path: Path, scene: SurfaceOptions, config: Path | None, images: int | None) -> "RiverImages | None":

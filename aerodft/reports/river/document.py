@@ -1,7 +1,7 @@
 """What a river's width came to in one image or in many, as a JSON document."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -44,19 +44,24 @@ class RiverImages:
         with_pixels: How many images with pixels there are.
         without_pose: How many of them have no pose, by status.
         is_utc: Whether their stamps are; else they count from the first image.
+        computed_from: The recording, the ids of its configuration and calibration, and the changed settings; None for
+            a video.
     """
 
     views: tuple[RiverView, ...]
     with_pixels: int
     without_pose: dict[str, int]
     is_utc: bool
+    computed_from: Mapping[str, Any] | None = None
 
 
 def refusal_document(found: NoRiver, images: RiverImages | None = None) -> dict[str, Any]:
     """The document of one image, or of many, without an answer."""
     document = river_frame(found.status, [found.reason], 0.0)
     document["banks"] = {side: _rounded(line) for side, line in zip(SIDES, found.banks_px, strict=True)}
-    return document if images is None else document | {"images": _counts(images)}
+    if images is None:
+        return document
+    return document | {"images": _counts(images), "computed_from": images.computed_from}
 
 
 def river_document(found: River, view: RiverView) -> dict[str, Any]:
@@ -216,6 +221,7 @@ def reach_document(found: Reach, images: RiverImages) -> dict[str, Any]:
         *bounds(document["transects"]),
     ]
     counted = _counts(images) | {"used": len(seen), "used_share": len(seen) / len(images.views), "scatter_ratio": ratio}
+    document["computed_from"] = images.computed_from
     document["images"] = counted | {"each": [_image(found, images, row) for row in range(len(images.views))]}
     return document
 

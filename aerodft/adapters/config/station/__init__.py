@@ -8,6 +8,7 @@ from aerodft.adapters.config.station.loading import (
     with_calibration,
     with_derived_settings,
 )
+from aerodft.adapters.config.station.overrides import HOME_ABOVE_PLANE, NO_SETTINGS, Settings
 from aerodft.adapters.config.station.station_config import (
     Device,
     ImageInput,

@@ -3,8 +3,10 @@
 Also the id of what a station's numbers depend on.
 """
 
+import copy
 import hashlib
 import json
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,7 @@ from aerodft.adapters.config.station.live_tables import (
     marker_settings,
     station_markers_table,
 )
+from aerodft.adapters.config.station.overrides import NO_SETTINGS, Settings, with_alignment, with_settings
 from aerodft.adapters.config.station.station_config import Link, StationConfig, Topics
 from aerodft.adapters.config.station.station_tables import (
     ConfigTable,
@@ -47,40 +50,63 @@ from aerodft.adapters.config.station.station_tables import (
 from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import AnyValue, si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
-from aerodft.errors import ConfigError, located, named_in
+from aerodft.errors import ConfigError, InputError, located, named_in
 from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import PipelineSettings, TelemetrySettings
 
+_log = logging.getLogger(__name__)
 
-def load_station(path: Path) -> StationConfig:
+
+def load_station(path: Path, *, settings: Settings = NO_SETTINGS, recorded: bytes | None = None) -> StationConfig:
     """Read a station's configuration.
 
     Args:
         path: A TOML file; camera, calibration, terrain, marker, reference, video and observation files in it are
             relative to its folder.
+        settings: Values that replace those of the file.
+        recorded: TOML text of the recording that the station computes anew: the alignment of its video is kept.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value, here or in a file that it refers to.
         InputError: The elevation model cannot be used.
     """
     with named_in(path):
-        return parse_station(read_bytes(path), where=str(path), folder=path.parent)
+        return parse_station(
+            read_bytes(path), where=str(path), folder=path.parent, settings=settings, recorded=recorded
+        )
 
 
-def parse_station(data: bytes, *, where: str, folder: Path) -> StationConfig:
-    """The station that the bytes of a configuration file describe.
+def parse_station(
+    data: bytes, *, where: str, folder: Path, settings: Settings = NO_SETTINGS, recorded: bytes | None = None
+) -> StationConfig:
+    """Read the station that the bytes of a configuration file describe.
 
     Args:
         data: The TOML text.
         where: The file's name in messages.
         folder: What relative paths in it start from.
+        settings: As in ``load_station``.
+        recorded: As in ``load_station``.
 
     Raises:
-        ConfigError: TOML syntax, unknown key, impossible value, here or in a file that it refers to.
+        ConfigError: TOML syntax, unknown key, impossible value, here, in ``settings`` or in a file that is named.
         InputError: The elevation model cannot be used.
     """
     with located(where):
-        return _station(parse_toml(data), where, folder)
+        document = parse_toml(data)
+        if recorded is not None:
+            document, remark = with_alignment(document, parse_toml(recorded))
+            if remark:
+                _log.warning("%s: %s", where, remark)
+        if not settings:
+            return _station(document, where, folder)
+    try:
+        return _station(with_settings(document, settings), where, folder)
+    except InputError as error:
+        with located(where):
+            _station(copy.deepcopy(document), where, folder)  # fails where the file is wrong, and not the settings
+        with located("`settings`"):
+            raise error from None
 
 
 def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfig:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Width,
         ground_points,
         measure,
+        probe,
     )
     from aerodft.app.recompute import RecomputeResult, recompute
     from aerodft.app.recordings import (
@@ -65,7 +66,7 @@ _NAMES_IN: Final = {
     "aerodft.app.importing": "import_flight",
     "aerodft.app.measure": (
         "Area Bearing CameraPose Distance ElevationModel Height Length PoseStd Position Range RiverWidth Slope "
-        "Width ground_points measure"
+        "Width ground_points measure probe"
     ),
     "aerodft.app.recompute": "RecomputeResult recompute",
     "aerodft.app.recordings": (
@@ -128,6 +129,7 @@ __all__ = [
     "measure",
     "open_recording",
     "print_board",
+    "probe",
     "recompute",
     "recover",
     "report",

@@ -2,9 +2,10 @@
 
 Intervals are first order where that is enough, Monte-Carlo where it is not: where the slant range's relative standard
 deviation is above 5 %; below that, where neither a bound of the second-order term is negligible nor a few draws agree
-with first order (at a stationary point only second order is left). The bias of a line's length by pixel noise is
-subtracted. The dft model has first order only. Whether a slant range is known well enough is decided without draws, so
-that what is refused stays refused when an error grows; only over an elevation model may draws miss all ground as well.
+with first order (at a stationary point only second order is left). The mean change of a value by pixel noise, which
+lengthens lines, is subtracted. The dft model has first order only. Whether a slant range is known well enough is
+decided without draws, so that what is refused stays refused when an error grows; only over an elevation model may draws
+miss all ground as well.
 
 ``n`` images, ``g`` requests of a kind with ``q`` pixels each, ``s`` shared errors as in ``projection``.
 """
@@ -34,7 +35,7 @@ from aerodft.dft.monte_carlo import (
     FirstOrder,
     Interval,
     draw,
-    draw_lengths,
+    draw_biases,
     linearity_errors,
 )
 from aerodft.dft.probe_kinds import LEAN_STDS, MAX_RELATIVE_RANGE_STD, PROBE_KINDS, scalars
@@ -87,10 +88,8 @@ _SECOND_ORDER_LIMIT: Final = 0.1
 """Standard deviations: a smaller bound of the second-order term is negligible."""
 _NONLINEARITY_LIMIT: Final = 0.1
 """Standard deviations: largest root mean square of draws minus first order for which first order is enough."""
-_MIN_SEGMENT_STDS: Final = 12
-"""Standard deviations of a pixel: a segment of a smoothed line is longer, so that its direction is known."""
 _BIAS_CORRECTION_LIMIT: Final = 0.2
-"""Standard deviations: a smaller bias of a line's length by pixel noise is not corrected."""
+"""Standard deviations: a smaller mean change of a value by pixel noise is not corrected."""
 _MIN_ELLIPSE_RATIO: Final = 5e-3
 """Smallest ratio of an ellipse's axes when draws are compared with first order."""
 _GRAZING_RAD: Final = math.radians(15)  # depression below which reasons name it: small angles become large errors
@@ -206,6 +205,11 @@ class Answers:
     def is_open(self) -> BoolArray:
         """Requests ``(n, g)`` not refused so far."""
         return np.asarray(self.code == _OK)
+
+    @property
+    def points_by_px(self) -> FloatArray:
+        """Derivatives ``(n, g, q, 3, 2)`` of the points by their own pixels."""
+        return self._ground.jac_px
 
     @property
     def upper_limit(self) -> FloatArray:
@@ -333,13 +337,13 @@ class Answers:
         if not self.is_pinhole:
             return
         needs_draws = np.max(self._relative_range_std, axis=-1, initial=0.0) > FIRST_ORDER_LIMIT
-        has_length_bias = self._has_length_bias() & self.is_open
-        needs_draws = self.is_open & (needs_draws | differs | has_length_bias)
+        may_be_biased = self._may_have_noise_bias() & self.is_open
+        needs_draws = self.is_open & (needs_draws | differs | may_be_biased)
         needs_draws |= self._is_nonlinear(self.is_open & ~needs_draws)
         if needs_draws.any():
             self._draw_intervals(*np.nonzero(needs_draws))
-        if has_length_bias.any():
-            self._subtract_noise_length(*np.nonzero(has_length_bias & self.is_open))
+        if may_be_biased.any():
+            self._subtract_noise_bias(*np.nonzero(may_be_biased & self.is_open))
 
     def _draw_intervals(self, images: IntArray, requests: IntArray) -> None:
         """Intervals from Monte-Carlo draws; refuse requests of which too many draws have no value."""
@@ -361,21 +365,15 @@ class Answers:
             self._ends.low[at], self._ends.high[at] = low, high
             self.std[at] = (high - low) / (2 * Z95)
 
-    def _has_length_bias(self) -> BoolArray:
-        """Whether pixel noise makes a line of several segments significantly longer, by second order."""
-        points_m = self._ground.points_enu_m[..., :2]
-        if self.kind is not ProbeKind.LENGTH or points_m.shape[2] <= 2:  # noqa: PLR2004 - one step has its interval
+    def _may_have_noise_bias(self) -> BoolArray:
+        """Whether pixel noise may change the values by a significant mean."""
+        if self._kind.scalar is None:
             return np.zeros(self.code.shape, dtype=np.bool_)
-        steps = np.diff(points_m, axis=2)
-        length = np.hypot(steps[..., 0], steps[..., 1])
-        across = np.stack([-steps[..., 1], steps[..., 0]], axis=-1) / length[..., None]
-        jac_px = self._ground.jac_px[..., :2, :]
-        ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (jac_px[:, :, :-1], jac_px[:, :, 1:])]
-        across_var = np.sum(np.square(ends), axis=(0, -1)) * self._vars[1][:, None]
-        return np.asarray(~(np.sum(across_var / (2 * length), axis=-1) <= _BIAS_CORRECTION_LIMIT * self.std))
+        self._noise_bias = self._kind.noise_bias(self)
+        return np.asarray((self._noise_bias != 0.0) & ~(self._noise_bias <= _BIAS_CORRECTION_LIMIT * self.std))
 
-    def _subtract_noise_length(self, images: IntArray, requests: IntArray) -> None:
-        """Subtract the bias by pixel noise from the lengths of lines."""
+    def _subtract_noise_bias(self, images: IntArray, requests: IntArray) -> None:
+        """Subtract from values their mean change by pixel noise; where only draws tell it, if it is significant."""
         if not len(images):
             return
         view, pixel_index = self._view, self._pixel_index[requests]
@@ -383,19 +381,30 @@ class Answers:
         pixels = view.pixels_px[pixel_index] if is_shared else view.pixels_px[images[:, None], pixel_index]
         zoom = view.poses.zoom[images, 0]
         rays = pixel_rays(
-            view.setup.camera, _smooth(pixels, self.std_px[requests]), np.where(np.isnan(zoom), 1.0, zoom)
+            view.setup.camera, self._kind.denoised(pixels, self.std_px[requests]), np.where(np.isnan(zoom), 1.0, zoom)
         )
-        result = draw_lengths(replace(self._draw_input(images, requests), rays=rays))
-        value = np.maximum(self.value[images, requests] - result.bias_m, 0.0)
-        low, high = np.minimum(result.interval.low, 0.0), np.maximum(result.interval.high, 0.0)
-        self.value[images, requests] = value
-        self._ends.low[images, requests], self._ends.high[images, requests] = np.maximum(value + low, 0.0), value + high
-        self.std[images, requests] = std = (high - low) / (2 * Z95)
-        for image, request, bias_m, own_std in zip(images, requests, result.bias_m, std, strict=True):
-            if bias_m > own_std:
-                sentence = f"noise of the pixels made the line longer: {bias_m:.2g} m are taken off"
-                sample = view.poses.variants[view.poses.variant_index[image]]
-                self.reasons[int(request)][int(image)] = (sentence, *sample.reasons)
+        result = draw_biases(replace(self._draw_input(images, requests), rays=rays))
+        is_negligible = np.abs(result.bias) <= _BIAS_CORRECTION_LIMIT * self.std[images, requests]
+        used = np.flatnonzero(np.isfinite(self._noise_bias[images, requests]) | ~is_negligible)
+        at, bias = (images[used], requests[used]), result.bias[used]
+        value = self.value[at] - bias
+        low = value + np.minimum(result.interval.low[used], 0.0)
+        high = value + np.maximum(result.interval.high[used], 0.0)
+        if not self._kind.is_signed:
+            value, low = np.maximum(value, 0.0), np.maximum(low, 0.0)
+        self.value[at], self._ends.low[at], self._ends.high[at] = value, low, high
+        self.std[at] = std = (high - low) / (2 * Z95)
+        is_worth_saying = np.abs(bias) > std
+        self._say_noise_bias(at[0][is_worth_saying], at[1][is_worth_saying], bias[is_worth_saying])
+
+    def _say_noise_bias(self, images: IntArray, requests: IntArray, bias: FloatArray) -> None:
+        """Add to the reasons of answered requests ``(r,)`` by how much pixel noise changed their values."""
+        variants, variant_index = self._view.poses.variants, self._view.poses.variant_index
+        for image, request, change in zip(images.tolist(), requests.tolist(), bias.tolist(), strict=True):
+            amount = f"{abs(self._kind.scale * change):.2g} {self._kind.unit}"
+            where = f"larger: {amount} are taken off" if change > 0 else f"smaller: {amount} are added"
+            sentence = f"noise of the pixels made the {self.kind} {where}"
+            self.reasons[request][image] = (sentence, *variants[variant_index[image]].reasons)
 
     def _is_nonlinear(self, candidates: BoolArray) -> BoolArray:
         """Whether values depend on the errors too nonlinearly for first order."""
@@ -601,24 +610,6 @@ def _select_rays(rays: PixelRays, images: IntArray | slice, pixel_index: IntArra
     if rays.rays_cam.ndim == _SHARED_AXES:
         return PixelRays(*(part[pixel_index] for part in parts))
     return PixelRays(*(part[images, pixel_index] for part in parts))
-
-
-def _smooth(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
-    """Lines ``(p, q, 2)`` smoothed by moving averages so wide that segments are longer than the pixels' noise.
-
-    A line is kept as it is where smoothing would remove more than noise of ``std_px (p,)``: a real zigzag.
-    """
-    squares = np.sum(np.square(np.diff(pixels_px, axis=1)), axis=-1)
-    step_px = np.sqrt(np.maximum(np.mean(squares, axis=-1) - 4 * std_px**2, std_px**2 / 4))
-    vertex, last = np.arange(pixels_px.shape[1]), pixels_px.shape[1] - 1
-    half_window = np.floor(_MIN_SEGMENT_STDS * std_px / step_px + 0.5).astype(np.int64)[:, None]
-    half = np.minimum(half_window, np.minimum(vertex, last - vertex))
-    line, sums = np.arange(len(pixels_px))[:, None], np.pad(np.cumsum(pixels_px, axis=1), ((0, 0), (1, 0), (0, 0)))
-    counts = 2 * half + 1
-    smooth = (sums[line, vertex + half + 1] - sums[line, vertex - half]) / counts[..., None]
-    noise = np.sum(np.square(pixels_px - smooth), axis=(1, 2))
-    max_noise = 2 * std_px**2 * (np.sum(1 - 1 / counts, axis=1) + 2 * np.sqrt(last))
-    return np.where((noise <= max_noise)[:, None, None], smooth, pixels_px)
 
 
 def _directions(rays: PixelRays, pixel_index: IntArray, poses: PoseBatch) -> Directions:

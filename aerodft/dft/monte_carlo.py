@@ -200,36 +200,39 @@ def _linear_draws(
 
 
 @dataclass(frozen=True, slots=True)
-class LengthBias:
-    """Bias and interval of the lengths of ``p`` lines with noisy vertices.
+class NoiseBias:
+    """Mean change of ``p`` values by pixel noise, and their interval without it.
 
     Attributes:
-        bias_m: ``(p,)`` by how much pixel noise makes the lines longer on average.
-        interval: ``(p,)`` 95 % of the errors of the lengths from all inputs, about 0.
+        bias: ``(p,)`` mean of the values with noise minus those without.
+        interval: ``(p,)`` 95 % of the errors of the values from all inputs, about 0.
     """
 
-    bias_m: FloatArray
+    bias: FloatArray
     interval: Interval
 
 
-def draw_lengths(smooth: DrawInput) -> LengthBias:
-    """Length bias of lines whose segments are hardly longer than the pixels' noise.
+def draw_biases(denoised: DrawInput) -> NoiseBias:
+    """Mean changes of values by pixel noise: largest for lines whose segments are hardly longer than the noise.
 
     Noise across a line makes it longer to either side. Drawn about noisy vertices it would do so twice: it is drawn
-    about smoothed ones, whose segments are nearly as long as the true ones.
+    about denoised ones, whose segments are nearly as long as the true ones.
 
     Args:
-        smooth: Lines through smoothed pixels.
+        denoised: Probes through denoised pixels, of a kind that has a scalar.
     """
-    no_noise = replace(smooth, std_px=np.zeros_like(smooth.std_px))
-    exact = replace(no_noise, shared_cov=np.zeros_like(smooth.shared_cov), elevation_std_m=np.zeros_like(smooth.std_px))
-    roots = _covariance_roots(smooth)
-    noisy, shared = (_values(each, roots, DRAWS) for each in (smooth, no_noise))
-    bias_m = np.nanmean(noisy - shared, axis=-1)
-    return LengthBias(
-        bias_m,
-        Interval(*central_interval(noisy - _values(exact, _covariance_roots(exact), _SAMPLE)[:, :1] - bias_m[:, None])),
+    no_noise = replace(denoised, std_px=np.zeros_like(denoised.std_px))
+    exact = replace(
+        no_noise, shared_cov=np.zeros_like(denoised.shared_cov), elevation_std_m=np.zeros_like(denoised.std_px)
     )
+    roots = _covariance_roots(denoised)
+    noisy, shared = (_values(each, roots, DRAWS) for each in (denoised, no_noise))
+    middle = _values(exact, _covariance_roots(exact), _SAMPLE)[:, :1]
+    by_noise, by_all = noisy - shared, noisy - middle
+    if PROBE_KINDS[denoised.kind].is_angle:
+        by_noise, by_all = (_unwrap_around(np.zeros(1), each) for each in (by_noise, by_all))
+    bias = np.nanmean(by_noise, axis=-1)
+    return NoiseBias(bias, Interval(*central_interval(by_all - bias[:, None])))
 
 
 def _values(probes: DrawInput, roots: _Roots, count: int) -> FloatArray:

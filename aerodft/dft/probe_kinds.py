@@ -31,6 +31,7 @@ from aerodft.dft.quantities import (
     polyline_length,
     range_gradient,
     slant_range,
+    smooth_lines,
     upright_height,
 )
 from aerodft.geometry import camera_angles
@@ -80,6 +81,7 @@ class FirstOrder(Protocol):
         ray_std_rad: ``(n, g)`` of the rays' angles to the vertical, by attitude, lens and pixels.
         slant: ``(n, g)`` largest ratio of slant range to height over the points that must lie on the ground.
         noise_m: ``(n, g)`` bound of the points' standard deviations by pixel noise.
+        std_px: ``(g,)`` of each pixel coordinate.
     """
 
     geometry: RayGeometry
@@ -90,6 +92,12 @@ class FirstOrder(Protocol):
     ray_std_rad: FloatArray
     slant: FloatArray
     noise_m: FloatArray
+    std_px: FloatArray
+
+    @property
+    def points_by_px(self) -> FloatArray:
+        """Derivatives ``(n, g, q, 3, 2)`` of the points by their own pixels."""
+        ...
 
     @property
     def upper_limit(self) -> FloatArray:
@@ -104,6 +112,9 @@ class FirstOrder(Protocol):
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """Rules of one kind of probe.
+
+    A kind that states scalar and gradient alone is measured rightly: what it does not say of second order and of the
+    bias by pixel noise is taken from draws.
 
     Attributes:
         name: In configurations, requests and messages.
@@ -161,6 +172,17 @@ class Kind:
         """
         return np.full(first.value.shape, np.inf)
 
+    def noise_bias(self, first: FirstOrder) -> FloatArray:
+        """Bound ``(n, g)`` of the mean change of the values by pixel noise; where it matters, draws say the change.
+
+        Infinite where unknown. Noise lengthens lines, because offsets across a segment to either side do.
+        """
+        return np.full(first.value.shape, np.inf)
+
+    def denoised(self, pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
+        """Pixels ``(p, q, 2)`` nearer to the true ones, about which the mean change by noise ``(p,)`` is drawn."""
+        return smooth_lines(pixels_px, std_px)
+
     def refusals(self, first: FirstOrder) -> Iterator[Refusal]:  # noqa: ARG002 - as above
         """Refusals of requests whose points are known well enough, in order of precedence."""
         yield from ()
@@ -187,7 +209,14 @@ class Kind:
         return self.scalar(geometry), self.gradient(geometry)
 
 
-class _Range(Kind):
+class _UnbiasedKind(Kind):
+    """A kind whose values pixel noise changes by a negligible mean, or by one that its interval holds."""
+
+    def noise_bias(self, first: FirstOrder) -> FloatArray:
+        return np.zeros(first.value.shape)
+
+
+class _Range(_UnbiasedKind):
     def second_order(self, first: FirstOrder) -> FloatArray:
         return np.asarray(first.value * np.square(first.ray_std_rad * first.slant))
 
@@ -195,13 +224,19 @@ class _Range(Kind):
 class _Length(Kind):
     """A length of one or more segments: noise across a segment makes it longer."""
 
+    def noise_bias(self, first: FirstOrder) -> FloatArray:
+        points_m = first.geometry.points_enu_m
+        if points_m.shape[-2] <= 2:  # noqa: PLR2004 - the interval of one segment holds its bias
+            return np.zeros(first.value.shape)
+        return _lengthening(points_m, first.points_by_px, first.std_px)
+
     def second_order(self, first: FirstOrder) -> FloatArray:
         steps = first.geometry.points_enu_m.shape[-2] - 1
         noise_bias_m = np.square(steps * first.noise_m) / first.value
         return np.asarray(2 * first.value * np.square(first.ray_std_rad * first.slant) + noise_bias_m)
 
 
-class _Area(Kind):
+class _Area(_UnbiasedKind):
     def second_order(self, first: FirstOrder) -> FloatArray:
         corners = first.geometry.points_enu_m.shape[-2]
         nonlinear = 4 * first.value * np.square(first.ray_std_rad * first.slant)
@@ -212,7 +247,7 @@ class _Area(Kind):
         return crosses_itself(points_enu_m), Status.SELF_CROSSING, sentence
 
 
-class _UprightHeight(Kind):
+class _UprightHeight(_UnbiasedKind):
     """Base, then top; the top is measured on the vertical through the base and may be above the horizon."""
 
     def on_ground(self, count: int) -> int:  # noqa: ARG002 - for others
@@ -252,7 +287,7 @@ class _UprightHeight(Kind):
         return paper_height(geometry, heading_rad, elevation_m)
 
 
-class _Bearing(Kind):
+class _Bearing(_UnbiasedKind):
     """Azimuth of one pixel's ray, whether or not it meets the ground, or from the first point to the second."""
 
     def on_ground(self, count: int) -> int:
@@ -283,6 +318,25 @@ class _Bearing(Kind):
         elevation_m: FloatArray,  # noqa: ARG002
     ) -> tuple[FloatArray, Gradient]:
         return paper_bearing(geometry)
+
+
+def _lengthening(points_m: FloatArray, points_by_px: FloatArray, std_px: FloatArray) -> FloatArray:
+    """Mean change ``(n, g)`` by pixel noise of the lengths of lines, to second order.
+
+    Offsets of variance ``v`` across a segment of length ``s`` make it longer by ``v / (2 s)``.
+
+    Args:
+        points_m: ``(n, g, q, 3)`` vertices.
+        points_by_px: ``(n, g, q, 3, 2)`` their derivatives by their own pixels.
+        std_px: ``(g,)`` of each pixel coordinate.
+    """
+    steps = np.diff(points_m[..., :2], axis=2)
+    length = np.hypot(steps[..., 0], steps[..., 1])
+    across = np.stack([-steps[..., 1], steps[..., 0]], axis=-1) / length[..., None]
+    jac_px = points_by_px[..., :2, :]
+    ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (jac_px[:, :, :-1], jac_px[:, :, 1:])]
+    across_var = np.sum(np.square(ends), axis=(0, -1)) * np.square(std_px)[:, None]
+    return np.asarray(np.sum(across_var / (2 * length), axis=-1))
 
 
 def _half_by_length(first: FirstOrder) -> FloatArray:
@@ -367,7 +421,7 @@ PROBE_KINDS: Final[dict[ProbeKind, Kind]] = {
             is_angle=True,
             sees_rays=True,
         ),
-        Kind(
+        _UnbiasedKind(  # pairs as near as some pixels are no banks
             name=ProbeKind.RIVER,
             pixels=(2, _MAX_PIXELS),
             scalar=median_width,

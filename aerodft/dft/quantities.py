@@ -10,6 +10,8 @@ from aerodft.model import BoolArray, FloatArray, read_only
 
 _COLLINEAR: Final = 1e-10
 """Fraction of the square of a polygon's size: a smaller doubled area means that a corner lies on a side."""
+_MIN_SEGMENT_STDS: Final = 12
+"""Standard deviations of a pixel: a segment of a smoothed line is longer, so that its direction is known."""
 _UP, _DOWN = read_only([0.0, 0.0, 1.0]), read_only([0.0, 0.0, -1.0])
 _EAST, _LEVEL = read_only([1.0, 0.0, 0.0]), read_only([1.0, 1.0, 0.0])
 
@@ -223,6 +225,24 @@ def paper_bearing(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
     )
     by = bearing_gradient(ray).by_directions
     return bearing(ray), Gradient(-by[..., 0, :], np.zeros_like(by), by)
+
+
+def smooth_lines(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
+    """Lines ``(p, q, 2)`` smoothed by moving averages so wide that segments are longer than the pixels' noise.
+
+    A line is kept as it is where smoothing would remove more than noise of ``std_px (p,)``: a real zigzag.
+    """
+    squares = np.sum(np.square(np.diff(pixels_px, axis=1)), axis=-1)
+    step_px = np.sqrt(np.maximum(np.mean(squares, axis=-1) - 4 * std_px**2, std_px**2 / 4))
+    vertex, last = np.arange(pixels_px.shape[1]), pixels_px.shape[1] - 1
+    half_window = np.floor(_MIN_SEGMENT_STDS * std_px / step_px + 0.5).astype(np.int64)[:, None]
+    half = np.minimum(half_window, np.minimum(vertex, last - vertex))
+    line, sums = np.arange(len(pixels_px))[:, None], np.pad(np.cumsum(pixels_px, axis=1), ((0, 0), (1, 0), (0, 0)))
+    counts = 2 * half + 1
+    smooth = (sums[line, vertex + half + 1] - sums[line, vertex - half]) / counts[..., None]
+    noise = np.sum(np.square(pixels_px - smooth), axis=(1, 2))
+    max_noise = 2 * std_px**2 * (np.sum(1 - 1 / counts, axis=1) + 2 * np.sqrt(last))
+    return np.where((noise <= max_noise)[:, None, None], smooth, pixels_px)
 
 
 def crosses_itself(points_enu_m: FloatArray) -> BoolArray:

@@ -1,7 +1,6 @@
 """Measuring in one image: camera, pose, ground and probes to measurements."""
 
 from aerodft.app.measure.measurements import (
-    PROBES,
     Area,
     Bearing,
     Distance,
@@ -15,6 +14,7 @@ from aerodft.app.measure.measurements import (
     ground_points,
     measure,
     measured_document,
+    probe,
     requests_of,
 )
 from aerodft.app.measure.scene import (

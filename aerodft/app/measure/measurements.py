@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeAlias, overload
 
@@ -188,8 +189,47 @@ class RiverWidth(ImageProbe):
     kind = ProbeKind.RIVER
 
 
-PROBES: Final = {each.kind: each for each in ImageProbe.__subclasses__()}
-"""The class of each kind of probe."""
+def probe(
+    kind: str,
+    pixels: Pixels,
+    *,
+    elevation_m: float = 0.0,
+    name: str | None = None,
+    std_px: float = 1.0,
+    elevation_std_m: float = 0.0,
+    on_top_of: str | None = None,
+) -> ImageProbe:
+    """A probe of a kind by its name, of any kind in the registry ``dft.PROBE_KINDS``.
+
+    Args:
+        kind: Name of the kind, as in station files: ``position``, ``range``, ``distance``, ``width``, ...
+        pixels: One ``(u, v)`` or several; (0, 0) is the middle of the top-left pixel, u to the right, v down.
+        elevation_m: Height of the measured surface above the ground.
+        name: What the measurement is called; None for the kind and its place among the probes.
+        std_px: Standard deviation of each pixel coordinate.
+        elevation_std_m: Standard deviation of the elevation.
+        on_top_of: Name of a ``Height`` of the same image that the pixels lie on top of.
+
+    Raises:
+        UsageError: No such kind, a pixel that is no pair of finite numbers, or a wrong number of pixels.
+        InputError: A standard deviation is below 0.
+
+    Example:
+        >>> import aerodft as ad
+        >>> ad.probe("distance", [(812, 604.5), (1377, 611)], name="ford").kind
+        'distance'
+    """
+    if ProbeKind(kind) not in PROBE_KINDS:
+        raise UsageError("a probe's kind", got=repr(kind), expected=f"one of {', '.join(PROBE_KINDS)}")
+    own = next((each for each in ImageProbe.__subclasses__() if each.kind == kind), None)
+    known = own or _probe_class(ProbeKind(kind))
+    return known(pixels, elevation_m, name, std_px, elevation_std_m, on_top_of)
+
+
+@cache
+def _probe_class(kind: ProbeKind) -> type[ImageProbe]:
+    """The class of a kind that has none of its own name here."""
+    return type(kind.title(), (ImageProbe,), {"kind": kind})
 
 
 def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:

@@ -5,7 +5,8 @@ from typing import Any, Final
 
 from aerodft.adapters.config.evidence import GEO_KEYS, LOCAL, landmark_tables
 from aerodft.adapters.wire.payload import as_json
-from aerodft.app.measure import PROBES, ImageProbe
+from aerodft.app.measure import ImageProbe, probe
+from aerodft.dft import PROBE_KINDS
 from aerodft.errors import UsageError, located
 from aerodft.model import ProbeKind
 
@@ -29,13 +30,13 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
     if not isinstance(document, Mapping) or not set(document) <= {"kind", "pixels", "name"}:
         raise UsageError("a probe", got=as_json(document), expected="kind, pixels and perhaps a name")
     kind, pixels, name = (document.get(key) for key in ("kind", "pixels", "name"))
-    if not isinstance(kind, str) or kind not in PROBES:
-        raise UsageError("a probe's kind", got=as_json(kind), expected=f"one of {', '.join(PROBES)}")
+    if not isinstance(kind, str) or ProbeKind(kind) not in PROBE_KINDS:
+        raise UsageError("a probe's kind", got=as_json(kind), expected=f"one of {', '.join(PROBE_KINDS)}")
     if not isinstance(pixels, list) or len(pixels) > MOST_POINTS or not all(map(is_pixel, pixels)):
         raise UsageError("a probe's pixels", got=as_json(pixels), expected=f"up to {MOST_POINTS} pairs of numbers")
     if name is not None and not _is_name(name):
         raise UsageError("a probe's name", got=as_json(name), expected=f"up to {_MOST_NAME} letters, no space")
-    return PROBES[ProbeKind(kind)]([(u, v) for u, v in pixels], name=name, std_px=std_px)
+    return probe(kind, [(u, v) for u, v in pixels], name=name, std_px=std_px)
 
 
 def evidence_of(document: object) -> dict[str, Any]:

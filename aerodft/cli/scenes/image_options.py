@@ -283,11 +283,12 @@ def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> "tuple[Req
 
 
 def _parse_probe(text: str, stds: Stds, elevation_m: float) -> "ImageProbe":
-    from aerodft.app.measure import PROBES
+    from aerodft.app.measure import probe
+    from aerodft.dft import PROBE_KINDS
 
     kind, *words = text.split() or [""]
-    if kind not in PROBES:
-        expected = f"one of {', '.join(PROBES)}"
+    if ProbeKind(kind) not in PROBE_KINDS:
+        expected = f"one of {', '.join(PROBE_KINDS)}"
         raise UsageError(f'--probe "{text}"', got=f"kind {kind!r}", expected=expected)
     options = _options(words, text)
     pixels = [_pixel(word, text) for word in words if "=" not in word]
@@ -296,7 +297,8 @@ def _parse_probe(text: str, stds: Stds, elevation_m: float) -> "ImageProbe":
     if elevation and not named:
         elevation_m = _finite(elevation, text)
     try:
-        return PROBES[ProbeKind(kind)](
+        return probe(
+            kind,
             pixels,
             name=options.get("name"),
             std_px=1.0 if stds.px is None else stds.px,

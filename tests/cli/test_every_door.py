@@ -1,0 +1,186 @@
+"""Every kind of probe through every door: Python, ``--probe``, a station's file, a request on the bus, a page's query.
+
+The doors lead to one engine: the same question has the same bytes for an answer, whoever asks.
+"""
+
+import math
+
+import cv2
+import numpy as np
+import orjson
+import pytest
+import tomli_w
+
+import aerodft as ad
+from aerodft.adapters.bus import session_on
+from aerodft.app.measure import MeasuredSurface, image_setup, measured_document
+from aerodft.app.viewing import FixedCameraView
+from aerodft.dft import PROBE_KINDS
+from aerodft.web.answers import Answers
+from replay.recordings import Recording
+from tests.commands import run_aerodft
+from tests.ports import free_endpoint
+
+CAMERA = {"name": "yard", "width_px": 1920, "height_px": 1080, "hfov_deg": 60.0}
+POSE = {"height_m": 12.0, "tilt_deg": 35.0, "heading_deg": 20.0}
+STD = {"height_m": 1e-3, "tilt_deg": 2e-3, "pan_deg": 2e-3, "roll_deg": 2e-3, "position_m": 0.0, "heading_deg": 0.5}
+NOISE_PX, VERTICES, LINES, REPEATS = 1.5, 41, 12, 200
+OF_THE_DOOR = ("name", "stamp_ns", "image", "config", "pose", "budget", "advice", "command", "geojson")
+"""Keys of a measurement that say where and when it was asked for."""
+STATES_STDS = ("std stated", "std of", "taken as exact", "assumed")
+
+
+def noisy_lines(rng):
+    """A curved line of 40 segments, and the line with noise, ``REPEATS`` times."""
+    along = np.linspace(300, 1600, VERTICES)
+    line = np.stack([along, 560 + 180 * np.sin(along / 260)], axis=-1)
+    return line, [line + NOISE_PX * rng.standard_normal(line.shape) for _ in range(REPEATS)]
+
+
+LINE, NOISY = noisy_lines(np.random.default_rng(38))
+PIXELS = {
+    "position": [[700, 500]],
+    "range": [[700, 500]],
+    "distance": [[400, 300], [1500, 420]],
+    "width": [[600, 700], [660, 702]],
+    "length": [[400, 300], [900, 350], [1500, 420]],
+    "area": [[400, 300], [1500, 320], [1400, 900], [380, 850]],
+    "height": [[820, 640], [822, 560]],
+    "bearing": [[1000, 500]],
+    "river": [[300, 700], [900, 690], [310, 500], [880, 490], [330, 300], [870, 310]],
+}
+PROBES = [
+    *((kind, pixels) for kind, pixels in PIXELS.items()),
+    ("bearing", [[500, 800], [900, 300]]),
+    *(("length", np.round(line, 6).tolist()) for line in NOISY[:LINES]),
+]
+
+
+def test_every_kind_is_asked_for():
+    assert set(PIXELS) == set(PROBE_KINDS)
+
+
+def name_of(number):
+    return f"probe-{number}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("doors")
+    (made / "camera.toml").write_text(tomli_w.dumps(CAMERA))
+    return made
+
+
+@pytest.fixture(scope="module")
+def by_python(folder):
+    probes = [ad.probe(kind, pixels, std_px=NOISE_PX) for kind, pixels in PROBES]
+    pose = ad.CameraPose(**POSE, std=ad.PoseStd(**STD))
+    found = ad.measure(ad.load_camera(folder / "camera.toml"), pose, probes)
+    return [measured_document(each, None) for each in found]
+
+
+def by_command(folder):
+    words = [f"{kind} {' '.join(f'{u!r},{v!r}' for u, v in pixels)}" for kind, pixels in PROBES]
+    stds = ",".join(f"{name.rpartition('_')[0]}={std}" for name, std in STD.items())
+    pose = [word for name, value in POSE.items() for word in (f"--{name.rpartition('_')[0]}", value)]
+    run = run_aerodft(
+        "measure", "--camera", folder / "camera.toml", *pose, "--std", f"{stds},px={NOISE_PX}",
+        *(word for probe in words for word in ("--probe", probe)), "--json",
+    )  # fmt: skip
+    assert run.code == 0, run.err
+    return orjson.loads(run.out)
+
+
+def station_document(endpoint):
+    std = {"horizontal_m" if name == "position_m" else name: value for name, value in STD.items()}
+    probes = [
+        {"name": name_of(number), "kind": kind, "pixels": pixels, "std_px": NOISE_PX}
+        for number, (kind, pixels) in enumerate(PROBES)
+    ]
+    pose = {"height_agl_m": POSE["height_m"], "tilt_deg": POSE["tilt_deg"], "heading_deg": POSE["heading_deg"]}
+    return {
+        "station": {"name": "yard"},
+        "camera": CAMERA,
+        "pose": pose | {"std": std},
+        "images": {"rate_hz": 1},
+        "zenoh": {"listen": endpoint},
+        "probe": probes,
+    }
+
+
+def asked_on_bus(session, question):
+    (reply,) = session.get("aerodft/yard/measure", payload=orjson.dumps(question), timeout=60.0)
+    assert reply.ok is not None, reply.err.payload.to_string()
+    return orjson.loads(reply.ok.payload.to_bytes())[0]
+
+
+@pytest.fixture(scope="module")
+def by_station(folder):
+    """The configured probes of one image, and the replies to the same questions on the bus."""
+    endpoint, first = free_endpoint(), {}
+    (folder / "station.toml").write_text(tomli_w.dumps(station_document(endpoint)))
+    station = ad.Station(folder / "station.toml", output=folder / "recording")
+    with station:
+        station.wait(seconds=0.1)
+        with session_on(None, [endpoint]) as session:
+            replies = [
+                asked_on_bus(session, {"kind": kind, "pixels": pixels, "std_px": NOISE_PX}) for kind, pixels in PROBES
+            ]
+        while not station.result or not station.result.statistics.images:
+            station.wait(seconds=0.1)
+    for payload in Recording(folder / "recording").measurements():
+        measured = orjson.loads(payload)
+        first.setdefault(measured["name"], measured)
+    return [first[name_of(number)] for number in range(len(PROBES))], replies
+
+
+def by_page(folder):
+    camera, std = ad.load_camera(folder / "camera.toml"), ad.PoseStd(**STD)
+    scene = image_setup(camera, ad.CameraPose(**POSE, std=std))
+    view = FixedCameraView(folder / "yard.png", camera, scene, {}, MeasuredSurface())
+    view.std_px = NOISE_PX
+    answers = Answers(view, is_read_only=True)
+    found = []
+    for first in range(0, len(PROBES), 32):
+        asked = [{"kind": kind, "pixels": pixels} for kind, pixels in PROBES[first : first + 32]]
+        found += answers.answer(answers.question(orjson.dumps({"image": 0, "probes": asked})))["measurements"]
+    return found
+
+
+def answer_bytes(measurement):
+    """What a measurement answers, without what differs by the door through which it was asked for."""
+    kept = {key: value for key, value in measurement.items() if key not in OF_THE_DOOR}
+    reasons = [each for each in measurement["reasons"] if not each.startswith(STATES_STDS)]
+    return orjson.dumps(kept | {"reasons": reasons})
+
+
+def test_every_door_gives_the_same_bytes(folder, by_python, by_station):
+    cv2.imwrite(str(folder / "yard.png"), np.zeros((1080, 1920, 3), dtype=np.uint8))
+    configured, replies = by_station
+    doors = {"command": by_command(folder), "station": configured, "bus": replies, "page": by_page(folder)}
+    for door, answers in doors.items():
+        assert len(answers) == len(PROBES)
+        for (kind, pixels), expected, answer in zip(PROBES, by_python, answers, strict=True):
+            assert answer_bytes(answer) == answer_bytes(expected), (door, kind, len(pixels))
+    assert {each["status"] for each in by_python} == {"ok"}
+
+
+def true_length_m():
+    """Of the line on the ground, by the pinhole's closed form."""
+    focal_px = CAMERA["width_px"] / 2 / math.tan(math.radians(CAMERA["hfov_deg"]) / 2)
+    x, y = ((LINE - [959.5, 539.5]) / focal_px).T
+    tilt = math.radians(POSE["tilt_deg"])
+    down, ahead = math.cos(tilt) + y * math.sin(tilt), math.sin(tilt) - y * math.cos(tilt)
+    ground_m = POSE["height_m"] * np.stack([x, ahead], axis=-1) / down[:, None]
+    return float(np.sum(np.hypot(*np.diff(ground_m, axis=0).T)))
+
+
+def test_lines_of_many_noisy_vertices_are_as_long_as_they_are(folder, by_python):
+    """What holds for Python's door holds for each, by the test above."""
+    probes = [ad.probe("length", np.round(line, 6), std_px=NOISE_PX) for line in NOISY]
+    pose = ad.CameraPose(**POSE, std=ad.PoseStd(**STD))
+    found = ad.measure(ad.load_camera(folder / "camera.toml"), pose, probes)
+    assert [each.value for each in found[:LINES]] == [each["value"] for each in by_python[-LINES:]]
+    held = [each.ci95[0] <= true_length_m() <= each.ci95[1] for each in found]
+    assert 0.92 <= np.mean(held) <= 0.985
+    assert abs(np.mean([each.value for each in found]) - true_length_m()) < 0.2 * found[0].std

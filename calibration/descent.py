@@ -102,6 +102,8 @@ class Residuals(Batch):
         jac_unknowns: ``(m, s + k)``.
         owner: ``(m,)`` index of the observation that a row belongs to; -1 for priors.
         px: ``(m,)`` in pixels; 0 for priors.
+        log_std: ``(m,)`` logarithm of the standard deviation that a row was divided by, over that of its pixels alone:
+            0 where both are equal. Minus the log likelihood is half the squares plus these.
         images: Rows of each image; behind them those that depend on shared unknowns alone, all of them without images.
         own: ``k``.
     """
@@ -110,6 +112,7 @@ class Residuals(Batch):
     jac_unknowns: FloatArray
     owner: np.ndarray
     px: FloatArray
+    log_std: FloatArray
     images: tuple[slice, ...] = ()
     own: int = 0
 

@@ -135,7 +135,7 @@ class ImagesProblem:
         """Residuals of one image's observations and of its own errors."""
         camera, by = self.unknowns.placed(state, index, self.views[index])
         own = np.eye(OWN, by.shape[1], by.shape[1] - OWN)
-        own_rows = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN))
+        own_rows = Residuals(state.own[index], own, np.full(OWN, -1), np.zeros(OWN), np.zeros(OWN))
         found = self._problems[index].observed(camera, by)
         if found is None:
             return own_rows
@@ -147,7 +147,7 @@ class ImagesProblem:
         by = np.zeros((count, len(names) + OWN))
         for row, (name, prior) in enumerate(self.priors.items()):
             by[row, names.index(name)] = 1 / prior.std
-        return Residuals(values, by, np.full(count, -1), np.zeros(count))
+        return Residuals(values, by, np.full(count, -1), np.zeros(count), np.zeros(count))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -155,7 +155,7 @@ class _Adjustment:
         off = (_pixels(camera, distorted) - self._corners.pixels_px).ravel()
         values = np.append(off, self._roots * intrinsics_of(camera))
         by = np.concatenate([by, np.eye(count, count + _POSE) * self._roots[:, None]])
-        return Residuals(values, by, np.full(len(values), -1), values, self._views, _POSE)
+        return Residuals(values, by, np.full(len(values), -1), values, np.zeros(len(values)), self._views, _POSE)
 
     def moved(self, bundle: Bundle, step: FloatArray) -> Bundle | None:
         """The bundle after a step; None where it leads to no camera."""

@@ -51,6 +51,7 @@ from aerodft.model import (
     KnownHeight,
     KnownLength,
     Landmark,
+    Prior,
     ProbeKind,
     ProjectionModel,
     Px,
@@ -66,6 +67,8 @@ OUT_OF_SIGHT = 1e6
 Larger than of any visible one, otherwise the best state would be one that sees nothing."""
 
 _ANGLES = ("roll", "heading")  # modulo a turn
+_SMALL_LEAN_RAD = 1e-4  # below it the lean is taken as its sine, right to 1e-8 of it
+_NADIR_STDS = 3.0  # of a tilt's prior: within it of straight down the prior is one of the optical axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -384,7 +387,10 @@ class Problem:
             for index, each in enumerate(known.evidence)
             if index not in reprojected and index not in ranges and index not in lengths
         ]
-        self._priors = [(name, known.priors[name]) for name in unknowns.names if name in known.priors]
+        priors = {name: known.priors[name] for name in unknowns.names if name in known.priors}
+        self._lean = _lean_prior(priors) if unknowns.has_free_attitude else None
+        of_lean = {"tilt", "roll"} if self._lean else set()
+        self._priors = [(name, prior) for name, prior in priors.items() if name not in of_lean]
 
     @property
     def landmarks(self) -> tuple[FloatArray, FloatArray]:
@@ -396,6 +402,7 @@ class Problem:
         found = self.observed(state, self.unknowns.jac_unknowns(state))
         parts = [] if found is None else [found]
         parts += [self._of_priors(state)] if self._priors else []
+        parts += [self._of_lean(state, self._lean)] if self._lean else []
         return Residuals.concatenate(parts)
 
     def moved(self, state: State, step: FloatArray) -> State | None:
@@ -421,17 +428,18 @@ class Problem:
             if np.any(by[INTRINSICS]):
                 jac += _chain(found.jac_intrinsics, by[INTRINSICS])
         std = self._std_px[:, None]
-        values, rows = off / std, jac / std[..., None]
+        values, rows, log_std = off / std, jac / std[..., None], np.zeros(off.shape)
         if self._point_cov is not None:
             cov = found.jac_point @ self._point_cov @ found.jac_point.swapaxes(-1, -2)
             cov += np.square(self._std_px)[:, None, None] * np.eye(2)
             root = _whitening(np.where(np.all(np.isfinite(cov), axis=(-1, -2), keepdims=True), cov, np.eye(2)))
             values, rows = (root @ off[..., None])[..., 0], root @ jac
+            log_std -= 0.5 * np.log(np.linalg.det(root) * self._std_px**2)[:, None]
         px, blind = off.ravel(), np.isnan(off[:, 0])
         if np.any(blind):
-            values[blind], rows[blind] = OUT_OF_SIGHT, 0.0
+            values[blind], rows[blind], log_std[blind] = OUT_OF_SIGHT, 0.0, 0.0
             px = np.where(np.isnan(px), np.inf, px)
-        return Residuals(values.ravel(), rows.reshape(len(px), -1), self._owner, px)
+        return Residuals(values.ravel(), rows.reshape(len(px), -1), self._owner, px, log_std.ravel())
 
     def _of_priors(self, state: State) -> Residuals:
         to_angles = self.unknowns.to_angles(state)
@@ -443,7 +451,51 @@ class Problem:
             values.append(off / prior.std)
             rows.append(to_angles[self.unknowns.names.index(name)] / prior.std)
         count = len(values)
-        return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count))
+        return Residuals(np.array(values), np.array(rows), np.full(count, -1), np.zeros(count), np.zeros(count))
+
+    def _of_lean(self, state: State, prior: "_LeanPrior") -> Residuals:
+        lean, by_rotation = _lean(state)
+        rows = by_rotation @ self.unknowns.jac_unknowns(state)[ROTATION] / prior.std_rad
+        nothing = np.zeros(2)
+        return Residuals((lean - prior.lean_rad) / prior.std_rad, rows, np.full(2, -1), nothing, nothing)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LeanPrior:
+    """Prior of the optical axis near straight down.
+
+    A tilt is the length of a lean there, and roll and heading turn about one axis. The prior of a tilt is therefore one
+    of the lean in both directions, and the roll's says in which.
+
+    Attributes:
+        lean_rad: ``(2,)`` towards the image's right and lower edge, as ``_lean``.
+        std_rad: Of each.
+    """
+
+    lean_rad: FloatArray
+    std_rad: float
+
+
+def _lean_prior(priors: Mapping[str, Prior]) -> _LeanPrior | None:
+    """The prior of the lean that priors of tilt and roll are; None where straight down is far from the tilt's."""
+    tilt, roll = priors.get("tilt"), priors.get("roll")
+    if tilt is None or tilt.value >= _NADIR_STDS * tilt.std:
+        return None
+    if roll is None:
+        return _LeanPrior(np.zeros(2), math.hypot(tilt.value, tilt.std))
+    return _LeanPrior(tilt.value * np.array([math.sin(roll.value), math.cos(roll.value)]), tilt.std)
+
+
+def _lean(state: State) -> tuple[FloatArray, FloatArray]:
+    """Lean ``(2,)``: the tilt times the direction of straight down in the image; Jacobian ``(2, 3)`` by a rotation."""
+    down_cam = -state.rotation[2]
+    cos, sin = float(down_cam[2]), float(np.hypot(down_cam[0], down_cam[1]))
+    tilt_rad = math.atan2(sin, cos)
+    scale, slope = 1.0, 1 / 3  # limits straight down
+    if sin > _SMALL_LEAN_RAD:
+        scale, slope = tilt_rad / sin, (1 - tilt_rad * cos / sin) / sin**2
+    by_down = np.column_stack([scale * np.eye(2), -slope * down_cam[:2]])
+    return scale * down_cam[:2], by_down @ skew(down_cam)
 
 
 def _chain(many: FloatArray, by: FloatArray) -> FloatArray:
@@ -459,7 +511,7 @@ def _residuals_of_distances(distances: Distances, state: State, by: FloatArray) 
     is_out_of_sight = ~(np.isfinite(values) & np.all(np.isfinite(jac_shared), axis=-1))
     if np.any(is_out_of_sight):
         jac_shared[is_out_of_sight], values[is_out_of_sight], px[is_out_of_sight] = 0.0, OUT_OF_SIGHT, np.inf
-    return Residuals(values, jac_shared @ by, distances.owner, px)
+    return Residuals(values, jac_shared @ by, distances.owner, px, np.zeros(len(px)))
 
 
 def _residuals_of_condition(index: int, condition: Condition, state: State, by: FloatArray) -> Residuals:
@@ -469,10 +521,10 @@ def _residuals_of_condition(index: int, condition: Condition, state: State, by: 
     owner = np.full(count, index)
     if is_out_of_sight:
         nothing = np.zeros((count, by.shape[1]))
-        return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf))
+        return Residuals(np.full(count, OUT_OF_SIGHT), nothing, owner, np.full(count, np.inf), np.zeros(count))
     root = _whitening(found.cov)
     values = root @ found.off
-    return Residuals(values, root @ found.jac_shared @ by, owner, found.std_px * values)
+    return Residuals(values, root @ found.jac_shared @ by, owner, found.std_px * values, np.zeros(count))
 
 
 def _whitening(cov: FloatArray) -> FloatArray:

@@ -306,9 +306,20 @@ def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool)
 
 def _best_minimum(minima: list[Minimum]) -> Minimum:
     """The minimum of least cost; of equal ones along a valley the middle one."""
-    least = min(minimum.cost for minimum in minima)
-    equal = [minimum for minimum in minima if minimum.cost <= least * (1 + _COST_TOLERANCE) + _COST_TOLERANCE]
+    costs = [_likelihood_cost(minimum) for minimum in minima]
+    least = min(costs)
+    most = least + _COST_TOLERANCE * (1 + abs(least))
+    equal = [minimum for minimum, cost in zip(minima, costs, strict=True) if cost <= most]
     return sorted(equal, key=lambda minimum: minimum.state.value("height"))[len(equal) // 2]
+
+
+def _likelihood_cost(minimum: Minimum) -> float:
+    """Minus the logarithm of the (robust) likelihood, but for a constant.
+
+    The standard deviations count beside the cost: right before the camera an error of a landmark's place is thousands
+    of pixels, which would explain any residual.
+    """
+    return minimum.cost + float(np.sum(minimum.residuals.log_std))
 
 
 def _states_from_subsets(problem: Problem, known: State) -> list[State]:
@@ -326,7 +337,7 @@ def _states_from_subsets(problem: Problem, known: State) -> list[State]:
 
 
 def _has_fit(minima: list[Minimum]) -> bool:
-    return bool(minima) and _fits(min(minima, key=lambda minimum: minimum.cost).residuals)
+    return bool(minima) and _fits(min(minima, key=_likelihood_cost).residuals)
 
 
 def _is_hopeless(residuals: Residuals) -> bool:
@@ -361,11 +372,12 @@ def _find_inliers(residuals: Residuals, count: int, before: np.ndarray | None = 
 
 def _neg_log_likelihood(residuals: Residuals, kept: np.ndarray) -> float:
     """Twice the negative log likelihood of normal inliers (stds as stated, or larger) and outliers anywhere."""
-    used = residuals.values[used_rows(residuals.owner, kept)]
+    rows = used_rows(residuals.owner, kept)
+    used = residuals.values[rows]
     chi2, count = float(used @ used), len(used)
     if chi2 > count:
         chi2 = min(chi2, count * (1 + math.log(chi2 / count)) + _SCALE_PENALTY)
-    return chi2 + _OUTLIER_PENALTY * (len(residuals.values) - count)
+    return chi2 + 2 * float(np.sum(residuals.log_std[rows])) + _OUTLIER_PENALTY * (len(residuals.values) - count)
 
 
 def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
@@ -415,11 +427,14 @@ def _alternative(problem: Problem, solution: Solution, minima: list[Minimum]) ->
     """
     names = problem.unknowns.names
     stds = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+    used = used_rows(solution.residuals.owner, solution.kept)
     for minimum in minima:
         if _is_hopeless(minimum.residuals) or not _is_different(names, solution.state, minimum.state, stds):
             continue
         other = descend(problem, minimum.state, None, solution.kept, minimum.residuals)
-        as_likely = 2 * other.cost - solution.chi2 < _MAX_CHI2_INCREASE * max(solution.sigma_scale, 1.0) ** 2
+        wider = float(np.sum((other.residuals.log_std - solution.residuals.log_std)[used]))
+        increase = 2 * other.cost - solution.chi2 + 2 * wider
+        as_likely = increase < _MAX_CHI2_INCREASE * max(solution.sigma_scale, 1.0) ** 2
         on_its_head = _uprightness(other.state) < -_HEAD_DOWN and _uprightness(solution.state) > 0
         if as_likely and not on_its_head and _is_different(names, solution.state, other.state, stds):
             return other.state

@@ -16,7 +16,7 @@ KEPT = np.array([True, False, True])
 
 def rows(values):
     values = np.asarray(values, dtype=np.float64)
-    return Residuals(values, np.eye(len(values)), OWNER, values)
+    return Residuals(values, np.eye(len(values)), OWNER, values, np.zeros(len(values)))
 
 
 @pytest.mark.parametrize("scale", [None, 3.0])

@@ -98,6 +98,7 @@ class GimbalSource(StrEnum):
     MOUNT_STATUS = "MOUNT_STATUS"
     DATAFLASH_MNT = "MNT"
     FIXED_MOUNT = "fixed"
+    PHOTOGRAPH = "photograph"
     MANUAL = "manual"
 
 

@@ -13,6 +13,7 @@ from aerodft.adapters.images.pixels import (
 )
 from aerodft.adapters.images.rate import LiveRate, RateSource, ThinnedPixels, is_due
 from aerodft.adapters.images.stills import (
+    UNREADABLE,
     StillsFolderSource,
     camera_of_still,
     check_mode,

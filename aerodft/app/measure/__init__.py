@@ -17,6 +17,13 @@ from aerodft.app.measure.measurements import (
     probe,
     requests_of,
 )
+from aerodft.app.measure.photograph import (
+    Photograph,
+    StatedPose,
+    camera_of_photograph,
+    carries_pose,
+    read_photograph,
+)
 from aerodft.app.measure.scene import (
     CameraPose,
     ElevationModel,

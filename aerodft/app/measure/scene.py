@@ -1,9 +1,11 @@
 """Camera, ground and pose of one image, as users know them: in degrees and metres, or out of a calibration file."""
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -26,6 +28,7 @@ from aerodft.model import (
     ProjectionModel,
     Status,
 )
+from aerodft.service import HEIGHT_SOURCES
 
 _LOWEST_M: Final = 1e-3
 _STEEPEST_DEG: Final = 80.0
@@ -103,14 +106,24 @@ class PoseStd:
         """The standard deviations with those that are assumed of a pose at this height."""
         return PoseStd(**{each.name: self._of(each.name, height_m) for each in fields(self)})
 
-    def description(self, height_m: float, focal_px: float | None = None) -> str:
-        """Which are stated, assumed and taken as exact at this height, for people; with the focal length's."""
+    def description(
+        self, height_m: float, focal_px: float | None = None, by: Mapping[str, str] = MappingProxyType({})
+    ) -> str:
+        """Which are stated, assumed and taken as exact at this height, for people; with the focal length's.
+
+        Args:
+            height_m: The height.
+            focal_px: Standard deviation of the focal length; None to leave it out.
+            by: By name of an attribute, who else than the user states it.
+        """
         parts: dict[str, list[str]] = {"std stated": [], "assumed": [], "taken as exact": []}
         for each in fields(self):
             (name, unit), value = each.name.split("_"), self._of(each.name, height_m)
             is_stated = getattr(self, each.name) is not None
             part = "std stated" if is_stated else "assumed" if value else "taken as exact"
-            parts[part].append(f"{name} {value:.3g} {unit}" if is_stated or value else name)
+            if is_stated and each.name in by:
+                part = f"std by {by[each.name]}"
+            parts.setdefault(part, []).append(f"{name} {value:.3g} {unit}" if is_stated or value else name)
         if focal_px is not None:
             part, name = ("std stated", f"focal {focal_px:.3g} px") if focal_px else ("taken as exact", "focal")
             parts[part].append(name)
@@ -148,7 +161,10 @@ class CameraPose:
         lon_deg: WGS84 longitude.
         std: How well all this is known; what it leaves out is assumed, which the measurement's reasons say.
         covariance: ``(6, 6)`` instead of ``std``: position ENU (m), then a small rotation in camera axes (rad).
+        std_by: By name of an attribute of ``std``, who states it; what is not named is the user's.
         reasons: What goes into every measurement's reasons.
+        height_source: Who says the height.
+        attitude_source: Who says the angles.
 
     Raises:
         InputError: A value is impossible.
@@ -167,8 +183,11 @@ class CameraPose:
     lat_deg: float | None = None
     lon_deg: float | None = None
     std: PoseStd = _UNSTATED
+    std_by: Mapping[str, str] = field(default_factory=dict)
     covariance: FloatArray | None = None
     reasons: tuple[str, ...] = ()
+    height_source: HeightSource = HeightSource.MANUAL
+    attitude_source: GimbalSource = GimbalSource.MANUAL
 
     def __post_init__(self) -> None:
         if self.height_m is not None:
@@ -215,7 +234,7 @@ class CameraPose:
         """
         pose, height_m = self.pose(origin), self._height_m(origin)
         focal_px = None if camera.covariance else camera.std.focal_px
-        said = (self.std.description(height_m, focal_px),) if self.covariance is None else ()
+        said = (self.std.description(height_m, focal_px, self.std_by),) if self.covariance is None else ()
         ground_msl_m = None if origin is None else origin.alt_msl_m
         return PoseSample(
             stamp_ns=0,
@@ -227,9 +246,9 @@ class CameraPose:
             lat_rad=None if origin is None else origin.lat_rad,
             lon_rad=None if origin is None else origin.lon_rad,
             alt_msl_m=None if ground_msl_m is None else ground_msl_m + float(pose.position_enu_m[2]),
-            height_source=HeightSource.MANUAL,
-            height_datum="manual",
-            attitude_source=GimbalSource.MANUAL,
+            height_source=self.height_source,
+            height_datum=HEIGHT_SOURCES[self.height_source].datum,
+            attitude_source=self.attitude_source,
         )
 
     def _std(self, height_m: float) -> model.PoseStd:

@@ -4,4 +4,4 @@ from aerodft.app.viewing.fixed import FixedCameraView
 from aerodft.app.viewing.live import LiveView
 from aerodft.app.viewing.questions import evidence_of, landmarks_in, probe_of
 from aerodft.app.viewing.recording import RecordingView
-from aerodft.app.viewing.view import Document, View, ViewedImage
+from aerodft.app.viewing.view import PHOTOGRAPH, Document, View, ViewedImage

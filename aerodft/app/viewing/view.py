@@ -36,6 +36,9 @@ _JPEG_QUALITY: Final = 95
 _VERTICAL_POINTS: Final = 33
 _MARKED: Final = "what was marked"
 
+PHOTOGRAPH: Final = "photograph"
+"""Key of a command line's options that is the photograph itself, which is typed before them."""
+
 
 def doctor_document(found: Diagnosis) -> Document:
     """What ``View.doctor`` says of a diagnosis."""
@@ -327,8 +330,10 @@ def _command(options: Mapping[str, str], request: Request) -> str:
     """The command line that gives a measurement."""
     pixels = " ".join(f"{u!r},{v!r}" for u, v in request.pixels)
     probe = f"{request.probe.kind} {pixels} name={request.probe.name}"
-    words = (word for name, value in {**options, "probe": probe}.items() for word in (f"--{name}", value))
-    return shlex.join(["aerodft", "measure", *words])
+    photo = [options[PHOTOGRAPH]] if PHOTOGRAPH in options else []
+    named = {name: value for name, value in options.items() if name != PHOTOGRAPH} | {"probe": probe}
+    words = (word for name, value in named.items() for word in (f"--{name.replace('_', '-')}", value))
+    return shlex.join(["aerodft", "measure", *photo, *words])
 
 
 def _geojson(measurement: Measurement) -> str | None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from aerodft.cli.output import say
 from aerodft.conventions import LARGEST
 from aerodft.errors import UsageError
-from aerodft.model import Camera, PoseSample, ProbeKind, ProjectionModel
+from aerodft.model import Camera, FloatArray, PoseSample, ProbeKind, ProjectionModel
 
 if TYPE_CHECKING:
     from aerodft.app.measure import CameraPose, ElevationModel, ImageProbe, MeasuredSurface, PoseStd, Slope
@@ -35,10 +36,13 @@ class PoseOptions:
     camera: Annotated[Path | None, _of_pose(help="Camera file (TOML).")] = None
     height: Annotated[float | None, _of_pose(help="Camera height above the ground right below it, m.")] = None
     tilt: Annotated[float | None, _of_pose(help="Angle of the optical axis from straight down, deg.")] = None
-    roll: Annotated[float, _of_pose(help="Positive with the camera's right side down, deg.")] = 0.0
-    heading: Annotated[float, _of_pose(help="Clockwise from true north, deg.")] = 0.0
+    roll: Annotated[float | None, _of_pose(help="Positive with the camera's right side down, deg; else 0.")] = None
+    heading: Annotated[float | None, _of_pose(help="Clockwise from true north, deg; else 0.")] = None
     lat: Annotated[float | None, _of_pose(help="Camera latitude, WGS84, deg.")] = None
     lon: Annotated[float | None, _of_pose(help="Camera longitude, WGS84, deg.")] = None
+    home_above_plane: Annotated[
+        float | None, _of_pose(help="Of a photograph's take-off point: height above the water or ground, m.")
+    ] = None
     calibration: Annotated[
         Path | None,
         _of_pose(
@@ -78,13 +82,17 @@ class PoseOptions:
         return given_options(self, "camera", "calibration", "std", "elevation", "max_range")
 
     def scene(
-        self, ground: "GroundOptions | None" = None, model: ProjectionModel | None = None
+        self,
+        ground: "GroundOptions | None" = None,
+        model: ProjectionModel | None = None,
+        photo: Path | None = None,
     ) -> "tuple[Setup, PoseSample]":
         """Camera, ground and pose.
 
         Args:
             ground: What the ground is like; None for level ground.
             model: Projection model; None for the calibration's, else the pinhole.
+            photo: Photograph that says what the options leave out; None where they have to say all.
 
         Raises:
             UsageError: There is no camera, or options do not go together.
@@ -100,6 +108,8 @@ class PoseOptions:
             refuse_beside(self.stated_pose() | ({} if ground is None else {"altitude": altitude_m}), "--calibration")
             self.stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
             camera = camera if known.camera is None else None
+        elif photo is not None and self._needs(photo):
+            return self._photographed(photo, ground, model)
         elif camera is None:
             raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
         else:
@@ -108,23 +118,68 @@ class PoseOptions:
         return image_setup(lens, pose, ground=terms, model=model, calibration=self.calibration, surface=self.surface)
 
     def _pose(self, altitude_m: float | None) -> "CameraPose":
-        from aerodft.adapters.config import load_covariance
         from aerodft.app.measure import CameraPose
 
         if self.tilt is None:
             raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
-        if self.covariance is not None:
-            self.stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
+        if self.home_above_plane is not None:
+            raise UsageError("--home-above-plane", expected="it with a photograph that says its height above take-off")
         return CameraPose(
             height_m=self.height,
             altitude_m=altitude_m,
+            tilt_deg=self.tilt,
+            roll_deg=self.roll or 0.0,
+            heading_deg=self.heading or 0.0,
+            lat_deg=self.lat,
+            lon_deg=self.lon,
+            std=self.stds.pose_std(),
+            covariance=self._covariance(),
+        )
+
+    def _covariance(self) -> "FloatArray | None":
+        from aerodft.adapters.config import load_covariance
+
+        if self.covariance is None:
+            return None
+        self.stds.refuse_pose("--covariance", "px, focal, elevation: the rest is there")
+        return load_covariance(self.covariance)
+
+    def _needs(self, photo: Path) -> bool:
+        """Whether a photograph says what the options leave out: its own pose, or the camera."""
+        from aerodft.app.measure import carries_pose
+
+        return self.camera is None or carries_pose(photo)
+
+    def _photographed(
+        self, photo: Path, ground: "GroundOptions | None", model: ProjectionModel | None
+    ) -> "tuple[Setup, PoseSample]":
+        """Camera, ground and pose of a photograph, with what is given by hand in place of its own; said on stderr."""
+        from aerodft.adapters.config.camera import load_camera
+        from aerodft.app.measure import StatedPose, image_setup, read_photograph
+
+        stated = StatedPose(
+            height_m=self.height,
+            altitude_m=None if ground is None else ground.altitude,
+            home_above_plane_m=self.home_above_plane,
             tilt_deg=self.tilt,
             roll_deg=self.roll,
             heading_deg=self.heading,
             lat_deg=self.lat,
             lon_deg=self.lon,
             std=self.stds.pose_std(),
-            covariance=None if self.covariance is None else load_covariance(self.covariance),
+            covariance=self._covariance(),
+        )
+        terms = None if ground is None else ground.terms()
+        taken = read_photograph(
+            photo,
+            camera=None if self.camera is None else load_camera(self.camera),
+            stated=stated,
+            is_over_terrain=ground is not None and ground.terrain is not None,
+        )
+        say(f"{photo.name}: {taken.summary}")
+        lens = self.stds.on_camera(taken.camera)
+        return image_setup(
+            lens, taken.pose, ground=terms, model=model, calibration=self.calibration, surface=self.surface
         )
 
 

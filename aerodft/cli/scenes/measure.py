@@ -34,6 +34,10 @@ _FIRST_UTC_NS: Final = 10**17  # a time below it counts from the recording's sta
 
 
 ModelOption: TypeAlias = Annotated[ProjectionModel | None, of_uncertainty(help="Projection model; else pinhole.")]
+PhotoArgument: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(metavar="[PHOTO]", help="A drone's photograph: it says camera, pose and place that are not given."),
+]
 ProbeOption: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
@@ -99,6 +103,8 @@ _NO_MAP: Final = DepthOptions()
 
 @grouped
 def measure(
+    photo: PhotoArgument = None,
+    *,
     ground: GroundOptions,
     scene: SurfaceOptions,
     recorded: RecordedOptions,
@@ -114,19 +120,21 @@ def measure(
     `aerodft explain` says where the uncertainty comes from, `aerodft depth-map` measures every pixel.
 
     \b
-    Example:
+    Examples:
+      aerodft measure DJI_0024.JPG --home-above-plane 1.5 --probe "distance 812,604.5 1377,611"
       aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
-    measure_image(ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
+    measure_image(photo, ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
 
 
 @grouped
 def explain(
+    photo: PhotoArgument = None,
+    *,
     ground: GroundOptions,
     scene: SurfaceOptions,
     recorded: RecordedOptions,
-    *,
     model: ModelOption = None,
     probe: ProbeOption = None,
     compare: Annotated[
@@ -147,15 +155,16 @@ def explain(
         --probe "range 1944,493"
       aerodft explain --recording demo/recording --at 5 --probe "distance 200,300 500,300" --compare
     """
-    measure_image(ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)
+    measure_image(photo, ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)
 
 
 @grouped
 def depth_map(
+    photo: PhotoArgument = None,
+    *,
     ground: GroundOptions,
     scene: SurfaceOptions,
     recorded: RecordedOptions,
-    *,
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write to.")],
     model: ModelOption = None,
     image: Annotated[Path | None, typer.Option(help="The image, to be seen from straight above.")] = None,
@@ -169,11 +178,12 @@ def depth_map(
       aerodft depth-map --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 75 \
         --lat 48.1 --lon 11.5 -o depth
     """
-    mapped = DepthOptions(depth_map=output, image=image, step=step)
-    measure_image(ground, scene, recorded, model, None, mapped, compare=False, explain=False, as_json=json)
+    mapped = DepthOptions(depth_map=output, image=image or photo, step=step)
+    measure_image(photo, ground, scene, recorded, model, None, mapped, compare=False, explain=False, as_json=json)
 
 
 def measure_image(
+    photo: Path | None,
     ground: GroundOptions,
     scene: SurfaceOptions,
     recorded: RecordedOptions,
@@ -199,6 +209,8 @@ def measure_image(
     )
     if recorded.recording is not None:
         refuse_beside(scene.stated_pose() | given_options(ground), "--recording")
+        if photo is not None:
+            raise UsageError("a photograph beside --recording", got=str(photo), expected="one of them")
     from aerodft.app.measure import with_stds_noted
 
     found = recorded.scene(scene)
@@ -208,7 +220,7 @@ def measure_image(
         if not as_json:
             say(_pose_sentence(sample))
     else:
-        setup, sample = scene.scene(ground, model)
+        setup, sample = scene.scene(ground, model, photo)
     sample = with_stds_noted(sample, scene.stds.px, setup.elevation_std_m)
     _check_model(setup, sample, model, scene.roll, compare=compare)
     if mapped.depth_map is not None:
@@ -280,7 +292,7 @@ def _write_depth(
 
 
 def _check_model(
-    setup: "Setup", sample: PoseSample, model: ProjectionModel | None, roll: float, *, compare: bool
+    setup: "Setup", sample: PoseSample, model: ProjectionModel | None, roll: float | None, *, compare: bool
 ) -> None:
     if compare and model is not None:
         raise UsageError("--model beside --compare", expected="one of them: --compare shows both models")

@@ -86,6 +86,7 @@ def river(
 
     \b
     Examples:
+      aerodft river DJI_0024.JPG --home-above-plane 1.5 -o bend
       aerodft river bend.jpg --camera cam.toml --height 40 --tilt 30 --std height=0.4,attitude=0.3 -o bend --json
       aerodft river demo/recording --spacing 2 -o reach
       aerodft river demo/recording --home-above-plane 1.2 -o reach
@@ -101,7 +102,7 @@ def river(
         changes.refuse("a recording: an image and a video take --height")
         views = _filmed(what, scene, config, images)
     if views is None:
-        survey = survey_still(what, *scene.scene(), question)
+        survey = survey_still(what, *scene.scene(photo=what), question)
     else:
         with progress("looking at the river twice in each image") as advance:
             survey = survey_images(views, question, advance)

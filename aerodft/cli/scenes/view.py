@@ -29,6 +29,7 @@ def view(
     \b
     Example:
       aerodft view demo/recording --open
+      aerodft view DJI_0024.JPG --home-above-plane 1.5
       aerodft view bridge.jpg --camera camera.toml
       aerodft view bridge.jpg --camera camera.toml --height 10.5 --tilt 67 --std height=0.1,tilt=0.2
     """
@@ -57,15 +58,20 @@ def _recording(source: Path, scene: PoseOptions) -> "View":
 
 def _fixed(source: Path, scene: PoseOptions) -> "View":
     from aerodft.adapters.config.camera import load_camera
-    from aerodft.app.viewing import FixedCameraView
+    from aerodft.adapters.images import STILLS
+    from aerodft.app.measure import carries_pose
+    from aerodft.app.viewing import PHOTOGRAPH, FixedCameraView
 
     named = given_options(scene).items()  # files by paths that hold anywhere, for command lines that people copy
     options = {name: str(value.absolute() if isinstance(value, Path) else value) for name, value in named}
-    if scene.camera is not None and not {"height", "tilt", "calibration"} & options.keys():
+    photo = source if source.suffix.lower() in STILLS and carries_pose(source) else None
+    if photo is not None:
+        options |= {PHOTOGRAPH: str(photo.absolute())}
+    if photo is None and scene.camera is not None and not {"height", "tilt", "calibration"} & options.keys():
         refuse_beside(scene.stated_pose(), "a pose that is still to be found")
         shown = FixedCameraView(source, load_camera(scene.camera), None, options, scene.surface)
     else:
-        found = scene.scene()
+        found = scene.scene(photo=photo)
         shown = FixedCameraView(source, found[0].camera, found, options, scene.surface)
     shown.pixels(0)  # a video that cannot be decoded is refused before a page opens
     return shown

@@ -19,6 +19,7 @@ _MAGIC: tuple[tuple[int, bytes, str], ...] = (
     (8, b"AVI ", "an AVI video"),
     (0, b"\x89MCAP0\r\n", "an MCAP recording"),
     (0, b"\xa3\x95\x80", "an ArduPilot .bin log"),
+    (0, b"ULog\x01\x12\x35", "a PX4 .ulg log"),
     (0, b"PK\x03\x04", "a ZIP archive"),
     (0, b"\x1f\x8b", "a gzip archive"),
     (0, b"%PDF", "a PDF document"),

@@ -194,7 +194,7 @@ def align(  # noqa: PLR0913 - what a user may choose, by name
 
     Args:
         video: Video file.
-        log: .tlog, ArduPilot .bin, or an MCAP file with MAVLink, of the same flight.
+        log: A log of any registered format, or an MCAP file with MAVLink, of the same flight.
         station: Station file, or a station: camera, and how attitudes are read; None where ``camera`` is given.
         camera: Camera file, or a camera, in place of the station's.
         video_start_ns: UTC of the video's first image; None for the station's, or the file's.

@@ -65,7 +65,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     """Turn a flight's log, and video or stills, into a recording with measurements.
 
     Args:
-        log: .tlog, ArduPilot .bin, or an MCAP file or folder with MAVLink; None for a fixed camera.
+        log: A log of any registered format, or an MCAP file or folder with MAVLink; None for a fixed camera.
         station: Station file, or a station.
         output: New folder for the recording.
         video: Video file, in place of the station's images.

@@ -58,7 +58,7 @@ MOST_IMAGES: Final = 60
 """Images of a recording or a video that are looked at by default."""
 
 _WANTED: Final = "an image, a fixed camera's video, or a recording"
-_LOGS: Final = {"a MAVLink .tlog": ".tlog", "an ArduPilot .bin log": ".bin"}
+_LOGS: Final = {"a MAVLink .tlog": ".tlog", "an ArduPilot .bin log": ".bin", "a PX4 .ulg log": ".ulg"}
 _NO_IMAGES: Final = frozenset({"text", "a ZIP archive", "a gzip archive", "a PDF document"})
 
 

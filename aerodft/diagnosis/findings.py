@@ -28,7 +28,11 @@ _EARLY_END_S: Final = 5.0
 _SLOW_PERIODS: Final = 3
 _MOST_TOLD: Final = 5
 _ATTITUDES: Final = frozenset(
-    {"ATTITUDE", "ATT", "GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT"}
+    {
+        *("ATTITUDE", "GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS"),
+        *("ATT", "MNT"),
+        *("vehicle_attitude", "gimbal_device_attitude_status"),
+    }
 )
 _CONSEQUENCE: Final = {
     "GPS_RAW_INT": "from then on it is not known how good the fix is",

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry import CompositeDecoder, DataflashDecoder, SigningCounts, mavlink
+from aerodft.adapters.telemetry import USED_MESSAGES, CompositeDecoder, DataflashDecoder, SigningCounts, mavlink
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.flight_checks import HeightPairs, PoseAvailability, PoseSampler
 from aerodft.diagnosis.message_requests import MessageRequest, missing_camera_messages, missing_messages
@@ -34,7 +34,11 @@ from aerodft.service.attitude import FrameEvidence
 from aerodft.service.clocks import JUMP_NS, ClockHealth, Ticks
 from aerodft.service.pose import PoseSource
 
-USED: Final = frozenset(map(mavlink.message_name, mavlink.OF_POSES)) | {"ATT", "GPS", "MNT", "POS", "RFND", "TERR"}
+USED: Final = (
+    frozenset(map(mavlink.message_name, mavlink.OF_POSES))
+    | {"ATT", "GPS", "MNT", "POS", "RFND", "TERR"}
+    | USED_MESSAGES
+)
 """Messages that poses are made of; only their gaps matter."""
 _NO_UTC_YET: Final = frozenset({"SYSTEM_TIME: no UTC yet", "GPS: no UTC yet"})
 _SLOW_PERIODS: Final = 3
@@ -60,7 +64,8 @@ class SourceSummary:
     high: float = -math.inf
 
     def add(self, values: FloatArray) -> None:
-        """Take in values ``(n,)``."""
+        """Take in values ``(n,)``; NaN is none."""
+        values = values[np.isfinite(values)]
         if len(values):
             self.count += len(values)
             self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
@@ -317,7 +322,7 @@ class LogDiagnosis:
         self._health.start_ns = self._first_ns
         for rows in _history_parts(block):
             self._add_rows(rows)
-        self._table.add(block, self._formats)
+        self._table.add(block, self._formats, self._decoder)
         self._parameters.add(block, self._formats)
         self._rangefinder.add(rangefinder_readings_m(block))
         self._unknown += unknown_ids(block)

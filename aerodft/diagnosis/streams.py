@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry import FMT_TYPE, HEAD_SIZE, MessageFormat
+from aerodft.adapters.telemetry import FMT_TYPE, HEAD_SIZE, CompositeDecoder, MessageFormat
 from aerodft.adapters.telemetry.mavlink import RANGEFINDER, headers, message_name, payload_dtype, payload_rows
 from aerodft.conventions import SECOND_NS
 from aerodft.model import FloatArray, IntArray, RawBlock, WireProtocol
@@ -70,13 +70,22 @@ class StreamTable:
 
     def __init__(self) -> None:
         self._streams: dict[int, Stream] = {}
+        self._named: dict[str, Stream] = {}
 
     def streams(self) -> list[Stream]:
         """All streams by name, then sender."""
-        return sorted(self._streams.values(), key=lambda s: (s.name, s.system or 0, s.component or 0))
+        return sorted(
+            (*self._streams.values(), *self._named.values()), key=lambda s: (s.name, s.system or 0, s.component or 0)
+        )
 
-    def add(self, block: RawBlock, formats: dict[int, MessageFormat]) -> None:
-        """Count a block's frames; ``formats`` names an on-board log's messages."""
+    def add(self, block: RawBlock, formats: dict[int, MessageFormat], decoder: CompositeDecoder) -> None:
+        """Count a block's frames.
+
+        Args:
+            block: The frames.
+            formats: Names of an ArduPilot log's messages.
+            decoder: Knows the names of other formats' messages.
+        """
         if not len(block.offset):
             return
         if block.protocol == WireProtocol.MAVLINK:
@@ -85,13 +94,24 @@ class StreamTable:
         elif block.protocol == WireProtocol.DATAFLASH:
             kinds = np.frombuffer(block.data, dtype=np.uint8)[block.offset + HEAD_SIZE - 1]
             keys = kinds.astype(np.int64)
-        else:  # of another format nobody knows the messages here
-            keys = np.zeros(len(block.offset), dtype=np.int64)
+        else:
+            self._add_named(block, *decoder.frame_names(block))
+            return
         for key in np.unique(keys[keys >= 0]).tolist():
             arrival_ns = block.arrival_ns[keys == key]
             if key not in self._streams:
                 self._streams[key] = _new_stream(block.protocol, key, int(arrival_ns[0]), formats)
             self._streams[key].add(arrival_ns)
+
+    def _add_named(self, block: RawBlock, keys: IntArray, names: Mapping[int, str]) -> None:
+        """Count frames by the names of their messages: several keys may share one."""
+        of_name: dict[str, list[int]] = defaultdict(list)
+        for key in np.unique(keys[keys >= 0]).tolist():
+            of_name[names.get(key, f"UNKNOWN_{key}")].append(key)
+        for name, own in of_name.items():
+            arrival_ns = block.arrival_ns[np.isin(keys, own)]
+            stream = self._named.setdefault(name, Stream(name, None, None, int(arrival_ns[0]), int(arrival_ns[0])))
+            stream.add(arrival_ns)
 
 
 def _new_stream(protocol: str, key: int, first_ns: int, formats: dict[int, MessageFormat]) -> Stream:
@@ -99,8 +119,6 @@ def _new_stream(protocol: str, key: int, first_ns: int, formats: dict[int, Messa
         return Stream(
             message_name(key & _ID_MASK), key >> _SYSTEM_BITS & _BYTE, key >> _COMPONENT_BITS, first_ns, first_ns
         )
-    if protocol != WireProtocol.DATAFLASH:
-        return Stream(protocol, None, None, first_ns, first_ns)
     layout = formats.get(key)
     name = "FMT" if key == FMT_TYPE else layout.name if layout else f"UNKNOWN_{key}"
     return Stream(name, None, None, first_ns, first_ns)

@@ -127,11 +127,13 @@ class GimbalTrack(Track):
 class PositionTrack(Track):
     """Position and home-relative height (GLOBAL_POSITION_INT); rows before the first fix are left out.
 
+    A log whose heights come apart from its positions gives them as a ``HeightTrack`` of ``HeightSource.HOME``.
+
     Attributes:
         lat_rad: ``(n,)`` WGS84.
         lon_rad: ``(n,)`` WGS84.
         alt_msl_m: ``(n,)``; NaN in all rows of a log that does not state it.
-        height_home_m: ``(n,)`` above home.
+        height_home_m: ``(n,)`` above home; NaN where the log does not state it with the position.
     """
 
     lat_rad: FloatArray
@@ -142,10 +144,10 @@ class PositionTrack(Track):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeightTrack(Track):
-    """Heights above ground from a sensor or a terrain database; invalid rows are left out.
+    """Heights above ground from a sensor or a terrain database, or above home; invalid rows are left out.
 
     Attributes:
-        source: Rangefinder or terrain.
+        source: Rangefinder, terrain or home.
         value_m: ``(n,)`` a distance along the body's down axis (``slant``) or a vertical height.
         slant: Whether ``value_m`` must be multiplied by cos(roll) cos(pitch) of the vehicle.
         std_m: ``(n,)`` reported standard deviation, NaN where not reported.

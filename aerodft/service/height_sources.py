@@ -4,7 +4,7 @@ A new source is an entry of ``HEIGHT_SOURCES`` and a telemetry decoder that give
 name and standard deviation in station files, its datum in messages and its place in schemas follow.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,7 +20,8 @@ class HeightSamples:
     """Heights in one track.
 
     Attributes:
-        value_m: ``(n,)`` vertical heights, or distances along the vehicle's down axis (``is_slant``).
+        value_m: ``(n,)`` vertical heights, or distances along the vehicle's down axis (``is_slant``); NaN where the
+            track has none.
         std_m: ``(n,)`` reported standard deviations; NaN where none is reported.
         lat_lon_rad: ``(n, 2)`` the point on the ground below; None where the message has none.
         is_slant: Whether the vehicle's roll and pitch matter.
@@ -87,10 +88,11 @@ class _TerrainDatabase(HeightReader):
 
 class _AboveHome(HeightReader):
     def samples(self, track: Track, settings: "HeightSettings") -> HeightSamples | None:
-        if not isinstance(track, PositionTrack):
-            return None
-        height_m = track.height_home_m + settings.home_above_plane_m
-        return HeightSamples(value_m=height_m, std_m=np.full_like(height_m, np.nan))
+        if isinstance(track, PositionTrack):
+            height_m = track.height_home_m + settings.home_above_plane_m
+            return HeightSamples(value_m=height_m, std_m=np.full_like(height_m, np.nan))
+        samples = super().samples(track, settings)
+        return samples and replace(samples, value_m=samples.value_m + settings.home_above_plane_m)
 
 
 class _ManualHeight(HeightReader):

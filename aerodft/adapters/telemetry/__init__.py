@@ -2,7 +2,14 @@
 
 from aerodft.adapters.telemetry.dataflash import FMT_TYPE, HEAD_SIZE, DataflashDecoder, MessageFormat
 from aerodft.adapters.telemetry.log_file import LogFormat, LogSource
-from aerodft.adapters.telemetry.log_formats import LOG_FORMATS, CompositeDecoder, decoder_of, followed_by, open_log
+from aerodft.adapters.telemetry.log_formats import (
+    LOG_FORMATS,
+    USED_MESSAGES,
+    CompositeDecoder,
+    decoder_of,
+    followed_by,
+    open_log,
+)
 from aerodft.adapters.telemetry.signing import (
     SignatureCheck,
     SigningCounts,

@@ -2,10 +2,10 @@
 
 import os
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
@@ -20,7 +20,7 @@ Scan = Callable[[Bytes, int, int, IntArray, IntArray], tuple[int, int]]
 HEAD_BYTES: Final = 512
 """So much of a log's beginning is shown to the formats."""
 PIECE_BYTES: Final = 1 << 20
-_BEFORE, _AFTER = 1 << 10, 1 << 12  # bytes; scanners look back and ahead by less: what one message and a stamp take
+_BEFORE: Final = 1 << 10  # bytes; scanners look back by less
 
 
 class LogSource(Source, Protocol):
@@ -69,6 +69,19 @@ class LogFormat(Protocol):
         ...
 
 
+FrameNames: TypeAlias = tuple[IntArray, Mapping[int, str]]
+"""Key of each frame ``(n,)``, negative for what is not listed; and the names of messages by key."""
+
+
+@runtime_checkable
+class NamesFrames(Protocol):
+    """A decoder that knows the messages of its frames by name, for the lists of ``doctor``."""
+
+    def frame_names(self, block: RawBlock) -> FrameNames:
+        """The messages of a block that has been decoded."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Piece:
     """Part of a log.
@@ -114,10 +127,13 @@ class LogFile:
     Attributes:
         path: The file.
         size: Its bytes when it was opened; what is written later is not read.
+        lookahead: Bytes behind a piece that a scanner is shown: as many as one message and a stamp take.
 
     Raises:
         InputError: It is missing, a folder, unreadable or empty.
     """
+
+    lookahead: int = 1 << 12
 
     def __init__(self, path: Path, expected: str, state_size: int = STATE_SIZE) -> None:
         if not path.exists():
@@ -167,7 +183,7 @@ class LogFile:
         """
         first = max(at - _BEFORE, 0)
         stop = min(at + PIECE_BYTES, self.size)
-        return Piece(self.read(first, stop + _AFTER), first, stop - first)
+        return Piece(self.read(first, stop + self.lookahead), first, stop - first)
 
     def scan_pieces(self, scan: Scan, most: int, stop: int) -> Iterator[tuple[Piece, IntArray]]:
         """Frames that a scanner finds, at least up to an offset; begins at the file's start.

@@ -7,8 +7,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Final, TypeVar
 
-from aerodft.adapters.telemetry import dataflash, tlog
-from aerodft.adapters.telemetry.log_file import HEAD_BYTES, LogFile, LogFormat, LogSource
+import numpy as np
+
+from aerodft.adapters.telemetry import dataflash, tlog, ulog
+from aerodft.adapters.telemetry.log_file import HEAD_BYTES, FrameNames, LogFile, LogFormat, LogSource, NamesFrames
 from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.errors import InputError
 from aerodft.model import RawBlock, Track
@@ -17,8 +19,12 @@ from aerodft.service import TelemetryDecoder, TelemetrySettings
 LOG_FORMATS: Final[list[LogFormat]] = [
     tlog,
     dataflash,
+    ulog,
 ]
 """Asked in this order whether a file is theirs."""
+
+USED_MESSAGES: Final[frozenset[str]] = ulog.USED_MESSAGES
+"""Messages that poses are made of, of the formats whose decoders name their frames."""
 
 _Decoder = TypeVar("_Decoder")
 
@@ -49,11 +55,25 @@ class CompositeDecoder:
         Raises:
             InputError: No format of this protocol is known here.
         """
+        return self._decoder_of(block).decode(block)
+
+    def _decoder_of(self, block: RawBlock) -> TelemetryDecoder:
         decoder = self._decoders.get(block.protocol)
         if decoder is None:
             known = " or ".join(self._decoders)
             raise InputError("telemetry of an unknown format", where=block.sender, got=block.protocol, expected=known)
-        return decoder.decode(block)
+        return decoder
+
+    def frame_names(self, block: RawBlock) -> FrameNames:
+        """Key of each of a block's frames ``(n,)``, and what they are called by key; one name where nobody knows more.
+
+        Raises:
+            InputError: No format of this protocol is known here.
+        """
+        decoder = self._decoder_of(block)
+        if isinstance(decoder, NamesFrames):
+            return decoder.frame_names(block)
+        return np.zeros(len(block.offset), dtype=np.int64), {0: block.protocol}
 
     def of_type(self, kind: type[_Decoder]) -> _Decoder:
         """The decoder of this type."""

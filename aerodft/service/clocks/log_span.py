@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from aerodft.conventions import SECOND_NS
 from aerodft.model import GimbalSource, GimbalTrack, HeightSource, Track, VehicleTrack
 from aerodft.service.clocks.clock_map import ClockMap
@@ -113,7 +115,10 @@ def _extend(span: LogSpan, low_ns: int, high_ns: int) -> None:
 
 def _add_source(span: LogSpan, track: Track) -> None:
     settings = HeightSettings()
-    span.heights.update(name for name, reader in HEIGHT_SOURCES.items() if reader.samples(track, settings) is not None)
+    for name, reader in HEIGHT_SOURCES.items():
+        samples = reader.samples(track, settings)
+        if samples is not None and np.any(np.isfinite(samples.value_m)):
+            span.heights.add(name)
     if isinstance(track, GimbalTrack):
         span.attitudes.add(track.source)
     elif isinstance(track, VehicleTrack):

@@ -155,13 +155,15 @@ class HeightSources:
             if samples is None:
                 continue
             places = samples.lat_lon_rad
+            stated = np.flatnonzero(np.isfinite(samples.value_m))
+            ends = None if row_end_by_tick is None else np.searchsorted(stated, row_end_by_tick)
             stream.append(
-                stamps_ns,
-                row_end_by_tick,
-                value_m=samples.value_m,
-                std_m=samples.std_m,
-                slant=np.full_like(samples.value_m, float(samples.is_slant)),
-                lat_lon_rad=np.full((len(samples.value_m), 2), np.nan) if places is None else places,
+                stamps_ns[stated],
+                ends,
+                value_m=samples.value_m[stated],
+                std_m=samples.std_m[stated],
+                slant=np.full(len(stated), float(samples.is_slant)),
+                lat_lon_rad=np.full((len(stated), 2), np.nan) if places is None else places[stated],
             )
 
     def at(

@@ -84,7 +84,7 @@ class VehiclePositions:
         per_s = np.where(moves, SECOND_NS / np.where(moves, found.gap_ns, 1), 0.0)
         places[rows] = before + found.weight[:, None] * step_m
         velocity[rows, :2] = step_m * per_s[:, None]
-        velocity[rows, 2] = (height[found.after] - height[found.before]) * per_s
+        velocity[rows, 2] = np.nan_to_num(height[found.after] - height[found.before]) * per_s
         eastward_rad = _wrap_pi(lon[found.after] - lon[found.before])  # also over the 180th meridian
         lon_rad = _wrap_pi(lon[found.before] + found.weight * eastward_rad)
         lat_lon_alt[rows] = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])

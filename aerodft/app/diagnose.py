@@ -86,7 +86,8 @@ def diagnose(
     """Diagnose the telemetry of a log, a recording or a live link.
 
     Args:
-        target: A log of any registered format, a recording, an MCAP file with MAVLink, or a link such as ``udpin:14550``.
+        target: A log of any registered format, a recording, an MCAP file with MAVLink, or a link such as
+            ``udpin:14550``.
         station: Station file, or a station, that is held against what comes.
         camera: Camera file, or a camera, that the vehicle's reports of its camera are held against.
         followed: Vehicle, autopilot and gimbal to follow, instead of the station's or the first ones heard.

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,12 +10,21 @@ from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station
 from aerodft.adapters.telemetry import followed_by, opened_signing
 from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts, MavlinkLink, is_link, parse_address
-from aerodft.app.assembly import open_telemetry_log
+from aerodft.app.assembly import build_calibrator, open_telemetry_log
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, RequestOutcome, document, notes, problems, request_messages
+from aerodft.diagnosis import (
+    DiagnosisReport,
+    ImageCheck,
+    LogDiagnosis,
+    RequestOutcome,
+    document,
+    notes,
+    problems,
+    request_messages,
+)
 from aerodft.errors import NoAnswerError, UsageError
 from aerodft.model import Camera, RawBlock
-from aerodft.service import Batches, Inbox, LiveFeed, SigningSettings, TelemetrySettings
+from aerodft.service import Batches, Inbox, LiveFeed, PipelineSettings, SigningSettings
 from aerodft.service.clocks import WallClock
 
 _TICK_NS: Final = 50_000_000
@@ -115,7 +123,10 @@ def diagnose(
     else:
         reference = camera if isinstance(camera, Camera) else load_camera(Path(camera))
     followed = followed or followed_by(settings)
-    new = partial(LogDiagnosis, str(target), followed=followed, settings=settings)
+
+    def new() -> LogDiagnosis:
+        return LogDiagnosis(str(target), followed=followed, settings=settings, images=_image_check(station, reference))
+
     requests = None
     if is_link(str(target)):
         report, requests = _diagnose_link(str(target), new, followed, link or LinkOptions(), station)
@@ -125,18 +136,28 @@ def diagnose(
     return Diagnosis(replace(report, camera=reference), requests)
 
 
-def diagnose_heard(blocks: Iterable[RawBlock], settings: TelemetrySettings) -> Diagnosis:
+def diagnose_heard(blocks: Iterable[RawBlock], pipeline: PipelineSettings) -> Diagnosis:
     """Diagnose what a station has heard.
 
     Args:
         blocks: In order of arrival.
-        settings: What the station asks of its telemetry.
+        pipeline: The station's settings.
     """
-    diagnosis, frames = LogDiagnosis("the station's link", followed=followed_by(settings), settings=settings), 0
+    settings, images = pipeline.telemetry, ImageCheck(pipeline)
+    followed = followed_by(settings)
+    diagnosis, frames = LogDiagnosis("the station's link", followed=followed, settings=settings, images=images), 0
     for block in blocks:
         diagnosis.add(block)
         frames += len(block.arrival_ns)
     return Diagnosis(diagnosis.report(counts=FrameCounts(frames=frames)))
+
+
+def _image_check(station: StationConfig | None, camera: Camera | None) -> ImageCheck:
+    """What measures images as an import with the station would."""
+    if station is None or station.pipeline.telemetry is None:
+        return ImageCheck(camera=camera)
+    pipeline = station.pipeline if camera is None else replace(station.pipeline, camera=camera)
+    return ImageCheck(pipeline, calibrator=build_calibrator(station)[0])
 
 
 def _check_for_log(target: str, link: LinkOptions | None) -> None:

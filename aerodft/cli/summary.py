@@ -36,6 +36,7 @@ def report(
         Exit: With 5, where the recording is incomplete, or what it was made of.
     """
     totals, statistics = result.totals, result.statistics
+    warnings = (*result.warnings, *statistics.pitches.sentences())
     if as_json:
         document = {
             "recording": str(result.recording),
@@ -44,13 +45,13 @@ def report(
             "poses": dict(statistics.poses),
             "measurements": dict(statistics.measurements),
             "reasons": statistics.reasons,
-            "warnings": result.warnings,
+            "warnings": warnings,
             **result.left_out.document(),
             "lost": result.lost,
             "recorded": totals.counts,
         }
         print_json({**document, **_calibrated(statistics), **(result.observers if details is None else details)})
-    for sentence in result.warnings:
+    for sentence in warnings:
         say(f"aerodft: {sentence}")
     _say_statistics(result)
     if result.lost:

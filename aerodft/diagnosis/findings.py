@@ -443,6 +443,7 @@ def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
     settings = report.settings
     if report.poses.spans and (problem := report.poses.problem()):
         yield problem
+    yield from report.pitch_faults
     yield from _missing(report)
     yield from _other_senders(report)
     if settings is not None:

@@ -1,15 +1,29 @@
 """What a flight's telemetry gives: poses as an import would make them, and heights that contradict each other."""
 
+import math
 import re
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import HeightDifference, HeightSource, PoseSample, Status
-from aerodft.service import LAST
+from aerodft.dft import Request, measure
+from aerodft.diagnosis.camera_pitch import CameraPitches
+from aerodft.model import (
+    CODE_OF,
+    CODES,
+    BoolArray,
+    Camera,
+    HeightDifference,
+    HeightSource,
+    PoseBatch,
+    Probe,
+    ProbeKind,
+    Status,
+)
+from aerodft.service import LAST, Calibrator, PipelineSettings, TelemetrySettings, fixed_requests
 from aerodft.service.pose import PoseSource
 
 _FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
@@ -42,9 +56,11 @@ class PoseAvailability:
 
     Attributes:
         spans: What was said of each status, by the words without their numbers.
+        seen_s: For how long the probes, or some part of the image, could be measured.
     """
 
     spans: dict[Status, dict[str, PoseReason]] = field(default_factory=dict)
+    seen_s: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -59,11 +75,10 @@ class PoseAvailability:
     def _seconds(self, status: Status) -> float:
         return sum(each.seconds for each in self.spans.get(status, {}).values())
 
-    def add(self, sample: PoseSample, at_s: float, seconds: float) -> None:
+    def add(self, status: Status, reason: str, at_s: float, seconds: float) -> None:
         """Count one moment."""
-        text = "" if sample.status is Status.OK else next(iter(sample.reasons), "")
-        reasons = self.spans.setdefault(sample.status, {})
-        reasons.setdefault(_NUMBER.sub("", text), PoseReason(text, at_s)).seconds += seconds
+        reasons = self.spans.setdefault(status, {})
+        reasons.setdefault(_NUMBER.sub("", reason), PoseReason(reason, at_s)).seconds += seconds
 
     def document(self) -> dict[str, Any]:
         """Plain JSON values."""
@@ -88,7 +103,7 @@ class PoseAvailability:
         told = [each for each in self._faults()[:_MOST_TOLD] if each[1] > _RARE * self.seconds]
         listed = "; ".join(f"{status} in {seconds:.0f} s ({self._example(status)})" for status, seconds in told)
         if self.ok_s == 0:
-            return f"no image could be measured: {listed}"
+            return f"no {'probe' if self.seen_s else 'image'} could be measured: {listed}"
         return f"images could be measured only in {self.ok_s:.0f} of {self.seconds:.0f} s: {listed}"
 
     def _example(self, status: Status) -> str:
@@ -97,15 +112,113 @@ class PoseAvailability:
         return f"first {reason.first_s:.0f} s after the start: {reason.text}"
 
 
+_ANY_CAMERA: Final = Camera.from_fov(  # chosen: video of a drone with 82 deg of diagonal; narrower ones see less ground
+    name="any", width_px=1920, height_px=1080, hfov_rad=math.radians(73), vfov_rad=math.radians(45)
+)
+_FIRST_PIXEL: Final = re.compile(r"^(pixel 0 \([^)]*\)|point 0)")  # as reasons call it
+
+
+class ImageAnswer(NamedTuple):
+    """What an import would answer in one image.
+
+    Attributes:
+        status: OK where any fixed probe has an answer, or any point around the image's middle where there is no probe;
+            else the first one's.
+        reason: Why there is no answer; else empty.
+        is_seen: Whether a probe or any point around the image's middle has an answer.
+    """
+
+    status: Status
+    reason: str
+    is_seen: bool
+
+
+class ImageCheck:
+    """Measures in images at poses as an import does: the fixed probes, the image's middle and its borders' middles.
+
+    Args:
+        pipeline: The station's settings; None for the telemetry's alone.
+        telemetry: Sources, stds and limits where there is no station; None for the defaults.
+        camera: What measures where there is no station; None for a usual one.
+        calibrator: Refines the poses; None for unrefined ones.
+
+    Attributes:
+        pitches: Where the camera looks, by the sources of its attitude.
+    """
+
+    def __init__(
+        self,
+        pipeline: PipelineSettings | None = None,
+        *,
+        telemetry: TelemetrySettings | None = None,
+        camera: Camera | None = None,
+        calibrator: Calibrator[Any] | None = None,
+    ) -> None:
+        self.pitches = CameraPitches()
+        self._zooms = pipeline is not None
+        self._pipeline = pipeline or PipelineSettings(
+            station="", camera=camera or _ANY_CAMERA, probes=(), telemetry=telemetry
+        )
+        self._calibrator = calibrator
+        self._probes = fixed_requests(self._pipeline.probes)
+        self._around = _around_the_middle(self._pipeline.camera)
+
+    def pose_source(self) -> PoseSource:
+        """Poses by the station's settings, from no telemetry yet."""
+        settings = self._pipeline
+        return PoseSource(
+            settings.telemetry or TelemetrySettings(),
+            origin=settings.origin,
+            time_std_s=settings.time_std_s,
+            ground=settings.ground,
+            camera=settings.camera if self._zooms else None,
+        )
+
+    def answers(self, poses: PoseBatch) -> list[ImageAnswer]:
+        """What an import would answer in the images ``(n,)`` at unrefined poses."""
+        if self._calibrator is not None:
+            states, which = [self._calibrator.known()], np.zeros(len(poses), dtype=np.int64)
+            poses = self._calibrator.refine(poses, states, which)
+        columns = measure(self._pipeline.setup, poses, (*self._probes, *self._around)).columns
+        is_ok: BoolArray = np.stack([column.status for column in columns]) == CODE_OF[Status.OK]
+        of_probes, is_seen = is_ok[: len(self._probes)], np.asarray(np.any(is_ok, axis=0))
+        is_answered = np.asarray(np.any(of_probes, axis=0)) if self._probes else is_seen
+        self.pitches.add(poses, is_answered if self._probes else is_ok[0])
+        first, found = columns[0], []
+        variants = zip(first.status.tolist(), poses.variant_of_each, strict=True)
+        for row, (code, variant) in enumerate(variants):
+            reason = next(iter(first.reasons.get(row, variant.reasons)), "")
+            reason = reason if self._probes else _FIRST_PIXEL.sub("the image's middle", reason)
+            status, reason = (Status.OK, "") if is_answered[row] else (CODES[code], reason)
+            found.append(ImageAnswer(status, reason, bool(is_seen[row])))
+        return found
+
+
+def _around_the_middle(camera: Camera) -> tuple[Request, ...]:
+    """Positions at the image's middle and at the middles of its borders."""
+    right, down = camera.width_px - 1.0, camera.height_px - 1.0
+    pixels = {
+        "middle": (right / 2, down / 2),
+        "bottom": (right / 2, down),
+        "top": (right / 2, 0.0),
+        "left": (0.0, down / 2),
+        "right": (right, down / 2),
+    }
+    probes = (Probe(name=name, kind=ProbeKind.POSITION, pixels=(at,)) for name, at in pixels.items())
+    return fixed_requests(tuple(probes))
+
+
 class PoseSampler:
     """Asks for a pose at every tenth of a second of a link, at every second of a long log.
 
     Args:
         source: Takes in the telemetry; is asked.
+        images: Measures at the poses; None where a pose alone counts.
     """
 
-    def __init__(self, source: PoseSource) -> None:
+    def __init__(self, source: PoseSource, images: ImageCheck | None = None) -> None:
         self._source = source
+        self._images = images
         self._poses = PoseAvailability()
         self._waiting: deque[tuple[int, int]] = deque()
         self._first_ns: int | None = None
@@ -140,11 +253,24 @@ class PoseSampler:
         stamps_ns = self._source.clock.host_to_utc(arrivals_ns, ticks)
         poses, is_pending = self._source.at(stamps_ns, ticks, is_final=no | is_final, by_utc=no)
         count = int(np.argmax(is_pending)) if np.any(is_pending) else len(is_pending)
-        for sample in poses[:count]:
+        if not count:
+            return
+        for status, reason, is_seen in self._answers(poses[:count]):
             arrival_ns, step_ns = self._waiting.popleft()
             # A pose speaks for no more than a second, the silence of a clock that jumped for all of it.
-            spoken_ns = min(step_ns, SECOND_NS) if sample.status is Status.OK else step_ns
-            self._poses.add(sample, (arrival_ns - (self._first_ns or 0)) / SECOND_NS, spoken_ns / SECOND_NS)
+            spoken_ns = min(step_ns, SECOND_NS) if status is Status.OK else step_ns
+            self._poses.add(status, reason, (arrival_ns - (self._first_ns or 0)) / SECOND_NS, spoken_ns / SECOND_NS)
+            self._poses.seen_s += is_seen * min(step_ns, SECOND_NS) / SECOND_NS
+
+    def _answers(self, poses: PoseBatch) -> list[ImageAnswer]:
+        if self._images is not None:
+            return self._images.answers(poses)
+        return [
+            ImageAnswer(
+                each.status, "" if each.status is Status.OK else next(iter(each.reasons), ""), each.status is Status.OK
+            )
+            for each in poses
+        ]
 
 
 @dataclass(slots=True)

@@ -11,9 +11,17 @@ import numpy as np
 
 from aerodft.adapters.telemetry import USED_MESSAGES, CompositeDecoder, DataflashDecoder, SigningCounts, mavlink
 from aerodft.conventions import SECOND_NS
-from aerodft.diagnosis.flight_checks import HeightPairs, PoseAvailability, PoseSampler
+from aerodft.diagnosis.camera_pitch import too_large_sentence
+from aerodft.diagnosis.flight_checks import HeightPairs, ImageCheck, PoseAvailability, PoseSampler
 from aerodft.diagnosis.message_requests import MessageRequest, missing_camera_messages, missing_messages
-from aerodft.diagnosis.streams import Parameters, ParameterTable, Stream, StreamTable, rangefinder_readings_m
+from aerodft.diagnosis.streams import (
+    Parameters,
+    ParameterTable,
+    Stream,
+    StreamTable,
+    gimbal_pitches_deg,
+    rangefinder_readings_m,
+)
 from aerodft.diagnosis.vehicle_health import VehicleHealth
 from aerodft.geometry import yaw_pitch_roll
 from aerodft.model import (
@@ -133,6 +141,7 @@ class DiagnosisReport:
         camera: What the vehicle's reports are held against; None for nothing.
         settings: What the configuration asks of the telemetry; None for no configuration.
         poses: What an import would make of it.
+        pitch_faults: Sentences on sources of the camera's attitude with a wrong sign or unit.
         demands: Whether each source of the camera's attitude may be a demand, by its name.
         parameters: What the autopilot said of its parameters.
         unknown_ids: How often messages came that the dialect does not know, by id, as far as that was seen.
@@ -166,6 +175,7 @@ class DiagnosisReport:
     camera: Camera | None = None
     settings: TelemetrySettings | None = None
     poses: PoseAvailability = field(default_factory=PoseAvailability)
+    pitch_faults: tuple[str, ...] = ()
     demands: dict[str, bool] = field(default_factory=dict)
     parameters: Parameters = field(default_factory=Parameters)
     unknown_ids: Counter[int] = field(default_factory=Counter)
@@ -175,8 +185,8 @@ class DiagnosisReport:
 
     @property
     def usable(self) -> bool:
-        """Whether any image could be measured: as the configuration has it, or the defaults."""
-        return self.poses.ok_s > 0
+        """Whether any part of any image could be measured: as the configuration has it, or the defaults."""
+        return self.poses.seen_s > 0
 
     @property
     def heard(self) -> tuple[int, ...]:
@@ -282,15 +292,22 @@ class LogDiagnosis:
         target: The file or link, for the report.
         followed: The vehicle to follow; None for the first one heard.
         settings: What a station's configuration asks of the telemetry; None for no configuration.
+        images: Measures at the poses as an import would; None for a usual camera.
     """
 
     def __init__(
-        self, target: str, *, followed: mavlink.FollowedIds | None = None, settings: TelemetrySettings | None = None
+        self,
+        target: str,
+        *,
+        followed: mavlink.FollowedIds | None = None,
+        settings: TelemetrySettings | None = None,
+        images: ImageCheck | None = None,
     ) -> None:
         self._target = target
         self._settings = settings
         self._followed = followed or mavlink.FollowedIds()
         self._decoder = CompositeDecoder(followed)
+        self._images = images or ImageCheck(telemetry=settings)
         self._mavlink = self._decoder.of_type(mavlink.MavlinkDecoder)
         self._formats = self._decoder.of_type(DataflashDecoder).formats
         self._table = StreamTable()
@@ -302,9 +319,10 @@ class LogDiagnosis:
         self._vehicle = SourceSummary("vehicle", "deg")
         height = (settings or TelemetrySettings()).height
         self._frames = PoseSource(TelemetrySettings(height=height), origin=None, time_std_s=0.0)
-        judge = self._frames if settings is None else PoseSource(settings, origin=None, time_std_s=0.0)
+        judge = self._frames if settings is None else self._images.pose_source()
         self._sources = tuple(dict.fromkeys((self._frames, judge)))
-        self._poses = PoseSampler(judge)
+        self._poses = PoseSampler(judge, self._images)
+        self._pitches: dict[str, SourceSummary] = {}
         self._pairs = HeightPairs()
         self._rangefinder = SourceSummary("RANGEFINDER", "m")
         self._clock = ClockStatistics()
@@ -325,6 +343,10 @@ class LogDiagnosis:
         self._table.add(block, self._formats, self._decoder)
         self._parameters.add(block, self._formats)
         self._rangefinder.add(rangefinder_readings_m(block))
+        for name, pitch_deg in gimbal_pitches_deg(block, self._formats).items():
+            scale = self._followed.angle_scales.get(name)
+            own = self._pitches.setdefault(name, SourceSummary(name, "deg"))
+            own.add(pitch_deg if scale is None else pitch_deg * scale.pitch)
         self._unknown += unknown_ids(block)
         self._signed += _signed_count(block)
 
@@ -403,12 +425,18 @@ class LogDiagnosis:
                 *missing_camera_messages(streams, **vehicle_ids, zoom=zoom),
             ),
             poses=self._poses.poses(),
+            pitch_faults=self._pitch_faults(),
             demands={str(source): is_demand for source, is_demand in self._frames.gimbal_demands().items()},
             parameters=parameters,
             unknown_ids=self._unknown,
             signed_frames=self._signed,
             gimbal=self._followed.gimbal,
         )
+
+    def _pitch_faults(self) -> tuple[str, ...]:
+        """Sentences on the sources whose angles have a wrong sign or unit, as far as that shows."""
+        too_large = (too_large_sentence(each.name, each.low, each.high) for each in _sources(self._pitches))
+        return (*filter(None, too_large), *self._images.pitches.sentences())
 
     def _gaps(self, stream: Stream) -> list[StreamGap]:
         """Silences of more than a second, for a slow stream of more than three periods."""

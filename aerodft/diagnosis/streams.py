@@ -10,15 +10,25 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.telemetry import FMT_TYPE, HEAD_SIZE, CompositeDecoder, MessageFormat
-from aerodft.adapters.telemetry.mavlink import RANGEFINDER, headers, message_name, payload_dtype, payload_rows
+from aerodft.adapters.telemetry.mavlink import (
+    MOUNT_ORIENTATION,
+    MOUNT_STATUS,
+    RANGEFINDER,
+    headers,
+    message_name,
+    payload_dtype,
+    payload_rows,
+)
 from aerodft.conventions import SECOND_NS
-from aerodft.model import FloatArray, IntArray, RawBlock, WireProtocol
+from aerodft.model import FloatArray, GimbalSource, IntArray, RawBlock, WireProtocol
 
 _SYSTEM_BITS, _COMPONENT_BITS = 24, 32
 _BYTE = 0xFF
 _BURST_NS: Final = SECOND_NS // 10  # shorter is one answer in several frames
 _ID_MASK = (1 << 24) - 1
 _RANGEFINDER = payload_dtype(RANGEFINDER)
+_PITCHES: Final = {MOUNT_ORIENTATION: ("pitch", 1.0), MOUNT_STATUS: ("pointing_a", 0.01)}
+"""By message its field of pitch, and the field's unit in degrees."""
 _PARAM_VALUE: Final = 22
 _PARAMETER_DTYPE: Final = payload_dtype(_PARAM_VALUE)
 _RATE: Final = re.compile(r"((?:SR|MAV)\d)_(EXT_STAT|EXTRA[123]|POSITION|RAW_SENS|RC_CHAN)")
@@ -131,9 +141,40 @@ def rangefinder_readings_m(block: RawBlock) -> FloatArray:
     heads = headers(block)
     index = np.flatnonzero(heads[0] == RANGEFINDER)
     payload = payload_rows(block, heads[3:, index], _RANGEFINDER)
+    return _finite(payload["distance"])
+
+
+def gimbal_pitches_deg(block: RawBlock, formats: Mapping[int, MessageFormat]) -> dict[str, FloatArray]:
+    """Finite pitches ``(n,)`` of gimbals by the messages that state angles, also beyond what an angle may be."""
+    if block.protocol == WireProtocol.DATAFLASH:
+        return _logged_pitches_deg(block, formats)
+    if block.protocol != WireProtocol.MAVLINK:
+        return {}
+    heads, found = headers(block), {}
+    for message_id, (field_name, unit_deg) in _PITCHES.items():
+        index = np.flatnonzero(heads[0] == message_id)
+        if len(index):
+            payload = payload_rows(block, heads[3:, index], payload_dtype(message_id))
+            found[message_name(message_id)] = _finite(payload[field_name]) * unit_deg
+    return found
+
+
+def _logged_pitches_deg(block: RawBlock, formats: Mapping[int, MessageFormat]) -> dict[str, FloatArray]:
+    kind = next((kind for kind, layout in formats.items() if layout.name == GimbalSource.DATAFLASH_MNT), None)
+    if kind is None or "Pitch" not in (formats[kind].dtype.names or ()):
+        return {}
+    kinds = np.frombuffer(block.data, dtype=np.uint8)[block.offset + HEAD_SIZE - 1]
+    index = np.flatnonzero((kinds == kind) & (block.length == formats[kind].dtype.itemsize + HEAD_SIZE))
+    places = np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE])
+    payload = payload_rows(block, places, formats[kind].dtype)
+    return {str(GimbalSource.DATAFLASH_MNT): _finite(payload["Pitch"]) * formats[kind].scale["Pitch"]}
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    """The finite ones of values ``(n,)`` of any type."""
     with np.errstate(invalid="ignore"):  # damaged senders write signalling NaN too
-        distance_m = payload["distance"].astype(np.float64)
-    return distance_m[np.isfinite(distance_m)]
+        numbers = values.astype(np.float64)
+    return numbers[np.isfinite(numbers)]
 
 
 @dataclass(frozen=True, slots=True)

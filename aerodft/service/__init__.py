@@ -1,16 +1,18 @@
 """The measurement pipeline and its inputs, behind ports; without wire formats, files or wall clock."""
 
-from aerodft.service.answering import locate_observation
+from aerodft.service.answering import fixed_requests, locate_observation
 from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
 from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader
 from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
 from aerodft.service.pipeline import Counts, Pipeline
 from aerodft.service.ports import (
+    Calibrator,
     Clock,
     Feed,
     ImageObserver,
     ImageOutputs,
+    LandmarkObserver,
     ObjectTracker,
     Sink,
     Source,
@@ -22,6 +24,7 @@ from aerodft.service.settings import (
     DRIFT,
     OBJECTS,
     RADIO_STATUS,
+    AngleScale,
     AttitudeSettings,
     CameraMotionSettings,
     ErrorStd,

@@ -70,6 +70,12 @@ _REASONS: Final = {
 Pixels = tuple[tuple[float, float], ...]
 
 
+def fixed_requests(probes: Sequence[Probe]) -> tuple[Request, ...]:
+    """Requests of the probes whose pixels are configured; the others are observed."""
+    fixed = (probe for probe in probes if probe.source is PixelSource.FIXED)
+    return link_requests(Request(probe=each, pixels=each.pixels, std_px=each.std_px) for each in fixed)
+
+
 def can_answer(probe: Probe, observation: Observation) -> bool:
     """Whether an observation has the pixels or the outline that a probe needs, or is empty."""
     kind = probe.kind
@@ -243,8 +249,7 @@ class Answering:
     def __init__(self, settings: PipelineSettings, setup: Setup, estimators: Estimators) -> None:
         self.last_pose: PoseSample | None = None
         self._observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
-        fixed = [p for p in settings.probes if p.source is PixelSource.FIXED]
-        self._fixed = link_requests(Request(probe=p, pixels=p.pixels, std_px=p.std_px) for p in fixed)
+        self._fixed = fixed_requests(settings.probes)
         self._setup = setup
         self._is_watched = settings.fixed_pose is not None and estimators.calibrator is not None
         self._calibrator, self._observer, self._tracker = estimators.calibrator, estimators.observer, estimators.tracker

@@ -177,11 +177,27 @@ DEMAND_TILT_STD_RAD: Final = math.radians(1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AngleScale:
+    """Factors of the angles that a gimbal source reports: -1 inverts a sign, 100 corrects degrees sent as centidegrees.
+
+    Attributes:
+        yaw: Factor of the reported yaw.
+        pitch: Factor of the reported pitch.
+        roll: Factor of the reported roll.
+    """
+
+    yaw: float = 1.0
+    pitch: float = 1.0
+    roll: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeSettings:
     """Attitude sources in order of preference, and their accuracy.
 
     Attributes:
         order: The first source with a value at the stamp wins.
+        scale: Factors of the angles of gimbal sources that report them with a wrong sign or unit.
         fixed_mount: The camera relative to the vehicle; used where ``fixed`` is in the order.
         camera_on_gimbal: The camera relative to the gimbal's axes; None where these coincide.
         frame: Reference of the gimbals' roll and pitch; None to estimate it from the data.
@@ -201,6 +217,7 @@ class AttitudeSettings:
         GimbalSource.MOUNT_STATUS,
         GimbalSource.DATAFLASH_MNT,
     )
+    scale: tuple[tuple[GimbalSource, AngleScale], ...] = ()
     fixed_mount: FixedMount | None = None
     camera_on_gimbal: FixedMount | None = None
     frame: ReportFrame | None = None

@@ -86,10 +86,15 @@ def decoder_of(telemetry: TelemetrySettings | None) -> CompositeDecoder:
 
 
 def followed_by(telemetry: TelemetrySettings | None) -> FollowedIds:
-    """The vehicle of a station."""
+    """The vehicle of a station, and how its gimbals' angles are read."""
     if telemetry is None:
         return FollowedIds()
-    return FollowedIds(system=telemetry.system, component=telemetry.component, gimbal=telemetry.gimbal)
+    return FollowedIds(
+        system=telemetry.system,
+        component=telemetry.component,
+        gimbal=telemetry.gimbal,
+        angle_scales={str(source): scale for source, scale in telemetry.attitude.scale},
+    )
 
 
 def open_log(path: Path) -> LogSource:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from aerodft.geometry import from_yaw_pitch_roll
+from aerodft.geometry import from_yaw_pitch_roll, yaw_pitch_roll
 from aerodft.model import (
     NO_BOOT_TIME,
     Batch,
@@ -34,6 +34,7 @@ from aerodft.model import (
     VehicleTrack,
     ZoomSource,
 )
+from aerodft.service import AngleScale
 
 MIN_UNIX_NS: Final = 946_684_800 * 10**9  # 2000-01-01
 MAX_UNIX_NS: Final = 7_258_118_400 * 10**9  # 2200-01-01
@@ -78,11 +79,16 @@ _UNINITIALIZED: Final = 1024
 _MOST_RATIO: Final = 1e6
 
 
+NO_SCALE: Final = AngleScale()
+"""Of gimbals whose angles are as their messages say."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows(Batch):
     """Rows of one message: ``(n,)`` structured payload, arrival and time since boot (ns).
 
-    ``scale`` is what a field's numbers are multiplied by, where that is not 1.
+    ``scale`` is what a field's numbers are multiplied by, where that is not 1; ``angle_scale`` what a gimbal's angles
+    are.
     """
 
     name: str
@@ -90,6 +96,7 @@ class Rows(Batch):
     arrival_ns: IntArray
     boot_ns: IntArray
     scale: Mapping[str, float]
+    angle_scale: AngleScale = NO_SCALE
 
     def column(self, field: str) -> FloatArray:
         """A field as float64, scaled."""
@@ -207,10 +214,18 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
     earth = np.where(framed, (flags & _YAW_IN_VEHICLE) == 0, (flags & (_YAW_LOCK | _NEUTRAL)) == _YAW_LOCK)
     return GimbalTrack(
         source=GimbalSource.GIMBAL_DEVICE,
-        wxyz=q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)),
+        wxyz=_scaled_wxyz(q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)), good.angle_scale),
         yaw_in_earth=earth,
         **good.stamps(),
     )
+
+
+def _scaled_wxyz(wxyz: FloatArray, scale: AngleScale) -> FloatArray:
+    """Attitudes ``(n, 4)`` whose yaw, pitch and roll are multiplied by the factors."""
+    if scale == NO_SCALE:
+        return wxyz
+    yaw_rad, pitch_rad, roll_rad = yaw_pitch_roll(wxyz)
+    return from_yaw_pitch_roll(yaw_rad * scale.yaw, pitch_rad * scale.pitch, roll_rad * scale.roll)
 
 
 def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -222,19 +237,32 @@ def mount_track(
     source: GimbalSource, rows: Rows, rejected: Counter[str], fields: Sequence[str], faults: dict[str, BoolArray]
 ) -> Track:
     """A message with yaw (against the vehicle), pitch and roll in such fields, degrees."""
-    unit_rad = math.radians(1)
-    good = rows.accepted(rejected, {**faults, **no_angle(rows, *reversed(fields), unit_rad=unit_rad)})
-    return vehicle_yaw_track(source, good, good.wxyz(fields, unit_rad))
+    return _angles_track(source, rows, rejected, fields, faults, unit_rad=math.radians(1))
 
 
 def mount_status_track(rows: Rows, rejected: Counter[str]) -> Track:
     """MOUNT_STATUS, centidegrees: a is pitch, b is roll, c is yaw against the vehicle; no stamp, zero when unknown."""
     fields = ("pointing_c", "pointing_a", "pointing_b")
     zero = np.logical_and.reduce([rows.payload[field] == 0 for field in fields])
-    faults = {"all angles zero": zero, **no_angle(rows, *fields, unit_rad=math.radians(0.01))}
-    good = rows.accepted(rejected, faults)
-    angles_rad = (np.radians(good.column(field) / 100) for field in fields)
-    return vehicle_yaw_track(GimbalSource.MOUNT_STATUS, good, from_yaw_pitch_roll(*angles_rad))
+    faults = {"all angles zero": zero}
+    return _angles_track(GimbalSource.MOUNT_STATUS, rows, rejected, fields, faults, unit_rad=math.radians(0.01))
+
+
+def _angles_track(
+    source: GimbalSource,
+    rows: Rows,
+    rejected: Counter[str],
+    fields: Sequence[str],
+    faults: dict[str, BoolArray],
+    *,
+    unit_rad: float,
+) -> Track:
+    """A gimbal's message with yaw (against the vehicle), pitch and roll in such fields, times their factors."""
+    scale = rows.angle_scale
+    factors = dict(zip(fields, (scale.yaw, scale.pitch, scale.roll), strict=True))
+    rows = replace(rows, scale={**rows.scale, **{name: rows.scale.get(name, 1.0) * k for name, k in factors.items()}})
+    good = rows.accepted(rejected, {**faults, **no_angle(rows, *reversed(fields), unit_rad=unit_rad)})
+    return vehicle_yaw_track(source, good, good.wxyz(fields, unit_rad))
 
 
 def vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Track:

@@ -2,6 +2,7 @@
 
 from aerodft.app.assembly.pipeline import (
     ImageObservers,
+    build_calibrator,
     build_observers,
     build_pipeline,
     build_recorder,

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,7 +29,18 @@ from aerodft.dft import Request
 from aerodft.errors import ConfigError, InputError
 from aerodft.geometry import extrapolate_pose
 from aerodft.model import Camera, Image, Measurement, PixelSource, PoseSample, Status
-from aerodft.service import Batches, CameraMotionSettings, Feed, Inbox, ObserverCounts, ObserverSchedule, Pipeline, Sink
+from aerodft.service import (
+    Batches,
+    Calibrator,
+    CameraMotionSettings,
+    Feed,
+    Inbox,
+    LandmarkObserver,
+    ObserverCounts,
+    ObserverSchedule,
+    Pipeline,
+    Sink,
+)
 
 if TYPE_CHECKING:
     from calibration.markers import CameraPlace
@@ -207,21 +218,26 @@ def build_pipeline(station: StationConfig) -> Pipeline:
         from aerodft.vision.objects import ObjectTracks  # slow to load, as each calibrator is
 
         tracker = ObjectTracks(station.objects)
+    return Pipeline(station.pipeline, decoder, *build_calibrator(station), tracker)
+
+
+def build_calibrator(station: StationConfig) -> tuple[Calibrator[Any] | None, LandmarkObserver | None]:
+    """What refines the poses of a station, by landmarks, steady points or a calibration file, and what it learns by."""
     if station.live is not None:
         from calibration.live import LiveCalibrator
 
         live = LiveCalibrator(station.live, station.pipeline, station.calibration)
-        return Pipeline(station.pipeline, decoder, live, live, tracker)
+        return live, live
     if station.camera_motion is not None:
         from calibration.camera_motion import CameraMotionCalibrator
 
         steady = CameraMotionCalibrator(station.camera_motion, station.pipeline)
-        return Pipeline(station.pipeline, decoder, steady, steady, tracker)
+        return steady, steady
     if station.calibration is not None:
         from calibration.flight import BiasCalibrator
 
-        return Pipeline(station.pipeline, decoder, BiasCalibrator(station.calibration), tracker=tracker)
-    return Pipeline(station.pipeline, decoder, tracker=tracker)
+        return BiasCalibrator(station.calibration), None
+    return None, None
 
 
 def outputs_run(station: StationConfig, pipeline: Pipeline, inbox: Inbox | None = None) -> Run:

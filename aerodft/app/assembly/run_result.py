@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from aerodft.adapters.recording.write import RecordingTotals
-from aerodft.model import CODES, CalibrationEstimate, CameraMotionEstimate, IntArray, Measurement, Status
+from aerodft.diagnosis import CameraPitches
+from aerodft.model import CODE_OF, CODES, CalibrationEstimate, CameraMotionEstimate, IntArray, Measurement, Status
 from aerodft.service import Batches, Counts, ImageOutputs, StepOutputs
 from replay.recordings import LeftOut
 
@@ -26,6 +27,7 @@ class RunStatistics:
         reasons: Why poses cannot be measured with: the first sentence of each status.
         estimate: The last one of a live calibration; None without landmarks.
         camera_motion: The last one of a fixed camera that is watched for bumps; None of others.
+        pitches: Where a vehicle's camera looked, by the sources of its attitude.
     """
 
     images: int = 0
@@ -34,6 +36,7 @@ class RunStatistics:
     reasons: dict[str, str] = field(default_factory=dict)
     estimate: CalibrationEstimate | None = None
     camera_motion: CameraMotionEstimate | None = None
+    pitches: CameraPitches = field(default_factory=CameraPitches)
 
     def take(self, batches: Batches, outputs: StepOutputs) -> None:  # noqa: ARG002 - what was read is not counted
         """Count the outputs of some ticks."""
@@ -42,6 +45,7 @@ class RunStatistics:
         measured = [(order, [column.status for column in batch.columns]) for _, order, batch in outputs.measured()]
         _count(self.measurements, [(order, np.stack(codes, axis=1)) for order, codes in measured if codes])
         self._keep_reasons(outputs.images)
+        self._keep_pitches(outputs.images)
         for single in outputs.singles:
             if isinstance(single.content, CalibrationEstimate):
                 self.estimate = single.content
@@ -50,6 +54,12 @@ class RunStatistics:
 
     def close(self) -> None:
         """Nothing to write out."""
+
+    def _keep_pitches(self, blocks: Sequence[ImageOutputs]) -> None:
+        for block in blocks:
+            if block.measurements is not None and block.measurements.columns:
+                statuses = np.stack([column.status for column in block.measurements.columns])
+                self.pitches.add(block.poses, np.any(statuses == CODE_OF[Status.OK], axis=0))
 
     def _keep_reasons(self, blocks: Sequence[ImageOutputs]) -> None:
         found = []

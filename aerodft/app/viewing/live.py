@@ -229,8 +229,8 @@ class LiveView(View):
 
     def doctor(self) -> Document | None:
         """See ``View``: of the last half minute."""
-        settings = self._settings.telemetry
-        return None if settings is None else doctor_document(diagnose_heard(tuple(self._heard), settings))
+        settings = self._settings
+        return None if settings.telemetry is None else doctor_document(diagnose_heard(tuple(self._heard), settings))
 
     def measured(self, number: int) -> list[Document]:
         """See ``View``: of every probe the newest."""

@@ -2,17 +2,18 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, Self
 
-from pydantic import Field, create_model, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import BiasTable
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import AS_SHARE, NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_percent, to_s
-from aerodft.model import HeightSource, MountAxes, ReportFrame
-from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, HeightSettings, TelemetrySettings
+from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
+from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, AngleScale, HeightSettings, TelemetrySettings
 
+MAX_ANGLE_FACTOR: Final = 1e7  # degrees in a field of 1e-7 degrees, the finest unit that MAVLink has
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _AXES = {"auto": None, **{str(axes): axes for axes in MountAxes}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
@@ -77,10 +78,46 @@ class CameraOnGimbalTable(FixedMountTable):
     pitch_deg: PitchDeg = 0.0
 
 
+def _no_zero(factor: float) -> float:
+    if factor == 0:
+        raise impossible("", got="0", expected="a factor other than 0")
+    return factor
+
+
+Factor = Annotated[float, Field(ge=-MAX_ANGLE_FACTOR, le=MAX_ANGLE_FACTOR), AfterValidator(_no_zero)]
+
+
+class AngleScaleTable(Table):
+    """Factors of a gimbal's reported angles: -1 inverts a sign, 100 corrects degrees in a field of centidegrees."""
+
+    yaw: Factor = 1.0
+    pitch: Factor = 1.0
+    roll: Factor = 1.0
+
+
+class GimbalScalesTable(Table):
+    """Gimbal sources whose reported angles have a wrong sign or unit."""
+
+    GIMBAL_DEVICE_ATTITUDE_STATUS: AngleScaleTable | None = None
+    MOUNT_ORIENTATION: AngleScaleTable | None = None
+    MOUNT_STATUS: AngleScaleTable | None = None
+    MNT: AngleScaleTable | None = None
+
+
+def _scales_from(table: GimbalScalesTable) -> tuple[tuple[GimbalSource, AngleScale], ...]:
+    return tuple((GimbalSource(name), si_value(AngleScale, each)) for name, each in table if each is not None)
+
+
+def _scales_table(scales: tuple[tuple[GimbalSource, AngleScale], ...]) -> GimbalScalesTable | None:
+    tables = {str(source): AngleScaleTable.from_si(scale) for source, scale in scales}
+    return GimbalScalesTable(**tables) if tables else None
+
+
 class AttitudeTable(Table):
     """Which attitude is believed, how a gimbal's reports are read, and how well they are known."""
 
     order: keys.Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
+    scale: Annotated[GimbalScalesTable, SiAttribute(into=_scales_from, out=_scales_table)] = GimbalScalesTable()
     fixed_mount: FixedMountTable | None = None
     camera_on_gimbal: CameraOnGimbalTable | None = None
     frame: Annotated[

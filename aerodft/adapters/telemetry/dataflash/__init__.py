@@ -39,6 +39,6 @@ def open_source(path: Path) -> DataflashSource:
     return DataflashSource(path)
 
 
-def new_decoder(followed: FollowedIds) -> DataflashDecoder:  # noqa: ARG001 - a log of its own vehicle alone
-    """A decoder that learns the messages' layouts on the way."""
-    return DataflashDecoder()
+def new_decoder(followed: FollowedIds) -> DataflashDecoder:
+    """A decoder that learns the messages' layouts on the way; the log is of its own vehicle alone."""
+    return DataflashDecoder(followed.angle_scales)

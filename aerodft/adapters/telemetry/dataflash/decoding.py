@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache, partial
 from typing import Final
 
@@ -11,7 +11,15 @@ import numpy as np
 
 from aerodft.adapters.telemetry.dataflash.framing import FMT_SIZE, FMT_TYPE, HEAD_SIZE
 from aerodft.adapters.telemetry.mavlink import MAX_STAMP_US, ORIENTATION_DOWN, payload_rows
-from aerodft.adapters.telemetry.tracks import Rows, height_track, mount_track, no_height, position_track, vehicle_track
+from aerodft.adapters.telemetry.tracks import (
+    NO_SCALE,
+    Rows,
+    height_track,
+    mount_track,
+    no_height,
+    position_track,
+    vehicle_track,
+)
 from aerodft.model import (
     BoolArray,
     ClockTrack,
@@ -23,6 +31,7 @@ from aerodft.model import (
     Track,
     WireProtocol,
 )
+from aerodft.service import AngleScale
 
 _FMT_DTYPE: Final = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
 _CODES: Final = {
@@ -244,12 +253,16 @@ class DataflashDecoder:
 
     A message that is one byte longer than its format is doubtful (``scan_dataflash``): no track holds it.
 
+    Args:
+        angle_scales: As in ``FollowedIds``.
+
     Attributes:
         rejected: Rows left out, by ``MESSAGE: reason``.
         formats: What the log has declared so far, by type number.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, angle_scales: Mapping[str, AngleScale] | None = None) -> None:
+        self._angle_scales = angle_scales or {}
         self.rejected: Counter[str] = Counter()
         self.formats: dict[int, MessageFormat] = {}
         sensors = Rangefinders()
@@ -300,7 +313,8 @@ class DataflashDecoder:
         payload = payload_rows(block, places, layout.dtype)
         late = payload["TimeUS"] >= MAX_STAMP_US
         boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
-        rows = Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale)
+        scale = self._angle_scales.get(layout.name, NO_SCALE)
+        rows = Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale, scale)
         is_doubtful = places[1] > layout.dtype.itemsize
         rows = rows.accepted(self.rejected, {"impossible time": late, "may be damaged": is_doubtful})
         columns, make = self._makers[layout.name]

@@ -11,6 +11,7 @@ from aerodft.adapters.telemetry.mavlink.decoding import (
     GIMBAL_DEVICE_ATTITUDE_STATUS,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
+    MOUNT_ORIENTATION,
     MOUNT_STATUS,
     OF_ANOTHER_ADDRESS,
     OF_AUTOPILOT,

@@ -5,8 +5,8 @@ depend on how the frames were cut into blocks.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import pairwise
 from typing import Final
@@ -18,6 +18,7 @@ from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS, field_offset, 
 from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
 from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
 from aerodft.adapters.telemetry.tracks import (
+    NO_SCALE,
     Rows,
     altitude_track,
     boot_ns_of,
@@ -45,6 +46,7 @@ from aerodft.adapters.telemetry.tracks import (
 from aerodft.conventions import SECOND_NS
 from aerodft.jit import njit
 from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, LinkTrack, OtherSenderTrack, RawBlock, Track, WireProtocol
+from aerodft.service import AngleScale
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
@@ -140,17 +142,19 @@ SLOTS: Final = _slots()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowedIds:
-    """Ids of the vehicle to follow; None for the first that is heard.
+    """Ids of the vehicle to follow, None for the first that is heard; and how its gimbals' angles are read.
 
     Attributes:
         system: MAVLink system id of the vehicle.
         component: Component id of its autopilot.
         gimbal: Up to 6 the number of a gimbal that the autopilot speaks for, from 7 on a gimbal's component id.
+        angle_scales: Factors of gimbals' angles with a wrong sign or unit, by the name of the message.
     """
 
     system: int | None = None
     component: int | None = None
     gimbal: int | None = None
+    angle_scales: Mapping[str, AngleScale] = field(default_factory=dict)
 
 
 def fresh_state(followed: FollowedIds) -> IntArray:
@@ -501,6 +505,7 @@ class MavlinkDecoder:
     def __init__(self, followed: FollowedIds | None = None) -> None:
         followed = followed or FollowedIds()
         self._state = fresh_state(followed)
+        self._angle_scales = followed.angle_scales
         self._others = OtherSenders(followed)
         self.rejected: Counter[str] = Counter()
         self._address = SharedAddress()
@@ -569,7 +574,9 @@ class MavlinkDecoder:
         boot_ns = np.where(component == self._state[State.COMPONENT], boot_ns_of(payload), NO_BOOT_TIME)
         if message_id in OF_CAMERAS:
             number_cameras(payload, component)
-        rows = Rows(message_name(message_id), payload, block.arrival_ns[index], boot_ns, {})
+        name = message_name(message_id)
+        scale = self._angle_scales.get(name, NO_SCALE)
+        rows = Rows(name, payload, block.arrival_ns[index], boot_ns, {}, scale)
         yield _MAKERS[message_id](rows, self.rejected)
         if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
             yield from gimbal_failure_tracks(rows)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from aerodft.adapters.telemetry.tracks import (
     MAX_HEIGHT_M,
     MAX_UNIX_NS,
     MIN_UNIX_NS,
+    NO_SCALE,
     Rows,
     estimator_track,
     gimbal_device_track,
@@ -37,7 +38,7 @@ from aerodft.model import (
     Track,
     VehicleTrack,
 )
-from aerodft.service import HEIGHT_SOURCES
+from aerodft.service import HEIGHT_SOURCES, AngleScale
 
 PROTOCOL: Final = "ulog"
 
@@ -127,14 +128,15 @@ class UlogDecoder:
 
     Args:
         gimbal: Number of the gimbal to follow; None for the first one that reports.
+        scale: Factors of the gimbal's angles.
     """
 
-    def __init__(self, gimbal: int | None = None) -> None:
+    def __init__(self, gimbal: int | None = None, scale: AngleScale = NO_SCALE) -> None:
         self.rejected: Counter[str] = Counter()
         self._definitions = Definitions()
         self._newest_us: dict[int, int] = {}
         self._since: dict[str, int] = {}  # by what has come: the message in the block, or _EARLIER
-        self._gimbal = gimbal
+        self._gimbal, self._scale = gimbal, scale
         self._sensor: int | None = None
         self._home_z_m = np.nan
         self._reset_m = self._reset_at_home_m = 0.0
@@ -414,7 +416,7 @@ class UlogDecoder:
         if self._gimbal is None:
             self._gimbal = int(number[0])
         rows = rows.accepted(self.rejected, {f"of another gimbal than number {self._gimbal}": number != self._gimbal})
-        rows = _renamed(rows, _GIMBAL_NAMES)
+        rows = replace(_renamed(rows, _GIMBAL_NAMES), angle_scale=self._scale)
         yield from gimbal_failure_tracks(rows)
         yield gimbal_device_track(rows, self.rejected)
 

@@ -3,8 +3,9 @@
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache, partial
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -63,8 +64,15 @@ _LIMIT: Final = re.compile(r"RNGFND([1-9A-F])_(MIN|MAX)(_CM)?")
 _UNIT_M: Final = {None: 1.0, "_CM": 0.01}
 _EPOCH_NS: Final = 315_964_800 * 10**9  # 1980-01-06 as Unix time
 _WEEK_NS: Final = 604_800 * 10**9
-# From each Unix time on: GPS minus UTC in seconds (leap seconds that autopilot logs can meet).
-_LEAPS: Final = ((1_230_768_000, 15), (1_341_100_800, 16), (1_435_708_800, 17), (1_483_228_800, 18))
+# From each Unix time on: GPS minus UTC in seconds. Leap seconds by the IERS (Bulletin C; leap-seconds.list of the IANA
+# time zone data) from 2006-01-01, 2009-01-01, 2012-07-01, 2015-07-01 and 2017-01-01; none since.
+_LEAPS: Final = (
+    (1_136_073_600, 14),
+    (1_230_768_000, 15),
+    (1_341_100_800, 16),
+    (1_435_708_800, 17),
+    (1_483_228_800, 18),
+)
 _GPS_FIX_3D: Final = 3
 _WEEK_MS: Final = 7 * 86_400_000
 _MAX_WEEK: Final = 11_480  # in the year 2200
@@ -155,9 +163,9 @@ class Rangefinders:
 def gps_to_unix_ns(week: IntArray, week_ms: IntArray) -> IntArray:
     """UTC as Unix ns from GPS week and milliseconds of the week, shapes ``(n,)``; leap seconds taken off."""
     gps_ns = _EPOCH_NS + week.astype(np.int64) * _WEEK_NS + week_ms.astype(np.int64) * 1_000_000
-    starts_ns = np.array([start * 10**9 for start, _ in _LEAPS[1:]])
+    gps_starts_ns = np.array([(start + leap) * 10**9 for start, leap in _LEAPS[1:]])
     leaps_ns = np.array([leap * 10**9 for _, leap in _LEAPS])
-    leap_ns: IntArray = leaps_ns[np.searchsorted(starts_ns, gps_ns - leaps_ns[-1], side="right")]
+    leap_ns: IntArray = leaps_ns[np.searchsorted(gps_starts_ns, gps_ns, side="right")]
     return gps_ns - leap_ns
 
 
@@ -176,16 +184,23 @@ def _another_instance(rows: Rows) -> dict[str, BoolArray]:
     return {"another instance": rows.payload["I"] != 0} if _has(rows, "I") else {}
 
 
-def _gps(rows: Rows, rejected: Counter[str]) -> Track:
+def _gps_clock(week: str, week_ms: str, rows: Rows, rejected: Counter[str]) -> Track:
+    """UTC of GPS, from the fields of the week and of the milliseconds in it."""
     no_fix = rows.payload["Status"] < _GPS_FIX_3D
     faults = {
         **_another_instance(rows),
-        "no UTC yet": no_fix | (rows.payload["GWk"] == 0),
-        "GMS is no time of a week": rows.payload["GMS"] >= _WEEK_MS,
-        "impossible year": rows.payload["GWk"] >= _MAX_WEEK,
+        "no UTC yet": no_fix | (rows.payload[week] == 0),
+        f"{week_ms} is no time of a week": rows.payload[week_ms] >= _WEEK_MS,
+        "impossible year": rows.payload[week] >= _MAX_WEEK,
     }
     good = rows.accepted(rejected, faults)
-    return ClockTrack(unix_ns=gps_to_unix_ns(good.payload["GWk"], good.payload["GMS"]), **good.stamps())
+    return ClockTrack(unix_ns=gps_to_unix_ns(good.payload[week], good.payload[week_ms]), **good.stamps())
+
+
+def _gps_position(rows: Rows, rejected: Counter[str]) -> Track:
+    """Position of GPS before Copter 3.3, whose RelAlt is the estimator's height above home; later POS has it."""
+    with_fix = rows.rows(rows.payload["Status"] >= _GPS_FIX_3D)  # ``_gps_clock`` counts the others
+    return position_track(with_fix, rejected, ("Lat", "Lng", "Alt", "RelAlt"), per_deg=1.0, per_m=1.0)
 
 
 def _att(rows: Rows, rejected: Counter[str]) -> Track:
@@ -238,14 +253,21 @@ def _terr(rows: Rows, rejected: Counter[str]) -> Track:
 
 _Maker = Callable[[Rows, Counter[str]], Track | None]
 _PARAMETER: Final = "PARM"
-# By message the fields that it must have, and what makes a track of them.
-_MAKERS: Final[dict[str, tuple[tuple[str, ...], _Maker]]] = {
-    "GPS": (("Status", "GMS", "GWk"), _gps),
-    "ATT": (("Roll", "Pitch", "Yaw"), _att),
-    "MNT": (("Roll", "Pitch", "YawB"), _mnt),
-    "POS": (("Lat", "Lng", "Alt", "RelHomeAlt"), _pos),
-    "TERR": (("Status", "Spacing", "CHeight"), _terr),
+_Makers = tuple[tuple[tuple[str, ...], _Maker], ...]
+_MAKERS: Final[dict[str, _Makers]] = {
+    "GPS": (
+        (("Status", "GMS", "GWk"), partial(_gps_clock, "GWk", "GMS")),
+        (("Status", "TimeMS", "Week"), partial(_gps_clock, "Week", "TimeMS")),
+        (("Status", "TimeMS", "Week", "Lat", "Lng", "Alt", "RelAlt"), _gps_position),
+    ),
+    "ATT": ((("Roll", "Pitch", "Yaw"), _att),),
+    "MNT": ((("Roll", "Pitch", "YawB"), _mnt),),
+    "POS": ((("Lat", "Lng", "Alt", "RelHomeAlt"), _pos),),
+    "TERR": ((("Status", "Spacing", "CHeight"), _terr),),
 }
+"""By message the fields that it must have, and what makes a track of them; a message makes all tracks that it can."""
+_BOOT_TIMES: Final = (("TimeUS", 1), ("T", 1000), ("TimeMS", 1000))
+"""Fields of the time since boot, and their unit in us. GPS with T has in TimeMS the week's time."""
 
 
 class DataflashDecoder:
@@ -266,14 +288,14 @@ class DataflashDecoder:
         self.rejected: Counter[str] = Counter()
         self.formats: dict[int, MessageFormat] = {}
         sensors = Rangefinders()
-        self._makers: dict[str, tuple[tuple[str, ...], _Maker]] = {
+        self._makers: dict[str, _Makers] = {
             **_MAKERS,
-            _PARAMETER: (("Value",), partial(_parm, sensors)),
-            "RFND": (("Dist", "Stat", "Orient"), partial(_rfnd, sensors)),
+            _PARAMETER: ((("Value",), partial(_parm, sensors)),),
+            "RFND": ((("Dist", "Stat", "Orient"), partial(_rfnd, sensors)),),
         }
 
     def decode(self, block: RawBlock) -> tuple[Track, ...]:
-        """The tracks of this block's messages, at most one a message and layout; no message is an error.
+        """The tracks of this block's messages; no message is an error.
 
         Raises:
             ValueError: The block is not DataFlash.
@@ -289,8 +311,7 @@ class DataflashDecoder:
             return (*self.decode(block.rows(slice(change))), *self.decode(block.rows(slice(change, None))))
         wanted = sorted(kind for kind, layout in self.formats.items() if layout.name in self._makers)
         wanted.sort(key=lambda kind: self.formats[kind].name != _PARAMETER)  # those of a block hold for its readings
-        tracks = (self._track(kind, np.flatnonzero(kinds == kind), block) for kind in wanted)
-        return tuple(track for track in tracks if track is not None)
+        return tuple(chain.from_iterable(self._tracks(kind, np.flatnonzero(kinds == kind), block) for kind in wanted))
 
     def _learn(self, block: RawBlock, index: IntArray) -> int:
         """Take in what FMT messages declare; returns the row of the first one that changes a layout, 0 for none."""
@@ -304,21 +325,22 @@ class DataflashDecoder:
             self.formats[kind] = layout
         return 0
 
-    def _track(self, kind: int, index: IntArray, block: RawBlock) -> Track | None:
-        """The track of one message's rows."""
+    def _tracks(self, kind: int, index: IntArray, block: RawBlock) -> Iterator[Track]:
+        """The tracks of one message's rows."""
         layout = self.formats[kind]
-        if not len(index) or _kind(layout.dtype, "TimeUS") != "u":
-            return None
+        time = next((each for each in _BOOT_TIMES if _kind(layout.dtype, each[0]) == "u"), None)
+        if not len(index) or time is None:
+            return
         places = np.stack([block.offset[index] + HEAD_SIZE, block.length[index] - HEAD_SIZE])
         payload = payload_rows(block, places, layout.dtype)
-        late = payload["TimeUS"] >= MAX_STAMP_US
-        boot_ns = np.where(late, 0, payload["TimeUS"]).astype(np.int64) * 1000
+        field, unit_us = time
+        late = payload[field] >= MAX_STAMP_US // unit_us
+        boot_ns = np.where(late, 0, payload[field]).astype(np.int64) * unit_us * 1000
         scale = self._angle_scales.get(layout.name, NO_SCALE)
         rows = Rows(layout.name, payload, block.arrival_ns[index], boot_ns, layout.scale, scale)
         is_doubtful = places[1] > layout.dtype.itemsize
         rows = rows.accepted(self.rejected, {"impossible time": late, "may be damaged": is_doubtful})
-        columns, make = self._makers[layout.name]
-        if not len(rows.payload) or not _has(rows, *columns):
-            return None
-        track = make(rows, self.rejected)
-        return track if track is not None and len(track.arrival_ns) else None
+        if not len(rows.payload):
+            return
+        tracks = (make(rows, self.rejected) for columns, make in self._makers[layout.name] if _has(rows, *columns))
+        yield from (track for track in tracks if track is not None and len(track.arrival_ns))

@@ -16,9 +16,14 @@ FMT_SIZE: Final = 89
 _WHOLE, _DOUBTFUL, _DAMAGED = 0, 1, 2  # what may be said of a message
 _FIRST, _SECOND = HEAD
 _FMT_FORMAT_AT, _FMT_COLUMNS_AT = 9, 25
-_TIME_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
-_TIMED: Final = 1 << 8  # beside a type's length: the message starts with TimeUS
-_TIME_SIZE: Final = 8
+_TIME_US_COLUMN: Final = np.frombuffer(b"TimeUS", dtype=np.uint8)
+_TIME_MS_COLUMN: Final = np.frombuffer(b"TimeMS", dtype=np.uint8)
+_TIMED_US: Final = 1 << 8  # beside a type's length: the message starts with TimeUS, 64 bits
+_TIMED_MS: Final = 1 << 9  # it starts with TimeMS, 32 bits: logs of firmware before 2015 (Copter 3.3)
+_TIMED: Final = _TIMED_US | _TIMED_MS
+_TIME_US_SIZE: Final = 8
+_TIME_MS_SIZE: Final = 4
+_MS_US: Final = 1000
 _NEAR_US: Final = 10_000_000  # between two messages side by side; what stands there by chance is years away
 _ORDER_US: Final = 50_000  # so much earlier than the last message may one be: threads log side by side
 
@@ -60,14 +65,15 @@ def _may_hold_head(data: Bytes) -> bool:
 @njit
 def _time_us(data: Bytes, at: int, kind: int) -> int:
     """The time since boot of the message of a type at ``at``; -1 where it has none."""
-    if not kind & _TIMED or at + HEAD_SIZE + _TIME_SIZE > len(data):
+    time_size = _TIME_US_SIZE if kind & _TIMED_US else _TIME_MS_SIZE
+    if not kind & _TIMED or at + HEAD_SIZE + time_size > len(data):
         return -1
     stamp = 0
-    for i in range(at + HEAD_SIZE + _TIME_SIZE - 1, at + HEAD_SIZE - 1, -1):
+    for i in range(at + HEAD_SIZE + time_size - 1, at + HEAD_SIZE - 1, -1):
         if stamp >= MAX_STAMP_US >> 8:
             return -1
         stamp = stamp << 8 | int(data[i])
-    return stamp
+    return stamp if kind & _TIMED_US else stamp * _MS_US
 
 
 @njit
@@ -119,7 +125,8 @@ def _judge(data: Bytes, at: int, end: int, types: IntArray, time_us: int, last_u
             return _DAMAGED
         if not kind & _TIMED and _goes_on(data, inner + kind):
             return _DAMAGED
-        for soon in range(inner + HEAD_SIZE, inner + HEAD_SIZE + _TIME_SIZE):
+        time_size = _TIME_US_SIZE if kind & _TIMED_US else _TIME_MS_SIZE
+        for soon in range(inner + HEAD_SIZE, inner + HEAD_SIZE + time_size):
             if _starts(data, soon):  # the other one is cut off before it has a time
                 verdict = _DOUBTFUL
     return verdict
@@ -129,11 +136,12 @@ def _judge(data: Bytes, at: int, end: int, types: IntArray, time_us: int, last_u
 def _learn_type(data: Bytes, at: int, types: IntArray) -> None:
     """Take in the size of the type that a FMT message declares, and whether it starts with a time."""
     size = int(data[at + 4])
-    timed = data[at + _FMT_FORMAT_AT] == ord("Q")
-    for i in range(len(_TIME_COLUMN)):
-        timed = timed and data[at + _FMT_COLUMNS_AT + i] == _TIME_COLUMN[i]
+    in_us, in_ms = data[at + _FMT_FORMAT_AT] == ord("Q"), data[at + _FMT_FORMAT_AT] == ord("I")
+    for i in range(len(_TIME_US_COLUMN)):
+        in_us = in_us and data[at + _FMT_COLUMNS_AT + i] == _TIME_US_COLUMN[i]
+        in_ms = in_ms and data[at + _FMT_COLUMNS_AT + i] == _TIME_MS_COLUMN[i]
     if size >= HEAD_SIZE and data[at + 3] != FMT_TYPE:
-        types[data[at + 3]] = size | (_TIMED if timed else 0)
+        types[data[at + 3]] = size | (_TIMED_US if in_us else 0) | (_TIMED_MS if in_ms else 0)
 
 
 @njit

@@ -14,12 +14,13 @@ from typing import Any, Final
 import tomli_w
 
 from aerodft.adapters.config.station import NO_SETTINGS, Settings, StationConfig, resolved_toml
+from aerodft.adapters.recording.read import PROVENANCE_NAME, SegmentScan
 from aerodft.adapters.wire.measurement import encode_measurement
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.errors import AerodftError, InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.service import Feed, MergedFeed, Pipeline, Source
 from replay.batch import Dataset, InputKey, Job, JobOutcome, JobState, input_key, jobs_of, recording_hash, run_batch
-from replay.recordings import PROVENANCE_NAME, Recording, RecordingSource, Redetection, RedetectionStatistics
+from replay.recordings import Recording, RecordingSource, Redetection, RedetectionStatistics
 
 _FROM_IMAGE_TO_IMAGE: Final = {"objects": "[objects]", "tracked": "tracked probes"}
 
@@ -92,8 +93,15 @@ def _recorded(job: "Recomputation", output: Path, progress: Progress) -> Recompu
     """Run a recomputation into a new recording."""
     old, statistics, provenance = job.recording, assembly.RunStatistics(), _provenance_of(job)
     texts = {PROVENANCE_NAME: tomli_w.dumps(provenance, multiline_strings=True)}
+    images = old.images if next(old.image_messages(), None) is not None else ()
     recorder = assembly.build_recorder(
-        job.station, output, started_ns=old.start_ns, lossless=True, image_hz=0.0, texts=texts
+        job.station,
+        output,
+        started_ns=old.start_ns,
+        lossless=True,
+        image_hz=0.0,
+        texts=texts,
+        copied=tuple(map(old.copy_of, images)),
     )
     with assembly.closing_recorder(recorder, output):
         span_ns = old.end_ns - old.start_ns
@@ -102,7 +110,7 @@ def _recorded(job: "Recomputation", output: Path, progress: Progress) -> Recompu
             job.feed, job.pipeline, (recorder, statistics), lambda now_ns: progress(now_ns - old.start_ns, span_ns)
         )
         recorder.unmeasured = old.unmeasured
-    image_segments = _copy_images(old, output) if next(old.image_messages(), None) is not None else 0
+    _copy_images(images, output)
     redetection = job.redetection
     return RecomputeResult(
         totals=recorder.totals,
@@ -114,7 +122,7 @@ def _recorded(job: "Recomputation", output: Path, progress: Progress) -> Recompu
         provenance=provenance,
         left_out=old.left_out(images=True),
         redetection=None if redetection is None else redetection.moved,
-        image_segments=image_segments,
+        image_segments=len(images),
     )
 
 
@@ -206,12 +214,11 @@ def _few_images(tables: tuple[str, ...], kept: int) -> tuple[str, ...]:
     return (sentence,)
 
 
-def _copy_images(recording: Recording, output: Path) -> int:
-    """Copy the files of images as they are; returns how many there are."""
-    for number, segment in enumerate(recording.images, start=1):
+def _copy_images(images: Sequence[SegmentScan], output: Path) -> None:
+    """Copy image segments as they are, numbered from 1."""
+    for number, segment in enumerate(images, start=1):
         with os_errors_as("images cannot be copied", where=segment.path, hint="the measurements are complete"):
             shutil.copy2(segment.path, output / f"images_{number:03d}.mcap")
-    return len(recording.images)
 
 
 def _provenance_of(job: Recomputation) -> dict[str, Any]:

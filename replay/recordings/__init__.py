@@ -3,7 +3,6 @@
 from replay.recordings.recording import (
     ENCODED_IMAGE_SCHEMAS,
     JPEG_SCHEMA,
-    PROVENANCE_NAME,
     VIDEO_SCHEMA,
     LeftOut,
     Recording,

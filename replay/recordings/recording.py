@@ -2,7 +2,6 @@
 
 import heapq
 import logging
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,12 +19,12 @@ from aerodft.adapters.recording.read import (
     ChannelFilter,
     ChunkTable,
     Gap,
+    Ownership,
     SegmentScan,
-    recording_of,
     scan_segment,
     unique_segments,
 )
-from aerodft.adapters.recording.write import image_sequence
+from aerodft.adapters.recording.write import CopiedSegment, image_sequence
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
@@ -38,8 +37,6 @@ from aerodft.model import Image, PoseSample, StampClock, WireProtocol
 from aerodft.version import SOFTWARE
 from replay.recordings.segments import is_mcap, message_tables, messages_of, segment_order
 
-PROVENANCE_NAME: Final = "computed_from.toml"
-"""File of a recording that says which one it was computed from."""
 _MOST_UNSYNCED_NS: Final = 2 * SECOND_NS  # a power cut costs one series so much more than another
 _SHOWN = 3
 _MOST_TEXT_BYTES = 4 << 20  # as of one that a file carries
@@ -150,6 +147,7 @@ class Recording:
             expected = "a recording's folder, or an MCAP file"
             raise InputError("there is no recording", where=folder, got=looks_like(folder), expected=expected)
         self.damaged_messages = 0
+        self._ownership = Ownership(own=None, owners={})
         self._missing = {"data": 0, "images": 0}
         self._between: dict[str, list[Gap]] = {"data": [], "images": []}
         self.data = (scan_segment(folder),) if self._is_file else self._segments("data")
@@ -159,21 +157,8 @@ class Recording:
             raise NoAnswerError("the recording holds nothing", where=folder)
         self.station = next((segment.station for segment in self.data if segment.station), "")
         if not self._is_file:
-            self._leave_out_foreign()
-            self._missing = {
-                "data": _count_missing(folder, "data", self.data),
-                "images": _count_missing(folder, "images", self.images),
-            }
-            self.data, self.images = _with_sized_gaps(self.data), _with_sized_gaps(self.images)
-            own = {each.recording for each in self.data}  # a recomputed one has a copy of images, finished before
-            images_closed = _was_closed([each for each in self.images if each.recording in own])
-            data_closed = _was_closed(self.data)
-            after_data = _gap_at_end(self.data, self.images, others_closed=images_closed)
-            after_images = _gap_at_end(self.images, self.data if data_closed else (), others_closed=data_closed)
-            self._between = {
-                "data": _gaps_between(self.data) + after_data,
-                "images": _gaps_between(self.images) + after_images,
-            }
+            self._order_segments()
+            self._between = self._find_gaps()
             chunks = [chunk for segment in self.data for chunk in segment.chunks]
         self.start_ns = min(chunk.start_ns for chunk in chunks)
         self.end_ns = max(chunk.end_ns for chunk in chunks)
@@ -193,26 +178,44 @@ class Recording:
         if schema.startswith(_OWN) and schema not in SCHEMAS:
             _log.warning("%s: %s is unknown to %s, and left out: a newer version's?", self.folder, schema, SOFTWARE)
 
-    def _leave_out_foreign(self) -> None:
-        """Leave out segments of another recording than most of the data segments, and name them."""
-        owners = {segment.path: recording_of(segment) for segment in (*self.data, *self.images) if segment.chunks}
-        ids = Counter(owners[segment.path] for segment in self.data if segment.chunks)
-        own = next((each for each, _ in ids.most_common() if each is not None), None)
-        if own is None:
-            return
-        allowed: set[str | None] = {own, None}  # who does not say whose it is may be read
-        if self.text(PROVENANCE_NAME) is not None:  # images are copied from the recording that it was computed from
-            allowed |= {owners[segment.path] for segment in self.images if segment.chunks}
+    def _order_segments(self) -> None:
+        """Leave out segments of other recordings, put the rest into the order of recording, and name missing ones."""
+        self._ownership = owners = Ownership.of(self.data, self.images)
 
-        def is_own(segment: SegmentScan) -> bool:
-            owner = owners.get(segment.path)
-            if owner in allowed or not segment.chunks:
-                return True
-            whose = f"recording {owner}" if owner else "another recording"
-            _log.warning("%s: belongs to %s, not to %s; it is left out", segment.path, whose, own)
-            return False
+        def own_of(segments: Sequence[SegmentScan], *, is_image: bool) -> tuple[SegmentScan, ...]:
+            found = [each for each in segments if not owners.is_foreign(each, is_image=is_image)]
+            for path in (each.path for each in segments if each not in found):
+                owner = owners.owners[path]
+                _log.warning("%s: belongs to recording %s, not to %s; it is left out", path, owner, owners.own)
+            return _with_sized_gaps(owners.arrange(found))
 
-        self.data, self.images = (tuple(filter(is_own, each)) for each in (self.data, self.images))
+        self.data, self.images = own_of(self.data, is_image=False), own_of(self.images, is_image=True)
+        self._missing = {
+            "data": _count_missing(self.folder, "data", self.data),
+            "images": _count_missing(self.folder, "images", self.images, owners.min_images),
+        }
+
+    def _find_gaps(self) -> dict[str, list[Gap]]:
+        """Proven gaps between and behind the segments, by series."""
+        runs = list(self._ownership.runs(self.images))
+        own = {each.recording for each in self.data}  # copied images were finished, or not, by another recorder
+        images_closed = _was_closed([each for run in runs for each in run if each.recording in own])
+        data_closed = _was_closed(self.data)
+        after_images = []
+        for run in runs:
+            copy = self._ownership.copy_at(run[-1].number)
+            messages = None if copy is None else copy.messages
+            others = self.data if data_closed else ()
+            after_images += _gap_at_end(run, others, others_closed=data_closed, messages=messages)
+        return {
+            "data": _gaps_between(self.data) + _gap_at_end(self.data, self.images, others_closed=images_closed),
+            "images": _gaps_between(self.images) + after_images,
+        }
+
+    def copy_of(self, segment: SegmentScan) -> CopiedSegment:
+        """What a recomputed recording has to know of an image segment that it copies."""
+        recording = self._ownership.owner_of(segment)
+        return CopiedSegment(recording=recording, chunks=len(segment.chunks), messages=segment.messages)
 
     @cached_property
     def zero_ns(self) -> int:
@@ -387,7 +390,7 @@ def _with_sized_gaps(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]
 def _gaps_between(segments: Sequence[SegmentScan]) -> list[Gap]:
     """Proven gaps between segments of one series, in order, by what they and their neighbours count."""
     gaps = []
-    if segments and _number(segments[0]) == 0 and (lost := _lost_at_start((0, 0), segments[0])) is not None:
+    if segments and segments[0].number == 0 and (lost := _lost_at_start((0, 0), segments[0])) is not None:
         gaps.append(Gap(from_ns=None, to_ns=segments[0].start_ns, chunks=lost[0], messages=lost[1]))
     for segment, following in pairwise(segments):
         if not _is_next(segment, following):
@@ -401,7 +404,7 @@ def _gaps_between(segments: Sequence[SegmentScan]) -> list[Gap]:
         if missing is None:
             if not segment.has_end:
                 gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns))
-        elif missing[0] > 0 and not any(gap.chunks is None for gap in segment.gaps):
+        elif min(missing) > 0 and not any(gap.chunks is None for gap in segment.gaps):  # else a count is damaged
             gaps.append(Gap(from_ns=segment.end_ns, to_ns=start_ns, chunks=missing[0], messages=missing[1]))
     return gaps
 
@@ -411,13 +414,29 @@ def _was_closed(segments: Sequence[SegmentScan]) -> bool:
     return bool(segments) and segments[-1].has_end and segments[-1].after is None
 
 
-def _gap_at_end(segments: Sequence[SegmentScan], others: Sequence[SegmentScan], *, others_closed: bool) -> list[Gap]:
-    """The proven gap behind the last segment of a series, by the other one that was recorded beside it; one at most."""
+def _gap_at_end(
+    segments: Sequence[SegmentScan],
+    others: Sequence[SegmentScan],
+    *,
+    others_closed: bool,
+    messages: int | None = None,
+) -> list[Gap]:
+    """The proven gap behind the last segment of a series; one at most.
+
+    Args:
+        segments: The series.
+        others: The series that was recorded beside it.
+        others_closed: Whether that one was finished.
+        messages: How many messages the last segment is known to have held; None where the other series tells it.
+    """
     if not segments or (segments[-1].after is None and (segments[-1].has_end or segments[-1].is_recovered)):
         return []
     end_ns = max((each.end_ns for each in segments if each.end_ns is not None), default=None)
     if segments[-1].after is not None:
         return [Gap(from_ns=end_ns, to_ns=None)]
+    if messages is not None:
+        lost = messages - (segments[-1].messages or 0) - sum(gap.messages or 0 for gap in segments[-1].gaps)
+        return [Gap(from_ns=end_ns, to_ns=None, messages=lost)] if lost > 0 else []
     others_ns = max((each.end_ns for each in others if each.end_ns is not None), default=0)
     if others_closed or others_ns > (end_ns or 0) + _MOST_UNSYNCED_NS:
         return [Gap(from_ns=end_ns, to_ns=others_ns if others_closed and others_ns > (end_ns or 0) else None)]
@@ -430,18 +449,13 @@ def _lost_at_start(counted: tuple[int, int] | None, following: SegmentScan) -> t
     if is_said or counted is None or following.before is None:
         return None
     chunks, messages = (held - before for held, before in zip(following.before, counted, strict=True))
-    return (chunks, messages) if chunks > 0 else None
+    return (chunks, messages) if min(chunks, messages) > 0 else None  # every chunk holds messages
 
 
 def _is_next(segment: SegmentScan, following: SegmentScan) -> bool:
     """Whether a segment has the next number, and not another recording's id: images of several may be copied."""
     ids = {segment.recording, following.recording} - {None}
-    return _number(following) == _number(segment) + 1 and len(ids) <= 1
-
-
-def _number(segment: SegmentScan) -> int:
-    digits = segment.path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdecimal() else -2
+    return segment.number is not None and following.number == segment.number + 1 and len(ids) <= 1
 
 
 def _segment_paths(folder: Path, stem: str) -> list[Path]:
@@ -464,10 +478,17 @@ def _segment_paths(folder: Path, stem: str) -> list[Path]:
     return paths
 
 
-def _count_missing(folder: Path, stem: str, segments: Sequence[SegmentScan]) -> int:
-    """Warn of numbers that are left out: a segment was lost or not copied; returns how many."""
-    numbers = [number for number in map(_number, segments) if number >= 0]
-    gone = sorted(set(range(max(numbers, default=-1) + 1)) - set(numbers))
+def _count_missing(folder: Path, stem: str, segments: Sequence[SegmentScan], expected: int = 0) -> int:
+    """Warn of numbers that are left out: a segment was lost or not copied; returns how many.
+
+    Args:
+        folder: The recording.
+        stem: Name of the series.
+        segments: What there is of it.
+        expected: How many segments there are at least, where that is known.
+    """
+    numbers = {each.number for each in segments if each.number is not None}
+    gone = sorted(set(range(max(expected, max(numbers, default=-1) + 1))) - numbers)
     if gone:
         shown = ", ".join(f"{stem}_{number:03d}.mcap" for number in gone[:_SHOWN])
         more = f" and {len(gone) - _SHOWN} more" if len(gone) > _SHOWN else ""

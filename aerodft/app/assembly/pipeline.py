@@ -21,7 +21,7 @@ from aerodft.adapters.config.station import (
 )
 from aerodft.adapters.images import read_camera_image
 from aerodft.adapters.outputs import Run
-from aerodft.adapters.recording.write import McapRecorder, RecorderSettings
+from aerodft.adapters.recording.write import CopiedSegment, McapRecorder, RecorderSettings
 from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.conventions import SECOND_NS
@@ -267,12 +267,14 @@ def build_recorder(
     lossless: bool,
     image_hz: float | None = None,
     texts: Mapping[str, str] | None = None,
+    copied: tuple[CopiedSegment, ...] = (),
 ) -> McapRecorder:
     """A recorder into a new folder; the configuration is written beside the segments, complete in itself.
 
     An elevation model travels with it, where it is one file of moderate size; its name there is in the configuration.
 
-    ``image_hz`` takes the place of the configuration's; ``texts`` are further files, by name, that go with it.
+    ``image_hz`` takes the place of the configuration's; ``texts`` are further files, by name, that go with it;
+    ``copied`` are image segments that the caller copies into the folder afterwards.
     """
     settings = RecorderSettings(
         station=station.pipeline.station,
@@ -283,12 +285,13 @@ def build_recorder(
         jpeg_quality=station.record.jpeg_quality,
         segment_s=station.record.segment_s,
         segment_bytes=round(station.record.segment_mb * 1e6),
+        copied=copied,
     )
     terrain = None if station.ground is None else station.ground.path
-    copied = terrain is not None and travels(terrain)
-    text = resolved_toml(station, terrain_file=COPY_NAME if copied else None)
+    has_terrain = terrain is not None and travels(terrain)
+    text = resolved_toml(station, terrain_file=COPY_NAME if has_terrain else None)
     recorder = McapRecorder(folder, settings, started_ns=started_ns, texts={"config.toml": text, **(texts or {})})
-    if terrain is not None and not copied:
+    if terrain is not None and not has_terrain:
         _log.warning("%s is not copied into the recording, which needs it to be computed anew", terrain)
     elif terrain is not None:
         try:

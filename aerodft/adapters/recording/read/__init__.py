@@ -26,7 +26,6 @@ from aerodft.adapters.recording.read.messages import (
     ChunkTable,
     content_bytes,
     is_one_of,
-    recording_of,
     records_in,
 )
 from aerodft.adapters.recording.read.segment_scan import (
@@ -36,5 +35,5 @@ from aerodft.adapters.recording.read.segment_scan import (
     has_owned_chunks,
     log_times,
     scan_segment,
-    unique_segments,
 )
+from aerodft.adapters.recording.read.series import PROVENANCE_NAME, Ownership, unique_segments

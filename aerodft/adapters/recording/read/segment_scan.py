@@ -5,7 +5,7 @@ Works on files without an index too: a recorder that was killed leaves whole chu
 
 import logging
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -40,6 +40,8 @@ from aerodft.adapters.recording.write import (
     METADATA_NAME,
     PROFILE,
     RECOVERED_NAME,
+    CopiedSegment,
+    copied_segments,
 )
 from aerodft.errors import InputError, os_errors_as
 
@@ -134,6 +136,8 @@ class SegmentScan:
         is_indexed: Whether the file's own index was used.
         surplus: How many chunks there are more than its own; None where nobody knows of any that was put in.
         damaged_offsets: Where damaged chunks begin that were met so far; readers share it.
+        copied: The image segments that the recomputed recording holds copies of; empty in others.
+        renumbered: Its number in the series where that is not the one in its name.
     """
 
     path: Path
@@ -151,6 +155,14 @@ class SegmentScan:
     texts: dict[str, str] = field(default_factory=dict)
     surplus: int | None = None
     damaged_offsets: set[int] = field(default_factory=set, compare=False, repr=False)
+    copied: tuple[CopiedSegment, ...] = ()
+    renumbered: int | None = None
+
+    @property
+    def number(self) -> int | None:
+        """Its number in the series; None where its name has none."""
+        digits = self.path.stem.rpartition("_")[2]
+        return self.renumbered if self.renumbered is not None else int(digits) if digits.isdecimal() else None
 
     @property
     def recording(self) -> str | None:
@@ -213,18 +225,6 @@ def has_owned_chunks(header: Header) -> bool:
     return header.profile == PROFILE and header.library.startswith(_OWN_LIBRARY)
 
 
-def unique_segments(segments: Sequence[SegmentScan]) -> tuple[SegmentScan, ...]:
-    """The segments without those that are there a second time, under another name: that is said."""
-    first: dict[object, SegmentScan] = {}
-    for segment in segments:
-        content = tuple((chunk.length, chunk.start_ns, chunk.end_ns) for chunk in segment.chunks)
-        known = first.setdefault((segment.recording, content) if content else segment.path, segment)
-        if known is not segment:
-            name, folder = segment.path.name, segment.path.parent
-            _log.warning("%s: %s is %s once more; it is left out", folder, name, known.path.name)
-    return tuple(first.values())
-
-
 def log_times(place: ChunkLocation) -> dict[int, tuple[int, ...]] | None:
     """Log times by channel id, from the message indexes behind a chunk; None where they are missing.
 
@@ -275,7 +275,8 @@ class _Scan:
         self._sets = ChannelSets()
         self._damaged_offsets: set[int] = set()
         self._heads: set[bytes] = set()  # of the recording's own chunks
-        self._is_copy, self._copies = False, 0  # whether the last chunk is one, and how many are
+        self._skips_indexes = False  # whether no chunk that is read comes right before the next indexes
+        self._copies = 0  # chunks that are there a second time
         self._has_end = False
         self._channels = Channels()
         self._about = _About()
@@ -332,6 +333,7 @@ class _Scan:
             texts=self._about.texts,
             surplus=surplus,
             damaged_offsets=self._damaged_offsets,
+            copied=self._about.copied,
         )
 
     def _skip(self, position: int) -> tuple[int, bool]:
@@ -404,8 +406,8 @@ class _Scan:
     def _add_chunk(self, position: int, length: int) -> None:
         head = self._read(position, CHUNK_HEAD.size)
         start_ns, end_ns, _, crc = CHUNK_HEAD.unpack(head)
-        self._is_copy = head in self._heads
-        if self._is_copy:
+        self._skips_indexes = head in self._heads
+        if self._skips_indexes:
             self._after, self._copies = None, self._copies + 1
             _log.warning("%s: the chunk at byte %d is there twice; it is read once", self._path, position)
             return
@@ -415,7 +417,7 @@ class _Scan:
 
     def _take_index(self, length: int, head: bytes) -> bool:
         channel_id = indexed_channel(head, length)
-        if channel_id is None or self._is_copy:
+        if channel_id is None or self._skips_indexes:
             return channel_id is not None
         self._ids.add(channel_id)
         self._messages += length // INDEX_ENTRY_BYTES  # its head is shorter than an entry
@@ -471,7 +473,7 @@ class _Scan:
 
     def _take_count(self, chunks: int, messages: int) -> None:
         """See by the count before a chunk whether something that was before it is missing."""
-        self._after = chunks, messages
+        self._after, self._skips_indexes = (chunks, messages), True  # up to the next chunk
         if self._about.is_recovered:  # which said what is missing
             return
         if self._before is None:
@@ -487,6 +489,8 @@ class _Scan:
         if missing <= 0:
             return
         if not self._gaps or self._gaps[-1].chunks is not None:
+            if messages is not None and messages <= self._messages + self._counted_lost[1]:
+                return  # every chunk holds messages: the count is damaged
             self._gaps.append(_OpenGap(len(self._places)))
         gap = self._gaps[-1]
         gap.chunks = missing
@@ -504,11 +508,13 @@ class _About:
         recording: Id of the recording, which its chunks then carry too; None of what another tool wrote again.
         is_recovered: Whether it was made whole.
         texts: Its configuration.
+        copied: The image segments that its recording holds copies of.
     """
 
     station: str | None = None
     recording: str | None = None
     is_recovered: bool = False
+    copied: tuple[CopiedSegment, ...] = ()
     texts: dict[str, str] = field(default_factory=dict)
     _is_own: bool = False
 
@@ -522,6 +528,7 @@ class _About:
             self.station = self.station or metadata.metadata.get(STATION_KEY)
             if self._is_own:
                 self.recording = metadata.metadata.get(RECORDING_KEY)
+                self.copied = copied_segments(metadata.metadata)
         elif metadata.name == CONFIG_NAME:
             self.texts = self.texts or dict(metadata.metadata)
         elif metadata.name == RECOVERED_NAME:
@@ -568,6 +575,7 @@ def _indexed_segment(path: Path, read: Callable[[int, int], bytes], size: int) -
             channels=summary.channels,
             is_indexed=True,
             texts=about.texts,
+            copied=about.copied,
         )
     except DAMAGED:
         return None

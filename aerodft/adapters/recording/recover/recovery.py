@@ -9,7 +9,7 @@ import logging
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,8 +30,8 @@ from aerodft.adapters.recording.layout import (
 from aerodft.adapters.recording.read import (
     CRC_BYTES,
     ChunkReader,
+    Ownership,
     SegmentScan,
-    recording_of,
     records_in,
     scan_segment,
     unique_segments,
@@ -57,6 +57,7 @@ _NUMBER = re.compile(r"_(\d+)\.mcap$")
 _UNFINISHED = "it does not end as it should: a kill costs half a second at most, what else cut it nobody knows how much"
 _CUT = "it was cut: later messages show that more was recorded"
 _NO_NEXT = "more was recorded behind it, in a segment that is not there"
+_MISSING = "the segment is missing"
 _GONE = "chunks that are not there any more"
 _MOST_UNSYNCED_NS = 2 * SECOND_NS  # a power cut costs one series so much more than another
 _OWN_TOPICS = ("aerodft/", "mavlink", "dataflash")
@@ -144,10 +145,9 @@ def recover_folder(folder: Path) -> Recovery:
                 raise InputError("no such file or folder", where=folder)
             got = "a file" if folder.is_file() else "no data_*.mcap"
             raise InputError("there is no recording", where=folder, got=got, expected="a folder with data_000.mcap")
-        scans = {path: _scanned(path) for stem in SERIES for _, path in paths[stem]}
-        owners = {path: recording_of(scan) for path, scan in scans.items() if scan is not None and scan.chunks}
-        own = _own_id([owners[path] for _, path in paths["data"] if path in owners])
-        segments = [each for stem in SERIES for each in _recover_series(stem, paths[stem], scans, owners, own)]
+        scans = {stem: [_scanned(path) for path in paths[stem]] for stem in SERIES}
+        owners = Ownership.of(scans["data"], scans["images"])
+        segments = [each for stem in SERIES for each in _recover_series(stem, scans, owners)]
     except OSError as error:
         where = error.filename or folder
         raise InputError("the recording cannot be recovered", where=where, got=error.strerror) from error
@@ -182,7 +182,7 @@ def _ends(path: Path) -> bool:
         return size > len(MAGIC) and file.read() == MAGIC
 
 
-def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
+def _numbered(folder: Path, stem: str) -> list[Path]:
     """The segments of a series by number; a copy of one with another name is none.
 
     Raises:
@@ -191,80 +191,70 @@ def _numbered(folder: Path, stem: str) -> list[tuple[int, Path]]:
     found = [(_NUMBER.search(path.name), path) for path in folder.glob(f"{stem}_*.mcap")]
     for _, path in found:
         check_is_no_pipe(path)
-    return sorted((int(match[1]), path) for match, path in found if match is not None)
+    numbered = sorted((int(match[1]), path) for match, path in found if match is not None)
+    return [path for _, path in numbered]
 
 
-def _scanned(path: Path) -> SegmentScan | None:
-    """Scan of a segment as readers see it; None where they cannot read it."""
+def _scanned(path: Path) -> SegmentScan:
+    """Scan of a segment as readers see it; one without chunks where they cannot read it."""
     try:
         return scan_segment(path)
     except InputError:
-        return None
-
-
-def _own_id(owners: Iterable[str | None]) -> str | None:
-    """The id that most segments have; None where none has any."""
-    ids = Counter(owner for owner in owners if owner is not None)
-    return ids.most_common(1)[0][0] if ids else None
+        return SegmentScan(path=path, chunks=(), station=None, is_whole=False)
 
 
 def _recover_series(
-    stem: str,
-    paths: list[tuple[int, Path]],
-    scans: Mapping[Path, SegmentScan | None],
-    owners: Mapping[Path, str | None],
-    own: str | None,
+    stem: str, scans: Mapping[str, Sequence[SegmentScan]], owners: Ownership
 ) -> Iterator[SegmentRecovery]:
     """Make the segments of a series whole.
 
     Args:
         stem: Name of the series.
-        paths: Its segments by number.
-        scans: What the segments of all series hold.
-        owners: Ids of the recordings that segments with chunks belong to.
-        own: Id of the recording by its data; None where it has none.
+        scans: What the segments of each series hold.
+        owners: Whose they are.
     """
-    ids = [owners[path] for _, path in paths if path in owners]
-    own = own if own in ids else _own_id(ids)  # a recomputed recording has a copy of another one's images
-    left_alone = _left_alone([path for _, path in paths if path in owners], scans, owners, own)
-    yield from left_alone.values()
-    paths = [(number, path) for number, path in paths if path not in left_alone]
+    left_alone, segments = _left_alone(scans[stem], owners, is_image=stem == "images")
+    yield from left_alone
+    others_ns = max((each.end_ns or 0 for other in SERIES if other != stem for each in scans[other]), default=0)
+    is_only = sum(map(len, scans.values())) == 1
     expected, last_ns = 0, None
-    others_ns = max(
-        (scan.end_ns or 0 for path, scan in scans.items() if scan and not path.match(f"{stem}_*")), default=0
-    )
-    for place, (number, path) in enumerate(paths):
-        scan, later = scans[path], [scans[each] for _, each in paths[place + 1 :]]
-        start_ns = next((each.start_ns for each in later if each is not None and each.chunks), None)
-        is_next = place + 1 < len(paths) and paths[place + 1][0] == number + 1
-        before = later[0].before if is_next and later[0] is not None else None
-        beside = [] if own is None else [scans[each] for _, each in paths if each != path and owners.get(each) == own]
-        known = [each.channels for each in (scan, *beside) if each is not None]
-        previous = scans[paths[place - 1][1]] if place and paths[place - 1][0] == number - 1 else None
-        end = _End(start_ns, before, others_ns, is_last=path == paths[-1][1], is_only=len(scans) == 1)
-        segment = _recover_segment(path, previous, end, known)
-        for missing in range(expected, number):
-            loss = DataLoss(what="the segment is missing", from_ns=last_ns, to_ns=segment.start_ns)
-            yield SegmentRecovery(name=f"{stem}_{missing:03d}.mcap", state="missing", losses=(loss,))
-        yield segment
-        expected, last_ns = number + 1, segment.end_ns or last_ns
+    for run in owners.runs(owners.arrange(segments)):
+        for place, scan in enumerate(run):
+            number, previous = scan.number or 0, run[place - 1] if place else None
+            known = [scan.channels, *(each.channels for each in run if each is not scan and each.chunks)]
+            has_previous = previous is not None and previous.number == number - 1
+            end = _end_of(run[place:], previous if has_previous else None, owners, others_ns)
+            segment = _recover_segment(scan, previous if has_previous else None, replace(end, is_only=is_only), known)
+            for missing in range(expected, number):
+                yield _missing(stem, missing, owners, DataLoss(what=_MISSING, from_ns=last_ns, to_ns=segment.start_ns))
+            yield segment
+            expected, last_ns = number + 1, segment.end_ns or last_ns
+    for missing in range(expected, owners.min_images if stem == "images" else 0):
+        yield _missing(stem, missing, owners, DataLoss(what=_MISSING, from_ns=last_ns))
+
+
+def _missing(stem: str, number: int, owners: Ownership, loss: DataLoss) -> SegmentRecovery:
+    """Outcome of a segment that is not there; of a copied one with how many messages it held."""
+    copy = owners.copy_at(number) if stem == "images" else None
+    loss = loss if copy is None else replace(loss, messages=copy.messages)
+    return SegmentRecovery(name=f"{stem}_{number:03d}.mcap", state="missing", losses=(loss,))
 
 
 def _left_alone(
-    paths: Sequence[Path],
-    scans: Mapping[Path, SegmentScan | None],
-    owners: Mapping[Path, str | None],
-    own: str | None,
-) -> dict[Path, SegmentRecovery]:
-    """Outcomes of the segments with chunks that are of another recording than ``own``, or copies of others."""
-    kept = unique_segments([scan for path in paths if (scan := scans[path]) is not None])
-    found = {path: SegmentRecovery(name=path.name, state="copy") for path in paths}
-    for path in (scan.path for scan in kept):
-        del found[path]
-        if own is not None and owners[path] not in (None, own):
-            loss = DataLoss(what=f"it belongs to recording {owners[path]}, not to {own}", messages=0)
-            found[path] = SegmentRecovery(name=path.name, state="foreign", losses=(loss,))
-    return found
+    segments: Sequence[SegmentScan], owners: Ownership, *, is_image: bool
+) -> tuple[list[SegmentRecovery], list[SegmentScan]]:
+    """Outcomes of the segments that belong to other recordings or are copies of others; and the other segments."""
+    alone, kept = [], unique_segments(segments)
+    paths = {each.path for each in kept}
+    for each in segments:
+        if owners.is_foreign(each, is_image=is_image):
+            what = f"it belongs to recording {owners.owners[each.path]}, not to {owners.own}"
+            loss = DataLoss(what=what, messages=0)
+            alone.append(SegmentRecovery(name=each.path.name, state="foreign", losses=(loss,)))
+        elif each.path not in paths:
+            alone.append(SegmentRecovery(name=each.path.name, state="copy"))
+    names = {each.name for each in alone}
+    return alone, [each for each in kept if each.path.name not in names]
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,33 +263,64 @@ class _End:
 
     Attributes:
         start_ns: Earliest log time of the next segment of its series that holds anything; None where none does.
-        before: How many chunks and messages the series holds before the segment with the next number; None where
-            that does not say it.
+        first: How many chunks and messages the series holds before the segment; None where nothing says it.
+        after: How many it holds before the segment with the next number; None where nothing says it.
         others_ns: Latest log time of the other series; 0 where it has none.
         is_last: Whether no segment of its series follows.
         is_only: Whether the recording has no other segment.
     """
 
     start_ns: int | None
-    before: tuple[int, int] | None
+    first: tuple[int, int] | None
+    after: tuple[int, int] | None
     others_ns: int
     is_last: bool
-    is_only: bool
+    is_only: bool = False
 
 
-def _recover_segment(path: Path, previous: SegmentScan | None, end: _End, known: Sequence[Channels]) -> SegmentRecovery:
+def _end_of(run: Sequence[SegmentScan], previous: SegmentScan | None, owners: Ownership, others_ns: int) -> _End:
+    """Evidence of how much the first segment of a run held.
+
+    Args:
+        run: It and the segments that the same recorder wrote after it.
+        previous: The segment with the number before, of the same recorder; None where there is none.
+        owners: Whose the segments are.
+        others_ns: Latest log time of the other series; 0 where it has none.
+    """
+    scan, later = run[0], run[1:]
+    copy = owners.copy_at(scan.number) if owners.owner_of(scan) != owners.own else None
+    earlier = owners.copy_at(None if scan.number is None else scan.number - 1)
+    is_first = scan.number == 0 or (copy is not None and (earlier is None or earlier.recording != copy.recording))
+    first = (0, 0) if is_first else None if previous is None else previous.after
+    after = later[0].before if later and scan.number is not None and later[0].number == scan.number + 1 else None
+    if after is None and first is not None and copy is not None and copy.messages is not None:
+        after = first[0] + copy.chunks, first[1] + copy.messages
+    following = owners.copy_at(None if scan.number is None else scan.number + 1)
+    return _End(
+        start_ns=next((each.start_ns for each in later if each.chunks), None),
+        first=first,
+        after=after,
+        others_ns=others_ns,
+        is_last=not later and (copy is None or following is None or following.recording != copy.recording),
+    )
+
+
+def _recover_segment(
+    scan: SegmentScan, previous: SegmentScan | None, end: _End, known: Sequence[Channels]
+) -> SegmentRecovery:
     """Make a segment whole.
 
     Args:
-        path: The file.
-        previous: The segment with the number before; None where that cannot be read.
+        scan: What readers see of it.
+        previous: The segment with the number before, of the same recorder; None where there is none.
         end: What shows how much it held.
         known: Channels by what readers see of it, and by other segments, which have the same ids.
     """
+    path = scan.path
     with _locked(path) as descriptor:
         found = _examine(descriptor, known)
         _tell_end(found, end)
-        _tell_start(found, previous, is_first=path.stem.endswith("_000"))
+        _tell_start(found, previous, end.first)
         if found.is_sound:
             return _outcome(path, "sound", found)
         if not found.is_own and (found.chunks or found.library):
@@ -420,14 +441,15 @@ def _outcome(path: Path, state: str, found: "_SegmentReport") -> SegmentRecovery
     )
 
 
-def _tell_start(found: "_SegmentReport", previous: SegmentScan | None, *, is_first: bool) -> None:
-    """Say what is missing at the start of a segment by what the one before it counted; of the first one, by nothing."""
-    start = (0, 0) if is_first else None if previous is None else previous.after
-    if found.before is None or found.is_recovered or start is None:
+def _tell_start(found: "_SegmentReport", previous: SegmentScan | None, first: tuple[int, int] | None) -> None:
+    """Say what is missing at the start of a segment, before which the series held ``first`` chunks and messages."""
+    if found.before is None or found.is_recovered or first is None:
         return
     early = [loss for loss in found.losses if loss.from_ns is None]
     later = found.losses[len(early) :]
-    missing = found.before[1] - start[1] - sum(loss.messages or 0 for loss in early)
+    missing = found.before[1] - first[1] - sum(loss.messages or 0 for loss in early)
+    if missing > 0 and not early and found.before[0] <= first[0]:
+        return  # every chunk holds messages: a count is damaged
     if missing > 0 and not early:
         found.is_sound = False
         early = [DataLoss(what=_GONE, to_ns=found.start_ns)]
@@ -447,10 +469,11 @@ def _tell_end(found: "_SegmentReport", end: _End) -> None:
         found.is_sound, found.after = False, None
         found.losses.append(DataLoss(what=_NO_NEXT, from_ns=found.end_ns))
         return
-    after = found.after or end.before
-    if found.before is not None and after is not None and not found.is_recovered:
-        missing = after[1] - found.before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
-        if missing <= 0:  # what is torn was written again into the next one
+    before, after = found.before or end.first, found.after or end.after
+    if before is not None and after is not None and not found.is_recovered:
+        missing = after[1] - before[1] - found.all_messages - sum(loss.messages or 0 for loss in inside)
+        is_denied = not found.losses and after[0] <= before[0] + found.chunks  # every chunk holds messages
+        if missing <= 0 or is_denied:  # what is torn was written again into the next one; or a count is damaged
             found.losses = [
                 loss if loss.from_ns is None else replace(loss, messages=loss.messages or 0) for loss in inside
             ]
@@ -574,7 +597,7 @@ def _count_lost(found: _SegmentReport, item: WholeChunk) -> None:
     known = sum(loss.messages or 0 for loss in found.losses)
     missing = item.before[1] - found.before[1] - found.all_messages - known
     if not found.losses or found.losses[-1].messages is not None or found.losses[-1].from_ns is None:
-        if missing <= 0:
+        if missing <= 0 or item.before[0] <= found.before[0] + found.chunks:  # every chunk holds messages
             return
         found.is_sound = False
         found.losses.append(DataLoss(what=_GONE, from_ns=found.end_ns))

@@ -31,7 +31,13 @@ from aerodft.adapters.recording.write.records import (
     image_sequence,
     warm_up,
 )
-from aerodft.adapters.recording.write.segment import CONFIG_NAME, METADATA_NAME, sync_folder
+from aerodft.adapters.recording.write.segment import (
+    CONFIG_NAME,
+    METADATA_NAME,
+    CopiedSegment,
+    copied_metadata,
+    sync_folder,
+)
 from aerodft.adapters.recording.write.segmented_writer import SegmentedWriter, SegmentedWriterSettings
 from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.status import UNMEASURED, StationStatus
@@ -59,6 +65,7 @@ class RecorderSettings:
         queued_images: Images that may wait for the encoder before they are shed.
         segment_bytes: Size beyond which a new segment begins.
         segment_s: Time after which a new segment begins.
+        copied: The image segments of another recording that are copied into the folder afterwards.
     """
 
     station: str
@@ -71,6 +78,7 @@ class RecorderSettings:
     queued_images: int = 4
     segment_bytes: int = 2 << 30
     segment_s: float = 900.0
+    copied: tuple[CopiedSegment, ...] = ()
 
 
 _QUEUED_IMAGE_BYTES = 1 << 20  # what an image counts for in the queue
@@ -468,8 +476,9 @@ def _metadata(settings: RecorderSettings, texts: Mapping[str, str]) -> dict[str,
     """Metadata of every segment: the recording's id, software, configuration and camera."""
     camera = settings.camera
     recording = secrets.token_hex(_ID_BYTES)
+    about = {STATION_KEY: settings.station, "software": SOFTWARE, RECORDING_KEY: recording}
     return {
-        METADATA_NAME: {STATION_KEY: settings.station, "software": SOFTWARE, RECORDING_KEY: recording},
+        METADATA_NAME: about | copied_metadata(settings.copied),
         **({CONFIG_NAME: dict(texts)} if texts else {}),
         "camera": {each.name: _as_text(getattr(camera, each.name)) for each in fields(camera)},
     }

@@ -14,11 +14,13 @@ import os
 import resource
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import orjson
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -338,6 +340,47 @@ def _chunk_index(offset: int, chunk: EncodedChunk) -> ChunkIndex:
         compressed_size=len(chunk.content),
         uncompressed_size=chunk.content_bytes,
     )
+
+
+COPIED_KEY: Final = "copied_images"
+"""Of a recomputed recording's metadata: the list of the image segments that it holds copies of."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CopiedSegment:
+    """An image segment that a recomputed recording holds a copy of.
+
+    Attributes:
+        recording: Id of the recording that wrote it; None where the segment does not say it.
+        chunks: How many chunks it held when it was copied.
+        messages: How many messages it held then; None where nobody counted them.
+    """
+
+    recording: str | None
+    chunks: int
+    messages: int | None
+
+
+def copied_metadata(copied: Sequence[CopiedSegment]) -> dict[str, str]:
+    """The metadata entry that lists copied segments; empty for none."""
+    listed = [[each.recording, each.chunks, each.messages] for each in copied]
+    return {COPIED_KEY: orjson.dumps(listed).decode()} if listed else {}
+
+
+def copied_segments(metadata: Mapping[str, str]) -> tuple[CopiedSegment, ...]:
+    """The copied segments that a recording's metadata lists; empty where it lists none.
+
+    Raises:
+        ValueError: The list is damaged.
+    """
+    found = []
+    for each in orjson.loads(metadata.get(COPIED_KEY, "[]")):
+        match each:
+            case [str() | None as recording, int() as chunks, int() | None as messages]:
+                found.append(CopiedSegment(recording=recording, chunks=chunks, messages=messages))
+            case _:
+                raise ValueError("no list of copied segments")
+    return tuple(found)
 
 
 METADATA_NAME = "aerodft"

@@ -8,9 +8,10 @@ from typing import Any, Final
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station
-from aerodft.adapters.telemetry import followed_by, opened_signing
+from aerodft.adapters.telemetry import PhotographLog, followed_by, opened_signing
 from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts, MavlinkLink, is_link, parse_address
 from aerodft.app.assembly import build_calibrator, open_telemetry_log
+from aerodft.app.measure import camera_of_photograph
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import (
     DiagnosisReport,
@@ -22,7 +23,7 @@ from aerodft.diagnosis import (
     problems,
     request_messages,
 )
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.errors import InputError, NoAnswerError, UsageError
 from aerodft.model import Camera, RawBlock
 from aerodft.service import Batches, Inbox, LiveFeed, PipelineSettings, SigningSettings
 from aerodft.service.clocks import WallClock
@@ -177,7 +178,19 @@ def _diagnose_log(path: Path, diagnosis: LogDiagnosis, topics: Topics | None) ->
     for event in source.events():
         if isinstance(event, RawBlock):
             diagnosis.add(event)
-    return diagnosis.report(counts=source.counts, warnings=source.warnings())
+    report = diagnosis.report(counts=source.counts, warnings=source.warnings())
+    if not isinstance(source, PhotographLog):
+        return report
+    return replace(report, photographs=tuple(_photograph_notes(source)))
+
+
+def _photograph_notes(log: PhotographLog) -> Iterator[str]:
+    """Who took photographs, and with which camera they are measured unless a station names another."""
+    yield "; ".join(f"{count} photograph{'s' * (count > 1)} by {dialect}" for dialect, count in log.dialects.items())
+    try:
+        yield camera_of_photograph(log.first_photo)[1]
+    except InputError as error:
+        yield f"camera: {error}"
 
 
 def _diagnose_link(

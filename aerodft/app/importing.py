@@ -22,7 +22,7 @@ from aerodft.adapters.config.station import (
 )
 from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFileSource, video_info
 from aerodft.adapters.outputs import open_outputs
-from aerodft.adapters.telemetry import LogSource, decoder_of
+from aerodft.adapters.telemetry import LogSource, PhotographLog, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
@@ -240,11 +240,12 @@ def open_flight(
         recording = ForeignRecording(log, station.topics)
     elif log is not None and telemetry is not None:
         source, recording = assembly.open_telemetry_log(log, station.topics)
+        source = _stamped_as(source, station.images.source)
         sources.append(source)
         with _quiet():
             span = survey_span(source, decoder_of(telemetry))
         _check_sources(log, span, telemetry)
-    images, stamps = _images(station, span, recording, decode=station.record.image_hz > 0 or bool(schedules))
+    images, stamps = _images(station, span, recording, source, decode=station.record.image_hz > 0 or bool(schedules))
     if schedules and isinstance(images, RateSource) and recording is not None:
         raise recording.refusal_without("images")
     _check_overlap(span, stamps, log, station)
@@ -262,6 +263,20 @@ def open_flight(
     return Flight(tuple(sources), min(ends), max(ends), observed, len(stamps), source)
 
 
+def _are_own_photos(log: PhotographLog, configured: ImageInput | None) -> bool:
+    """Whether a station's images are the photographs that carry the poses: unless it names others, or a rate."""
+    return configured is None or (
+        isinstance(configured, Stills) and configured.folder.absolute() == log.path.absolute()
+    )
+
+
+def _stamped_as(log: LogSource, configured: ImageInput | None) -> LogSource:
+    """Photographs that carry their poses, stamped as the station says of them as images."""
+    if not isinstance(log, PhotographLog) or not isinstance(configured, Stills) or not _are_own_photos(log, configured):
+        return log
+    return log.stamped_by(configured.pattern, configured.utc_offset)
+
+
 def _has_own_images(station: StationConfig, recording: ForeignRecording | None) -> bool:
     """Whether another tool's recording gives the images too: unless the station names others, or a rate."""
     is_elsewhere = isinstance(station.images.source, VideoFile | Stills | Rate)
@@ -269,13 +284,20 @@ def _has_own_images(station: StationConfig, recording: ForeignRecording | None) 
 
 
 def _images(
-    station: StationConfig, span: LogSpan, recording: ForeignRecording | None, *, decode: bool
+    station: StationConfig,
+    span: LogSpan,
+    recording: ForeignRecording | None,
+    log: LogSource | None,
+    *,
+    decode: bool,
 ) -> tuple[Source, dict[int, int]]:
     """The image source and all its stamps by index; without images, stamps at a rate over the log."""
     configured, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     open_images: Callable[..., Source]
     if isinstance(configured, VideoFile):
         where, open_images = configured.path, partial(VideoFileSource, configured.path, start_ns=configured.start_ns)
+    elif isinstance(log, PhotographLog) and _are_own_photos(log, configured):
+        where, open_images = log.path, log.images
     elif isinstance(configured, Stills):
         where = configured.folder
         open_images = partial(StillsFolderSource, where, pattern=configured.pattern, utc_offset=configured.utc_offset)

@@ -435,6 +435,8 @@ def problems(report: DiagnosisReport) -> list[str]:
         signing = [unchecked_sentence(report.signed_frames, report.counts.frames)]
     if not report.is_heard:
         return [_not_heard(report), *signing, *_damage(report), *report.warnings]
+    if report.photographs:
+        return [*_of_photographs(report), *report.warnings]
     silent = "the vehicle is silent since it was asked: what follows is of the time before"
     return [*([silent] if report.is_silent_since else []), *signing, *_of_telemetry(report), *report.warnings]
 
@@ -461,6 +463,26 @@ def _of_telemetry(report: DiagnosisReport) -> Iterator[str]:
     yield from _damage(report)
 
 
+def _of_photographs(report: DiagnosisReport) -> Iterator[str]:
+    """What photographs that carry their poses leave open."""
+    count, measurable = round(report.poses.seconds), round(report.poses.ok_s)
+    reasons = [each.text for status in report.poses.spans.values() for each in status.values() if each.text]
+    if measurable < count:
+        yield f"{count - measurable} of {count} photographs cannot be measured: {reasons[0] if reasons else 'no pose'}"
+    settings = _settings(report).height
+    if any(source.name == "home" for source in report.heights) and not (
+        settings.home_above_plane_m or settings.home_above_plane_std_m
+    ):
+        yield (
+            "heights are above the take-off point: where the water lies lower or higher, set"
+            " telemetry.height.home_above_plane_m, or home_above_plane_std_m where nobody knows it"
+        )
+    if report.settings is not None:
+        yield from _height_checks(report, report.settings)
+        yield from _attitude_checks(report, report.settings)
+    yield from _damage(report)
+
+
 def _not_heard(report: DiagnosisReport) -> str:
     """Which of the ids that were asked for does not come, by the option that asked for it."""
     settings = report.settings
@@ -477,6 +499,8 @@ def _not_heard(report: DiagnosisReport) -> str:
 
 def notes(report: DiagnosisReport) -> list[str]:
     """Notes worth knowing that are no problems."""
+    if report.photographs:
+        return [*report.photographs, f"{report.poses.ok_s:.0f} of {report.poses.seconds:.0f} can be measured"]
     is_told = not report.poses.spans or report.poses.problem()
     return [*([] if is_told else [report.poses.note()]), *_gimbal_notes(report)]
 

@@ -18,6 +18,7 @@ from aerodft.model import (
     Camera,
     HeightDifference,
     HeightSource,
+    IntArray,
     PoseBatch,
     Probe,
     ProbeKind,
@@ -237,6 +238,13 @@ class PoseSampler:
             step_ns = max(usual_ns, min(least_ns, now_ns - self._next_ns))
             self._waiting.append((self._next_ns, step_ns))
             self._next_ns += step_ns
+        self._ask(is_final=False)
+
+    def add_stamps(self, stamps_ns: IntArray) -> None:
+        """Ask for what is known at stamps ``(n,)`` of telemetry that holds at these alone, now that it was taken in."""
+        if self._first_ns is None:
+            self._first_ns = int(stamps_ns[0])
+        self._waiting.extend((stamp_ns, SECOND_NS) for stamp_ns in stamps_ns.tolist())
         self._ask(is_final=False)
 
     def poses(self) -> PoseAvailability:

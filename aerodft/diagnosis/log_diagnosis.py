@@ -9,7 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry import USED_MESSAGES, CompositeDecoder, DataflashDecoder, SigningCounts, mavlink
+from aerodft.adapters.telemetry import (
+    PHOTOGRAPHS,
+    USED_MESSAGES,
+    CompositeDecoder,
+    DataflashDecoder,
+    SigningCounts,
+    mavlink,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.camera_pitch import too_large_sentence
 from aerodft.diagnosis.flight_checks import HeightPairs, ImageCheck, PoseAvailability, PoseSampler
@@ -148,6 +155,7 @@ class DiagnosisReport:
         signed_frames: Frames that carry a signature.
         gimbal: The gimbal that was asked for; None for the first one heard.
         is_silent_since: Whether the vehicle was not heard any more after it was asked for messages.
+        photographs: What photographs that carry their poses are, a sentence each; empty for other logs.
     """
 
     target: str
@@ -182,6 +190,7 @@ class DiagnosisReport:
     signed_frames: int = 0
     gimbal: int | None = None
     is_silent_since: bool = False
+    photographs: tuple[str, ...] = ()
 
     @property
     def usable(self) -> bool:
@@ -354,7 +363,10 @@ class LogDiagnosis:
         tracks = self._decoder.decode(rows)
         for source in self._sources:
             source.append(Ticks.one(tracks))
-        self._poses.add(int(rows.arrival_ns[0]), int(rows.arrival_ns[-1]))
+        if rows.protocol == PHOTOGRAPHS:
+            self._poses.add_stamps(rows.arrival_ns)
+        else:
+            self._poses.add(int(rows.arrival_ns[0]), int(rows.arrival_ns[-1]))
         self._pairs.add(self._frames.height_differences())
         for track in tracks:
             self._add_track(track)
@@ -399,7 +411,11 @@ class LogDiagnosis:
             streams=tuple(streams),
             heights=_sources(self._heights),
             attitudes=_sources(self._attitudes),
-            frames={str(source): evidence for source, evidence in self._frames.gimbal_frames().items()},
+            frames={
+                str(source): evidence
+                for source, evidence in self._frames.gimbal_frames().items()
+                if not source.is_own_statement
+            },
             vehicle_attitude=self._vehicle if self._vehicle.count else None,
             clock=self._clock.summary(self._first_ns),
             clock_health=self._frames.clock.health,
@@ -426,7 +442,11 @@ class LogDiagnosis:
             ),
             poses=self._poses.poses(),
             pitch_faults=self._pitch_faults(),
-            demands={str(source): is_demand for source, is_demand in self._frames.gimbal_demands().items()},
+            demands={
+                str(source): is_demand
+                for source, is_demand in self._frames.gimbal_demands().items()
+                if not source.is_own_statement
+            },
             parameters=parameters,
             unknown_ids=self._unknown,
             signed_frames=self._signed,

@@ -101,6 +101,14 @@ class GimbalSource(StrEnum):
     PHOTOGRAPH = "photograph"
     MANUAL = "manual"
 
+    @property
+    def is_own_statement(self) -> bool:
+        """Whether the camera itself states its attitude against north and the horizon, as measured at its stamp.
+
+        Such a report is no demand that the camera may lag behind, and never relative to the vehicle.
+        """
+        return self is GimbalSource.PHOTOGRAPH
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseStd:

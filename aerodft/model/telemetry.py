@@ -116,11 +116,13 @@ class GimbalTrack(Track):
             pitch are relative to the horizon, if the sender keeps to MAVLink (see ``service.attitude``); the
             reference's x axis is north, or the vehicle's nose.
         yaw_in_earth: ``(n,)`` true where the reference's x axis is north, false where it is the vehicle's heading.
+        std_rad: ``(n, 4)`` standard deviations of tilt, pan, roll and heading; None where the reports have none.
     """
 
     source: GimbalSource
     wxyz: FloatArray
     yaw_in_earth: BoolArray
+    std_rad: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,12 +136,14 @@ class PositionTrack(Track):
         lon_rad: ``(n,)`` WGS84.
         alt_msl_m: ``(n,)``; NaN in all rows of a log that does not state it.
         height_home_m: ``(n,)`` above home; NaN where the log does not state it with the position.
+        std_m: ``(n,)`` standard deviation of east and of north; None where the log has none.
     """
 
     lat_rad: FloatArray
     lon_rad: FloatArray
     alt_msl_m: FloatArray
     height_home_m: FloatArray
+    std_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -140,6 +140,7 @@ class HeightSettings:
         order: The first source with a value at the stamp wins.
         std_m: Standard deviation per source, unless messages have one (rangefinder) or a larger one (GPS).
         home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
+        home_above_plane_std_m: Its standard deviation.
         manual_m: The height, where ``manual`` is in the order.
         min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
         max_gap_ns: Longest gap between two samples that is interpolated over, of positions and home-relative heights.
@@ -154,6 +155,7 @@ class HeightSettings:
         default_factory=lambda: {name: reader.std_m for name, reader in HEIGHT_SOURCES.items()}
     )
     home_above_plane_m: float = 0.0
+    home_above_plane_std_m: float = 0.0
     manual_m: float | None = None
     min_m: float = 1.0
     max_gap_ns: int = 2 * SECOND_NS
@@ -216,6 +218,7 @@ class AttitudeSettings:
         GimbalSource.MOUNT_ORIENTATION,
         GimbalSource.MOUNT_STATUS,
         GimbalSource.DATAFLASH_MNT,
+        GimbalSource.PHOTOGRAPH,
     )
     scale: tuple[tuple[GimbalSource, AngleScale], ...] = ()
     fixed_mount: FixedMount | None = None

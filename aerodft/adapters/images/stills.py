@@ -4,8 +4,8 @@ import io
 import logging
 import math
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Container, Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
@@ -16,6 +16,7 @@ from PIL.ExifTags import IFD, Base
 from aerodft.adapters.files import check_is_no_pipe, looks_like, read_whole
 from aerodft.adapters.images.pixels import STILLS, StillPixels
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, InputError
 from aerodft.model import Camera, CameraMode, CameraStd, Image
 
@@ -105,6 +106,10 @@ class NamePattern:
         return datetime_to_unix_ns(local - offset) + int(found.get("fraction", "0").ljust(9, "0"))
 
 
+_FIRST_YEAR: Final = 1990
+"""No camera wrote EXIF before 1995; an earlier date is of a clock that was never set and counts from 1970 or 1980."""
+
+
 def exif_stamp_ns(image: PillowImage.Image, utc_offset: timedelta | None) -> tuple[int, bool] | None:
     """UTC by EXIF's DateTimeOriginal, SubSecTimeOriginal and OffsetTimeOriginal.
 
@@ -119,6 +124,8 @@ def exif_stamp_ns(image: PillowImage.Image, utc_offset: timedelta | None) -> tup
     date = _text(details.get(Base.DateTimeOriginal))
     zone = _text(details.get(Base.OffsetTimeOriginal)) or _text(details.get(Base.OffsetTime))
     fraction = _text(details.get(Base.SubsecTimeOriginal))
+    if date[:4].isdigit() and int(date[:4]) < _FIRST_YEAR:
+        return None
     text = date.replace(":", "-", 2) + (f".{fraction[:9]}" if fraction.isdigit() else "")
     try:
         return iso_to_unix_ns(text + zone, default_offset=utc_offset or timedelta()), not zone and utc_offset is None
@@ -208,13 +215,16 @@ def _positive(value: object) -> float | None:
 
 _LOG = logging.getLogger(__name__)
 _EXAMPLE = "IMG_%Y%m%d_%H%M%S_%f.jpg or {unix_ms}.png"
+_UNDATED_NS: Final = 946_684_800 * SECOND_NS  # 2000-01-01, which no drone's photograph was taken on
+_NO_STAMP: Final = -1
+_BURST_STEP_NS: Final = 1_000_000  # far below what EXIF resolves, far above what floats of seconds lose
 _JPEG_END = b"\xff\xd9"
 _JPEG_SCAN = b"\xff\xda"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Still:
-    stamp_ns: int
+    stamp_ns: int  # _NO_STAMP where nothing says it
     path: Path
     width_px: int
     height_px: int
@@ -222,7 +232,7 @@ class _Still:
 
 
 class StillsFolderSource:
-    """The stills of one folder (not of those within), in the order in which they were taken."""
+    """The stills of one folder (not of those within), or a single one, in the order in which they were taken."""
 
     def __init__(
         self,
@@ -231,14 +241,19 @@ class StillsFolderSource:
         pattern: str | None = None,
         utc_offset: str | None = None,
         decode: bool = True,
+        may_be_undated: bool = False,
+        among: Container[Path] | None = None,
     ) -> None:
         """Read the stamps of all stills; what cannot be read is left out and logged as a warning.
 
         Args:
-            folder: JPEG, PNG, TIFF, BMP or WebP files; other files are passed over.
+            folder: JPEG, PNG, TIFF, BMP or WebP files; other files are passed over. Or one such file.
             pattern: How a name tells the time (:class:`NamePattern`); None to take EXIF.
             utc_offset: Whose time it is where neither name nor EXIF says so, like ``+02:00``; None for UTC.
             decode: False for stamps without pixels.
+            may_be_undated: Whether stills of which none has a stamp get one each, a second apart in the order of their
+                names; for stills that need no telemetry of the same time.
+            among: Files to keep of those in the folder; None for all.
 
         Raises:
             InputError: No folder, no stills in it, or none with a stamp.
@@ -246,10 +261,17 @@ class StillsFolderSource:
             ValueError: ``utc_offset`` is none.
         """
         self._decode = decode
-        self._stills = _scan(folder, pattern, None if utc_offset is None else parse_offset(utc_offset))
+        offset = None if utc_offset is None else parse_offset(utc_offset)
+        stills = _scan(folder, pattern, offset, may_be_undated=may_be_undated)
+        self._stills = stills if among is None else [still for still in stills if still.path in among]
 
     def __len__(self) -> int:
         return len(self._stills)
+
+    @property
+    def stamped(self) -> tuple[tuple[int, Path], ...]:
+        """Stamp and file of each."""
+        return tuple((still.stamp_ns, still.path) for still in self._stills)
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -272,18 +294,28 @@ class StillsFolderSource:
             )
 
 
-def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None) -> list[_Still]:
-    if not folder.is_dir():
+def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None, *, may_be_undated: bool) -> list[_Still]:
+    is_still = folder.is_file() and folder.suffix.lower() in STILLS
+    if not folder.is_dir() and not is_still:
         got = looks_like(folder) if folder.exists() else "nothing there"
         raise InputError("no folder of stills", where=folder, got=got, expected="a folder", hint="check the path")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in STILLS and path.is_file())
+    inside = [folder] if is_still else folder.iterdir()
+    paths = sorted(path for path in inside if path.suffix.lower() in STILLS and path.is_file())
     if not paths:
         raise InputError("holds no stills", where=folder, expected=f"files named {', '.join(sorted(STILLS))}")
     name_pattern = None if pattern is None else NamePattern(pattern, utc_offset)
     if name_pattern is not None and name_pattern.assumes_utc:
         text = "%s: names like %s tell no offset from UTC, UTC assumed; utc_offset or %%z in the pattern says otherwise"
         _LOG.warning(text, folder, pattern)
-    stills = [still for path in paths if (still := _still(path, name_pattern, utc_offset))]
+    found = [_still(path, name_pattern, utc_offset) for path in paths]
+    stills = [still for still in found if still is not None and still.stamp_ns != _NO_STAMP]
+    undated = [still for still in found if still is not None and still.stamp_ns == _NO_STAMP]
+    if may_be_undated and not stills and undated:
+        _LOG.warning("%s: no still has a date: they are stamped in the order of their names, from 2000 on", folder)
+        return [replace(still, stamp_ns=_UNDATED_NS + n * SECOND_NS) for n, still in enumerate(undated)]
+    reason = f"name does not match {pattern}" if pattern else "no EXIF date, or one of a clock that was never set"
+    for still in undated:
+        _LOG.warning("%s: left out, %s", still.path, reason)
     if not stills:
         source = "EXIF dates" if pattern is None else f"names like {pattern}"
         raise InputError(
@@ -296,7 +328,16 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None) -> li
     if assumed := sum(still.assumed_utc for still in stills):
         text = "%s: EXIF of %d stills states no offset from UTC, UTC assumed; `utc_offset` says otherwise"
         _LOG.warning(text, folder, assumed)
-    return sorted(stills, key=lambda still: (still.stamp_ns, still.path.name))
+    return _told_apart(sorted(stills, key=lambda still: (still.stamp_ns, still.path.name)))
+
+
+def _told_apart(stills: list[_Still]) -> list[_Still]:
+    """Sorted stills with a stamp each: those of one whole second follow each other by a millisecond."""
+    apart: list[_Still] = []
+    for still in stills:
+        earliest_ns = apart[-1].stamp_ns + _BURST_STEP_NS if apart else still.stamp_ns
+        apart.append(replace(still, stamp_ns=earliest_ns) if still.stamp_ns < earliest_ns else still)
+    return apart
 
 
 def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None) -> _Still | None:
@@ -313,9 +354,7 @@ def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None
     if found:
         stamp_ns, assumed_utc = found
     if stamp_ns is None:
-        reason = "no EXIF date" if pattern is None else f"name does not match {pattern.text}"
-        _LOG.warning("%s: left out, %s", path, reason)
-        return None
+        stamp_ns = _NO_STAMP
     return _Still(stamp_ns=stamp_ns, path=path, width_px=width_px, height_px=height_px, assumed_utc=assumed_utc)
 
 

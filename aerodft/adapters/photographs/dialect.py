@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from aerodft.adapters.photographs.tags import PhotoTags
-from aerodft.geometry import from_yaw_pitch_roll, multiply
+from aerodft.geometry import from_yaw_pitch_roll, multiply, yaw_pitch_roll
 from aerodft.model import FloatArray, PoseStd
 
 MAX_HEIGHT_M: Final = 20_000.0
@@ -32,6 +32,13 @@ class LaserTarget:
     slant_m: float
     std_m: float
     height_home_m: float | None = None
+
+    def height(self, depression_rad: float, std_rad: float) -> tuple[float, float] | None:
+        """Height above the target and its std in m, by the angle of the view below the horizon; None above it."""
+        down_m, across_m = self.slant_m * math.sin(depression_rad), self.slant_m * math.cos(depression_rad)
+        if down_m <= 0:
+            return None
+        return down_m, math.hypot(self.std_m * math.sin(depression_rad), across_m * std_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,6 +70,13 @@ class PhotoPose:
     std: PoseStd
     std_source: str
     remarks: tuple[str, ...] = ()
+
+    @property
+    def laser_height(self) -> tuple[float, float] | None:
+        """Height above the laser's target and its std in m, by the camera's own tilt; None without a target below."""
+        if self.laser is None or self.wxyz is None:
+            return None
+        return self.laser.height(-float(yaw_pitch_roll(self.wxyz)[1]), self.std.tilt_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

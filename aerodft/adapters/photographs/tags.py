@@ -15,7 +15,6 @@ from aerodft.adapters.photographs.xmp import parse_xmp
 from aerodft.errors import InputError
 
 _XML_PACKET: Final = 700  # TIFF's tag of XMP
-_UNIX_YEAR: Final = 1970
 _BELOW_SEA: Final = 1  # GPSAltitudeRef
 
 
@@ -153,8 +152,3 @@ def _number(value: Any) -> float:  # noqa: ANN401 - whatever Pillow found
         return float(value)
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return math.nan
-
-
-def was_never_set(date: str) -> bool:
-    """Whether an EXIF date is that of a clock that counts from its own start."""
-    return date[:4].isdigit() and int(date[:4]) <= _UNIX_YEAR

@@ -10,6 +10,8 @@ from aerodft.adapters.telemetry.log_formats import (
     followed_by,
     open_log,
 )
+from aerodft.adapters.telemetry.photographs import PROTOCOL as PHOTOGRAPHS
+from aerodft.adapters.telemetry.photographs import PhotographLog
 from aerodft.adapters.telemetry.signing import (
     SignatureCheck,
     SigningCounts,

@@ -82,6 +82,15 @@ class NamesFrames(Protocol):
         ...
 
 
+@runtime_checkable
+class FolderFormat(LogFormat, Protocol):
+    """A format whose logs may also be folders; a ``LogFormat`` that has this as well."""
+
+    def recognises_folder(self, folder: Path) -> bool:
+        """Whether a folder is a log of this format; ``open_source`` then takes it."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Piece:
     """Part of a log.

@@ -9,10 +9,18 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from aerodft.adapters.telemetry import dataflash, tlog, ulog
-from aerodft.adapters.telemetry.log_file import HEAD_BYTES, FrameNames, LogFile, LogFormat, LogSource, NamesFrames
+from aerodft.adapters.telemetry import dataflash, photographs, tlog, ulog
+from aerodft.adapters.telemetry.log_file import (
+    HEAD_BYTES,
+    FolderFormat,
+    FrameNames,
+    LogFile,
+    LogFormat,
+    LogSource,
+    NamesFrames,
+)
 from aerodft.adapters.telemetry.mavlink import FollowedIds
-from aerodft.errors import InputError
+from aerodft.errors import InputError, os_errors_as
 from aerodft.model import RawBlock, Track
 from aerodft.service import TelemetryDecoder, TelemetrySettings
 
@@ -20,6 +28,7 @@ LOG_FORMATS: Final[list[LogFormat]] = [
     tlog,
     dataflash,
     ulog,
+    photographs,
 ]
 """Asked in this order whether a file is theirs."""
 
@@ -98,12 +107,17 @@ def followed_by(telemetry: TelemetrySettings | None) -> FollowedIds:
 
 
 def open_log(path: Path) -> LogSource:
-    """Open a telemetry log by what it holds, whatever its name.
+    """Open a telemetry log by what it holds, whatever its name; a folder, where a format's logs may be folders.
 
     Raises:
         InputError: It is missing, empty, unreadable, or of none of the formats.
     """
     expected = " or ".join(each.TITLE for each in LOG_FORMATS)
+    if path.is_dir():
+        with os_errors_as("cannot be read", where=path, expected=expected):
+            folders = [each for each in LOG_FORMATS if isinstance(each, FolderFormat) and each.recognises_folder(path)]
+        if folders:
+            return folders[0].open_source(path)
     head = LogFile(path, expected).read(0, HEAD_BYTES)
     found = next((each for each in LOG_FORMATS if each.recognises(head)), None)
     if found is None:  # what is damaged at its beginning may be a .tlog farther on

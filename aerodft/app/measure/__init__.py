@@ -18,10 +18,12 @@ from aerodft.app.measure.measurements import (
     requests_of,
 )
 from aerodft.app.measure.photograph import (
+    UNSTATED_HOME_STD_M,
     Photograph,
     StatedPose,
     camera_of_photograph,
     carries_pose,
+    lens_in_photograph,
     read_photograph,
 )
 from aerodft.app.measure.scene import (

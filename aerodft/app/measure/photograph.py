@@ -7,7 +7,15 @@ from typing import Final
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.images import facts_of_still
-from aerodft.adapters.photographs import LaserTarget, PhotoPose, PhotoTags, lens_of_tags, photo_tags, pose_of_tags
+from aerodft.adapters.photographs import (
+    LaserTarget,
+    PhotoPose,
+    PhotoTags,
+    StatedLens,
+    lens_of_tags,
+    photo_tags,
+    pose_of_tags,
+)
 from aerodft.app.measure.scene import CameraPose, PoseStd
 from aerodft.errors import InputError, UsageError
 from aerodft.geometry import camera_angles, camera_from_gimbal
@@ -127,6 +135,15 @@ def read_photograph(
     )
 
 
+def lens_in_photograph(path: Path, tags: PhotoTags | None = None) -> StatedLens | None:
+    """The camera that a photograph's XMP describes; None where it describes none.
+
+    Raises:
+        InputError: It is no image.
+    """
+    return lens_of_tags(photo_tags(path) if tags is None else tags, facts_of_still(path).mode)
+
+
 def camera_of_photograph(path: Path, tags: PhotoTags | None = None) -> tuple[Camera, str]:
     """The camera that a photograph tells of, and a sentence on where from.
 
@@ -137,7 +154,7 @@ def camera_of_photograph(path: Path, tags: PhotoTags | None = None) -> tuple[Cam
         InputError: It tells of none.
     """
     mode = facts_of_still(path).mode
-    stated = lens_of_tags(photo_tags(path) if tags is None else tags, mode)
+    stated = lens_in_photograph(path, tags)
     if stated is not None:
         share = 100 * stated.camera.std.focal_px / stated.camera.fx_px
         return stated.camera, f"camera by {stated.source}, to {share:.1f} %"
@@ -257,11 +274,10 @@ class _Height:
 
 def _laser_height(pose: PhotoPose, laser: LaserTarget, attitude: _Attitude, reasons: list[str]) -> _Height:
     """Height above the rangefinder's target."""
-    tilt_rad = math.radians(attitude.tilt_deg)
-    height_m = laser.slant_m * math.cos(tilt_rad)
-    if height_m <= 0:
+    found = laser.height(math.radians(90 - attitude.tilt_deg), pose.std.tilt_rad)
+    if found is None:
         return _Height(None, None, HeightSource.RANGEFINDER)
-    std_m = math.hypot(laser.std_m * math.cos(tilt_rad), laser.slant_m * math.sin(tilt_rad) * pose.std.tilt_rad)
+    height_m, std_m = found
     reasons.append(
         f"height {height_m:.2f} m is above the target of the laser rangefinder in the image's centre,"
         f" {laser.slant_m:.2f} m away: `home_above_plane_m` or `height_m` where the water is lower or higher"

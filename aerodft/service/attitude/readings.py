@@ -149,6 +149,7 @@ class AttitudeBatch(Batch):
         age_s: ``(n,)`` time to the nearest sample used.
         report_std_rad: ``(n, 3)`` about the camera's axes, in addition to the settings': of a report that jumps, leads
             the camera, or may be relative to the vehicle.
+        stated_std_rad: ``(n, 4)`` of tilt, pan, roll, heading, in place of the settings'; NaN where reports have none.
         note: ``(n,)`` indices into ``notes``; -1 where there is no attitude.
         notes: Sources and remarks.
         missing: ``(n,)`` as ``Missing``.
@@ -159,6 +160,7 @@ class AttitudeBatch(Batch):
     rate_cam_radps: FloatArray
     age_s: FloatArray
     report_std_rad: FloatArray
+    stated_std_rad: FloatArray
     note: IntArray
     notes: tuple[AttitudeNote, ...]
     missing: IntArray
@@ -169,7 +171,8 @@ class AttitudeBatch(Batch):
         """A batch of ``count`` stamps without an attitude."""
         wxyz, rate, std = np.full((count, 4), np.nan), np.full((count, 3), np.nan), np.full((count, 3), np.nan)
         note, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
-        return AttitudeBatch(wxyz, rate, np.full(count, np.nan), std, note, (), missing, {})
+        age_s, stated = np.full(count, np.nan), np.full((count, 4), np.nan)
+        return AttitudeBatch(wxyz, rate, age_s, std, stated, note, (), missing, {})
 
     @staticmethod
     def complete(
@@ -182,11 +185,12 @@ class AttitudeBatch(Batch):
     ) -> "AttitudeBatch":
         """A batch with attitudes at all ``n`` stamps."""
         missing = np.full(len(wxyz), int(Missing.NOTHING))
-        return AttitudeBatch(wxyz, rate, age_s, std, note, tuple(notes), missing, {})
+        stated = np.full((len(wxyz), 4), np.nan)
+        return AttitudeBatch(wxyz, rate, age_s, std, stated, note, tuple(notes), missing, {})
 
     def put(self, rows: IntArray, others: "AttitudeBatch") -> "AttitudeBatch":
         """Write ``others`` into rows ``(m,)`` of these arrays; returns the batch with their notes."""
-        for name in ("wxyz", "rate_cam_radps", "age_s", "report_std_rad"):
+        for name in ("wxyz", "rate_cam_radps", "age_s", "report_std_rad", "stated_std_rad"):
             getattr(self, name)[rows] = getattr(others, name)
         self.note[rows] = others.note + len(self.notes)
         return replace(self, notes=(*self.notes, *others.notes))

@@ -64,7 +64,8 @@ class Gimbal:
             return
         stamps_ns = stamps_ns + self._settings.delay_ns
         earth = track.yaw_in_earth.astype(np.float64)
-        self.stream.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz, yaw_in_earth=earth)
+        std_rad = np.full((len(earth), 4), np.nan) if track.std_rad is None else track.std_rad
+        self.stream.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz, yaw_in_earth=earth, std_rad=std_rad)
         before = track.wxyz[:1] + 1 if self._last_wxyz is None else self._last_wxyz
         same = np.diff(track.wxyz, axis=0, prepend=before) == 0
         repeats = np.concatenate([[0], np.cumsum(np.all(same, axis=-1))])
@@ -284,6 +285,14 @@ def _read(
     )
 
 
+def _settings_of(source: GimbalSource, settings: AttitudeSettings) -> AttitudeSettings:
+    """Settings by which reports of a source are read: a camera's own statement leaves nothing to estimate."""
+    if not source.is_own_statement:
+        return settings
+    frame, axes = ReportFrame.EARTH, MountAxes.TILT_OUTER
+    return replace(settings, frame=frame, axes=axes, is_demand=False, delay_ns=0)
+
+
 class AttitudeSources:
     """Attitude streams of the vehicle and its gimbals."""
 
@@ -291,7 +300,9 @@ class AttitudeSources:
         self._settings = settings
         self._vehicle = Stream(settings.max_gap_ns)
         self._gimbals: dict[GimbalSource, Gimbal] = {
-            source: Gimbal(settings) for source in settings.order if source is not GimbalSource.FIXED_MOUNT
+            source: Gimbal(_settings_of(source, settings))
+            for source in settings.order
+            if source is not GimbalSource.FIXED_MOUNT
         }
         self._resolver = Resolver(settings)
         self._gimbal_types: dict[str, int] = {}  # by message
@@ -396,7 +407,7 @@ class AttitudeSources:
                 vehicle_missing = np.where(vehicle_missing == Missing.NOTHING, Missing.NEVER, vehicle_missing)
             rows = np.flatnonzero(vehicle_missing == Missing.NOTHING)
             return vehicle_missing, self._from_fixed_mount(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
-        gimbal, configured = self._gimbals[source], self._settings.frame
+        gimbal, configured = self._gimbals[source], _settings_of(source, self._settings).frame
         found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
         rows = np.flatnonzero(missing == Missing.NOTHING)
         if not len(rows):
@@ -422,9 +433,10 @@ class AttitudeSources:
         self, source: GimbalSource, rows: IntArray, query: GimbalQuery
     ) -> Iterator[tuple[IntArray, AttitudeBatch]]:
         """Attitudes at rows from a gimbal's reports."""
-        settings = replace(self._settings, axes=self._axes)
+        settings = _settings_of(source, replace(self._settings, axes=self._axes))
+        stated_rad = np.maximum(*query.found.ends(self._gimbals[source].stream.column("std_rad")))
         for own, readings in readings_of(source, self._gimbals[source], self._vehicle, settings, query):
-            yield rows[own], self._resolver.attitudes(readings)
+            yield rows[own], replace(self._resolver.attitudes(readings), stated_std_rad=stated_rad[own])
 
     def _from_fixed_mount(
         self, source: GimbalSource, rows: IntArray, stamps_ns: IntArray, vehicle: Brackets

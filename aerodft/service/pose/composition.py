@@ -180,6 +180,7 @@ class PoseComposer:
         """Poses with heights as reported, before the ground below is added."""
         heights, attitudes, vehicle_position = inputs.heights, inputs.attitudes, inputs.vehicle_position
         std, has_place = self._stds(heights.std_m, attitudes), vehicle_position.missing == Missing.NOTHING
+        std[:, 1] = np.where(np.isnan(vehicle_position.std_m), std[:, 1], vehicle_position.std_m)
         east_north_m = np.where(has_place[:, None], vehicle_position.east_north_m, 0.0)
         pose = Pose(
             position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
@@ -228,8 +229,9 @@ class PoseComposer:
         std = np.empty((len(height_m), 7))
         std[:, 0], std[:, 1] = height_m, stated.horizontal_m
         std[:, 2], std[:, 3], std[:, 4] = tilt_rad[attitudes.note], stated.pan_rad, stated.roll_rad
-        std[:, 2:5] = np.hypot(std[:, 2:5], attitudes.report_std_rad)
         std[:, 5], std[:, 6] = stated.heading_rad, self._time_std_s
+        std[:, 2:6] = np.where(np.isnan(attitudes.stated_std_rad), std[:, 2:6], attitudes.stated_std_rad)
+        std[:, 2:5] = np.hypot(std[:, 2:5], attitudes.report_std_rad)
         return std
 
     def _with_remarks(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:

@@ -259,6 +259,8 @@ class HeightSources:
             height_m[rows], std_m[rows], foot_m[rows], missing[rows] = vertical
             age_s[rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
             std_m[rows] = np.maximum(std_m[rows], self._gps_std_m(source, *query))
+            if HEIGHT_SOURCES[source].is_above_home:
+                std_m[rows] = np.hypot(std_m[rows], self._settings.home_above_plane_std_m)
         return _SourceHeights(height_m, std_m, age_s, foot_m, missing, is_far)
 
     def _stated_std_m(self, source: HeightSource) -> float:

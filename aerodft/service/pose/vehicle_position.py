@@ -24,12 +24,14 @@ class PositionBatch(Batch):
         east_north_m: ``(n, 2)``.
         velocity_enu_mps: ``(n, 3)``.
         lat_lon_alt: ``(n, 3)`` latitude, longitude (rad) and altitude (m MSL), NaN where the log has none.
+        std_m: ``(n,)`` stated standard deviation of east and of north; NaN where the log has none.
         missing: ``(n,)`` as ``Missing``.
     """
 
     east_north_m: FloatArray
     velocity_enu_mps: FloatArray
     lat_lon_alt: FloatArray
+    std_m: FloatArray
     missing: IntArray
 
 
@@ -53,7 +55,8 @@ class VehiclePositions:
     def append(self, track: PositionTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append the positions of a step, at least one; ``row_end_by_tick`` as in ``Stream.append``."""
         columns = {name: getattr(track, name) for name in ("lat_rad", "lon_rad", "alt_msl_m", "height_home_m")}
-        self.stream.append(stamps_ns, row_end_by_tick, **columns)
+        std_m = np.full(len(stamps_ns), np.nan) if track.std_m is None else track.std_m
+        self.stream.append(stamps_ns, row_end_by_tick, **columns, std_m=std_m)
         if self.origin is None:
             plane_m = float(track.alt_msl_m[0]) - (float(track.height_home_m[0]) + self._home_above_plane_m)
             self.origin = GeoOrigin(
@@ -67,13 +70,13 @@ class VehiclePositions:
         count = len(stamps_ns)
         found, missing = self.stream.find(stamps_ns, ticks, watermark_ns)
         places, velocity, lat_lon_alt = (np.full((count, 2), np.nan), np.zeros((count, 3)), np.full((count, 3), np.nan))
+        std_m = np.full(count, np.nan)
         if self.origin is None:
-            return PositionBatch(
-                places, velocity, lat_lon_alt, np.where(missing == Missing.NOTHING, Missing.NEVER, missing)
-            )
+            missing = np.where(missing == Missing.NOTHING, Missing.NEVER, missing)
+            return PositionBatch(places, velocity, lat_lon_alt, std_m, missing)
         rows = np.flatnonzero(missing == Missing.NOTHING)
         if not len(rows):
-            return PositionBatch(places, velocity, lat_lon_alt, missing)
+            return PositionBatch(places, velocity, lat_lon_alt, std_m, missing)
         found = found.rows(rows)
         names = "lat_rad", "lon_rad", "alt_msl_m", "height_home_m"
         lat, lon, alt, height_home = (self.stream.column(name) for name in names)
@@ -88,11 +91,12 @@ class VehiclePositions:
         eastward_rad = _wrap_pi(lon[found.after] - lon[found.before])  # also over the 180th meridian
         lon_rad = _wrap_pi(lon[found.before] + found.weight * eastward_rad)
         lat_lon_alt[rows] = np.column_stack([found.linear(lat), lon_rad, found.linear(alt)])
+        std_m[rows] = np.maximum(*found.ends(self.stream.column("std_m")))
         is_jump = np.hypot(*step_m.T) > _MAX_CORRECTION_M + _MAX_SPEED_MPS * found.gap_ns / SECOND_NS
         missing[rows[is_jump]] = Missing.STALE
         places[rows[is_jump]] = lat_lon_alt[rows[is_jump]] = np.nan
         velocity[rows[is_jump]] = 0.0
-        return PositionBatch(places, velocity, lat_lon_alt, missing)
+        return PositionBatch(places, velocity, lat_lon_alt, std_m, missing)
 
 
 def _wrap_pi(angle_rad: FloatArray) -> FloatArray:

@@ -17,7 +17,9 @@ MAX_ANGLE_FACTOR: Final = 1e7  # degrees in a field of 1e-7 degrees, the finest 
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _AXES = {"auto": None, **{str(axes): axes for axes in MountAxes}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
-AttitudeName = Literal["GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "fixed"]
+AttitudeName = Literal[
+    "GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "photograph", "fixed"
+]
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
 Percent = Annotated[float, Field(ge=0, le=100)]
@@ -42,6 +44,7 @@ class HeightTable(Table):
 
     order: keys.Order[HeightName] | None = None
     home_above_plane_m: keys.Real = 0.0
+    home_above_plane_std_m: keys.NonNegative = 0.0
     manual_m: keys.Positive | None = None
     min_m: keys.NonNegative = 1.0
     max_gap_s: keys.Gap = 2.0
@@ -116,7 +119,13 @@ def _scales_table(scales: tuple[tuple[GimbalSource, AngleScale], ...]) -> Gimbal
 class AttitudeTable(Table):
     """Which attitude is believed, how a gimbal's reports are read, and how well they are known."""
 
-    order: keys.Order[AttitudeName] = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
+    order: keys.Order[AttitudeName] = (
+        "GIMBAL_DEVICE_ATTITUDE_STATUS",
+        "MOUNT_ORIENTATION",
+        "MOUNT_STATUS",
+        "MNT",
+        "photograph",
+    )
     scale: Annotated[GimbalScalesTable, SiAttribute(into=_scales_from, out=_scales_table)] = GimbalScalesTable()
     fixed_mount: FixedMountTable | None = None
     camera_on_gimbal: CameraOnGimbalTable | None = None

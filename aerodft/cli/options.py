@@ -116,7 +116,7 @@ class SettingOptions:
 
     home_above_plane: Annotated[
         float | None,
-        typer.Option(help="Of a recording: height of the take-off point above the water, m, in place of its own."),
+        typer.Option(help="Of a recording or a drone's photograph: height of the take-off point above the water, m."),
     ] = None
     set_: Annotated[
         list[str] | None,
@@ -145,9 +145,12 @@ class SettingOptions:
             found[key] = _toml_value(value)
         return found
 
-    def refuse(self, expected: str) -> None:
-        """Refuse these options where no recording is computed."""
-        for option, given in (("--home-above-plane", self.home_above_plane), ("--set", self.set_)):
+    def refuse(self, expected: str, *, but_height: bool = False) -> None:
+        """Refuse these options where no recording is computed; ``but_height`` leaves that of the take-off point."""
+        for option, given in (
+            ("--home-above-plane", None if but_height else self.home_above_plane),
+            ("--set", self.set_),
+        ):
             if given is not None:
                 raise UsageError(option, expected=expected)
 

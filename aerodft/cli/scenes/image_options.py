@@ -40,9 +40,6 @@ class PoseOptions:
     heading: Annotated[float | None, _of_pose(help="Clockwise from true north, deg; else 0.")] = None
     lat: Annotated[float | None, _of_pose(help="Camera latitude, WGS84, deg.")] = None
     lon: Annotated[float | None, _of_pose(help="Camera longitude, WGS84, deg.")] = None
-    home_above_plane: Annotated[
-        float | None, _of_pose(help="Of a photograph's take-off point: height above the water or ground, m.")
-    ] = None
     calibration: Annotated[
         Path | None,
         _of_pose(
@@ -86,6 +83,7 @@ class PoseOptions:
         ground: "GroundOptions | None" = None,
         model: ProjectionModel | None = None,
         photo: Path | None = None,
+        home_above_plane_m: float | None = None,
     ) -> "tuple[Setup, PoseSample]":
         """Camera, ground and pose.
 
@@ -93,6 +91,7 @@ class PoseOptions:
             ground: What the ground is like; None for level ground.
             model: Projection model; None for the calibration's, else the pinhole.
             photo: Photograph that says what the options leave out; None where they have to say all.
+            home_above_plane_m: Height of the photograph's take-off point above the water; None if not given.
 
         Raises:
             UsageError: There is no camera, or options do not go together.
@@ -109,11 +108,13 @@ class PoseOptions:
             self.stds.refuse_pose("--calibration", "px, elevation: the pose's are in the file")
             camera = camera if known.camera is None else None
         elif photo is not None and self._needs(photo):
-            return self._photographed(photo, ground, model)
+            return self._photographed(photo, ground, model, home_above_plane_m)
         elif camera is None:
             raise UsageError("no --camera", expected="a camera file, e.g. configs/cameras/canon-1000d.toml")
         else:
             pose = self._pose(altitude_m)
+        if home_above_plane_m is not None:
+            raise UsageError("--home-above-plane", expected="it with a photograph that says its height above take-off")
         lens = None if camera is None else self.stds.on_camera(load_camera(camera))
         return image_setup(lens, pose, ground=terms, model=model, calibration=self.calibration, surface=self.surface)
 
@@ -122,8 +123,6 @@ class PoseOptions:
 
         if self.tilt is None:
             raise UsageError("no --tilt", expected="0 to 180 deg from straight down: 0 nadir, 90 horizon")
-        if self.home_above_plane is not None:
-            raise UsageError("--home-above-plane", expected="it with a photograph that says its height above take-off")
         return CameraPose(
             height_m=self.height,
             altitude_m=altitude_m,
@@ -151,7 +150,11 @@ class PoseOptions:
         return self.camera is None or carries_pose(photo)
 
     def _photographed(
-        self, photo: Path, ground: "GroundOptions | None", model: ProjectionModel | None
+        self,
+        photo: Path,
+        ground: "GroundOptions | None",
+        model: ProjectionModel | None,
+        home_above_plane_m: float | None,
     ) -> "tuple[Setup, PoseSample]":
         """Camera, ground and pose of a photograph, with what is given by hand in place of its own; said on stderr."""
         from aerodft.adapters.config.camera import load_camera
@@ -160,7 +163,7 @@ class PoseOptions:
         stated = StatedPose(
             height_m=self.height,
             altitude_m=None if ground is None else ground.altitude,
-            home_above_plane_m=self.home_above_plane,
+            home_above_plane_m=home_above_plane_m,
             tilt_deg=self.tilt,
             roll_deg=self.roll,
             heading_deg=self.heading,

@@ -61,7 +61,7 @@ class RecordedOptions(SettingOptions):
         if self.recording is None and (self.config is not None or self.topic):
             raise UsageError("--config and --topic are of a recording", expected="--recording and --at with them")
         if self.recording is None:
-            self.refuse("--recording and --at with it")
+            self.refuse("--recording and --at with it", but_height=True)
         if (self.recording is None) != (self.at is None):
             expected = "--at in seconds from its first image, or UTC"
             raise UsageError("--recording and --at go together", expected=expected)
@@ -220,7 +220,7 @@ def measure_image(
         if not as_json:
             say(_pose_sentence(sample))
     else:
-        setup, sample = scene.scene(ground, model, photo)
+        setup, sample = scene.scene(ground, model, photo, recorded.home_above_plane)
     sample = with_stds_noted(sample, scene.stds.px, setup.elevation_std_m)
     _check_model(setup, sample, model, scene.roll, compare=compare)
     if mapped.depth_map is not None:

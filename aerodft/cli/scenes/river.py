@@ -99,10 +99,10 @@ def river(
     if is_recording(what):
         views = _recorded(what, scene, config, changes.settings(), images)
     else:
-        changes.refuse("a recording: an image and a video take --height")
-        views = _filmed(what, scene, config, images)
+        changes.refuse("a recording: an image and a video take --height", but_height=True)
+        views = _filmed(what, scene, config, images, changes.home_above_plane)
     if views is None:
-        survey = survey_still(what, *scene.scene(photo=what), question)
+        survey = survey_still(what, *scene.scene(photo=what, home_above_plane_m=changes.home_above_plane), question)
     else:
         with progress("looking at the river twice in each image") as advance:
             survey = survey_images(views, question, advance)
@@ -125,14 +125,16 @@ def _recorded(
     return recorded_images(folder, config, scene.calibration, scene.surface, images or MOST_IMAGES, settings)
 
 
-def _filmed(path: Path, scene: SurfaceOptions, config: Path | None, images: int | None) -> "RiverImages | None":
+def _filmed(
+    path: Path, scene: SurfaceOptions, config: Path | None, images: int | None, home_above_plane_m: float | None
+) -> "RiverImages | None":
     """A video's images; None for one image."""
     from aerodft.app.river import MOST_IMAGES, VIDEO_SUFFIXES, filmed_images
 
     if config is not None:
         raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        setup, sample = scene.scene()
+        setup, sample = scene.scene(home_above_plane_m=home_above_plane_m)
         with progress("reading the video twice") as advance:
             return filmed_images(path, setup, sample, images or MOST_IMAGES, advance)
     if images is not None:

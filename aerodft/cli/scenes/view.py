@@ -21,6 +21,9 @@ def view(
     source: Annotated[Path, typer.Argument(metavar="RECORDING|IMAGE|VIDEO", help="What to look at.")],
     scene: PoseOptions,
     page: PageOptions,
+    home_above_plane: Annotated[
+        float | None, typer.Option(help="Of a drone's photograph: height of the take-off point above the water, m.")
+    ] = None,
     station: Annotated[Path | None, typer.Option(help="Station file that probes are saved into.")] = None,
     browser: Annotated[bool, typer.Option("--open", help="Open it in the browser of this machine.")] = False,
 ) -> None:
@@ -36,7 +39,9 @@ def view(
     from replay.recordings import is_mcap
 
     is_recording = source.is_dir() or (source.exists() and is_mcap(source))
-    shown = _recording(source, scene) if is_recording else _fixed(source, scene)
+    if is_recording:
+        refuse_beside({"home-above-plane": home_above_plane}, "a recording")
+    shown = _recording(source, scene) if is_recording else _fixed(source, scene, home_above_plane)
 
     shown.station_file, shown.std_px = station, scene.stds.px
     with suppress(KeyboardInterrupt), page.page_of(shown) as address:
@@ -56,7 +61,7 @@ def _recording(source: Path, scene: PoseOptions) -> "View":
     return RecordingView(open_recording(source))
 
 
-def _fixed(source: Path, scene: PoseOptions) -> "View":
+def _fixed(source: Path, scene: PoseOptions, home_above_plane_m: float | None) -> "View":
     from aerodft.adapters.config.camera import load_camera
     from aerodft.adapters.images import STILLS
     from aerodft.app.measure import carries_pose
@@ -67,11 +72,12 @@ def _fixed(source: Path, scene: PoseOptions) -> "View":
     photo = source if source.suffix.lower() in STILLS and carries_pose(source) else None
     if photo is not None:
         options |= {PHOTOGRAPH: str(photo.absolute())}
+        options |= {} if home_above_plane_m is None else {"home_above_plane": str(home_above_plane_m)}
     if photo is None and scene.camera is not None and not {"height", "tilt", "calibration"} & options.keys():
         refuse_beside(scene.stated_pose(), "a pose that is still to be found")
         shown = FixedCameraView(source, load_camera(scene.camera), None, options, scene.surface)
     else:
-        found = scene.scene(photo=photo)
+        found = scene.scene(photo=photo, home_above_plane_m=home_above_plane_m)
         shown = FixedCameraView(source, found[0].camera, found, options, scene.surface)
     shown.pixels(0)  # a video that cannot be decoded is refused before a page opens
     return shown

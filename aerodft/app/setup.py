@@ -17,12 +17,14 @@ from aerodft.adapters.images import STILLS, camera_of_still, facts_of_still, vid
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
+from aerodft.app.measure import UNSTATED_HOME_STD_M, carries_pose, lens_in_photograph
 from aerodft.diagnosis import DiagnosisReport
 from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.model import Camera, CameraStd
 
 _ASSUMED_HFOV_DEG: Final = 70.0  # most drones' wide cameras: 60 to 80
 _ASSUMED_STD: Final = 0.15
+_ASSUMED_FLIGHT_M: Final = 40.0  # low flights over rivers: 20 to 80 m
 _ASSUMED_SIZE_PX: Final = (1920, 1080)
 _STREAMS: Final = ("rtsp://", "rtmp://", "udp://", "tcp://", "http://", "https://", "srt://")
 _HEIGHTS: Final = ("rangefinder", "terrain", "home")
@@ -243,6 +245,9 @@ def _sorted(sources: Sequence[str | Path]) -> _Sources:
     if found == _Sources():
         expected = "a log or link, and a video, photo, folder of photos or stream"
         raise UsageError("nothing to measure from", got="no source", expected=expected)
+    photo = _photo(found.images)
+    if found.telemetry is None and found.images is not None and photo is not None and carries_pose(photo):
+        found.log = found.images
     if None not in (found.log, found.link) or None not in (found.images, found.stream):
         raise UsageError("two sources of one kind", got="a file and a live one", expected="one of them")
     return found
@@ -270,6 +275,15 @@ def _write_camera(
         draft.taken.append(f"camera: {camera.name}, from {wanted}")
         return camera.width_px, camera.height_px
     photo = _photo(images)
+    lens = None if photo is None or wanted is not None else lens_in_photograph(photo)
+    if lens is not None:
+        share = 100 * lens.camera.std.focal_px / lens.camera.fx_px
+        draft.taken.append(
+            f"camera: by {lens.source}, of {photo}; its focal length is known to {share:.1f} % (1 sigma)"
+        )
+        about = f"# {lens.camera.name}. Focal length: {lens.source}, to {share:.1f} % (1 sigma).\n"
+        _write(path, about + tomli_w.dumps(camera_document(lens.camera)), overwrite=overwrite)
+        return lens.camera.width_px, lens.camera.height_px
     known = _known(wanted, images if photo is None else photo)
     if known is not None:
         write_camera(known, path, overwrite=overwrite)
@@ -363,14 +377,34 @@ def _telemetry(
     if found.link is not None:
         yield f"connection = {_quoted(found.link)}"
     yield "\n[telemetry.height]"
+    if report.photographs and not heights:
+        yield from _stated_height(draft)
+        yield from _stated_attitude(draft, attitudes)
+        return
     order = [name for name in _HEIGHTS if name in heights] or ["home"]
     yield f"order = [{', '.join(map(_quoted, order))}]   # the first that has a value counts"
     said = "as you stated" if home_above_plane_m is not None else "MEASURE THIS"
     yield f"home_above_plane_m = {float(home_above_plane_m or 0.0)}   # take-off point above the water, m: {said}"
+    if report.photographs and home_above_plane_m is None:
+        yield f"home_above_plane_std_m = {UNSTATED_HOME_STD_M}   # as long as nobody has measured that: 1 sigma"
     for name in order:
         if name in heights:
             each = heights[name]
             draft.taken.append(f"height: {name}, {each.count} values from {each.low:.1f} to {each.high:.1f} m")
+    yield from _stated_attitude(draft, attitudes)
+
+
+def _stated_height(draft: _Draft) -> Iterator[str]:
+    """Keys of a height that nobody has stated yet, of photographs that say none."""
+    draft.to_do[:] = [each for each in draft.to_do if "home_above_plane_m" not in each]
+    draft.to_do.insert(0, "State the camera's height above the water (manual_m): the photographs do not say it")
+    yield 'order = ["manual"]          # the photographs say no height'
+    yield f"manual_m = {_ASSUMED_FLIGHT_M}             # ASSUMED: the camera above the water, m: MEASURE THIS"
+    yield f"std_m = {{ manual = {_ASSUMED_FLIGHT_M / 2} }}   # 1 sigma"
+
+
+def _stated_attitude(draft: _Draft, attitudes: list[str]) -> Iterator[str]:
+    """The table of attitudes: those of a log, else of a camera that is fixed to the vehicle."""
     yield "\n[telemetry.attitude]"
     if attitudes:
         yield f"order = [{', '.join(map(_quoted, attitudes))}]"
@@ -398,7 +432,10 @@ def _fixed(draft: _Draft) -> Iterator[str]:
 def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, folder: Path) -> Iterator[str]:
     """The table of where images come from."""
     yield "[images]"
-    if found.stream is not None:
+    if found.log is not None and found.log == found.images:
+        yield "# the photographs that say the poses"
+        draft.taken.append(f"images: the photographs of {found.images}, each with its own pose")
+    elif found.stream is not None:
         yield f"stream = {_quoted(found.stream)}"
     elif found.images is None:
         yield "rate_hz = 10               # no images: numbers at this rate; or video = ..., stills = ..., stream = ..."

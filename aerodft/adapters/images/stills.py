@@ -232,7 +232,7 @@ class _Still:
 
 
 class StillsFolderSource:
-    """The stills of one folder (not of those within), or a single one, in the order in which they were taken."""
+    """The stills of one folder (not of those within), in the order in which they were taken."""
 
     def __init__(
         self,
@@ -241,18 +241,19 @@ class StillsFolderSource:
         pattern: str | None = None,
         utc_offset: str | None = None,
         decode: bool = True,
-        may_be_undated: bool = False,
+        unique_stamps: bool = False,
         among: Container[Path] | None = None,
     ) -> None:
         """Read the stamps of all stills; what cannot be read is left out and logged as a warning.
 
         Args:
-            folder: JPEG, PNG, TIFF, BMP or WebP files; other files are passed over. Or one such file.
+            folder: JPEG, PNG, TIFF, BMP or WebP files; other files are passed over.
             pattern: How a name tells the time (:class:`NamePattern`); None to take EXIF.
             utc_offset: Whose time it is where neither name nor EXIF says so, like ``+02:00``; None for UTC.
             decode: False for stamps without pixels.
-            may_be_undated: Whether stills of which none has a stamp get one each, a second apart in the order of their
-                names; for stills that need no telemetry of the same time.
+            unique_stamps: For stills that say their own poses, and need no telemetry of the same time: each has a stamp
+                of its own. Those of one whole second follow each other by a millisecond; where none has a stamp, all
+                get one in the order of their names. A single file is taken as well.
             among: Files to keep of those in the folder; None for all.
 
         Raises:
@@ -262,7 +263,7 @@ class StillsFolderSource:
         """
         self._decode = decode
         offset = None if utc_offset is None else parse_offset(utc_offset)
-        stills = _scan(folder, pattern, offset, may_be_undated=may_be_undated)
+        stills = _scan(folder, pattern, offset, unique=unique_stamps)
         self._stills = stills if among is None else [still for still in stills if still.path in among]
 
     def __len__(self) -> int:
@@ -294,8 +295,8 @@ class StillsFolderSource:
             )
 
 
-def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None, *, may_be_undated: bool) -> list[_Still]:
-    is_still = folder.is_file() and folder.suffix.lower() in STILLS
+def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None, *, unique: bool) -> list[_Still]:
+    is_still = unique and folder.is_file() and folder.suffix.lower() in STILLS
     if not folder.is_dir() and not is_still:
         got = looks_like(folder) if folder.exists() else "nothing there"
         raise InputError("no folder of stills", where=folder, got=got, expected="a folder", hint="check the path")
@@ -310,7 +311,7 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None, *, ma
     found = [_still(path, name_pattern, utc_offset) for path in paths]
     stills = [still for still in found if still is not None and still.stamp_ns != _NO_STAMP]
     undated = [still for still in found if still is not None and still.stamp_ns == _NO_STAMP]
-    if may_be_undated and not stills and undated:
+    if unique and not stills and undated:
         _LOG.warning("%s: no still has a date: they are stamped in the order of their names, from 2000 on", folder)
         return [replace(still, stamp_ns=_UNDATED_NS + n * SECOND_NS) for n, still in enumerate(undated)]
     reason = f"name does not match {pattern}" if pattern else "no EXIF date, or one of a clock that was never set"
@@ -328,10 +329,11 @@ def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None, *, ma
     if assumed := sum(still.assumed_utc for still in stills):
         text = "%s: EXIF of %d stills states no offset from UTC, UTC assumed; `utc_offset` says otherwise"
         _LOG.warning(text, folder, assumed)
-    return _told_apart(sorted(stills, key=lambda still: (still.stamp_ns, still.path.name)))
+    stills.sort(key=lambda still: (still.stamp_ns, still.path.name))
+    return _with_unique_stamps(stills) if unique else stills
 
 
-def _told_apart(stills: list[_Still]) -> list[_Still]:
+def _with_unique_stamps(stills: list[_Still]) -> list[_Still]:
     """Sorted stills with a stamp each: those of one whole second follow each other by a millisecond."""
     apart: list[_Still] = []
     for still in stills:

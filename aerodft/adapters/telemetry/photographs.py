@@ -107,7 +107,7 @@ class PhotographLog:
             pattern=pattern,
             utc_offset=utc_offset,
             decode=decode,
-            may_be_undated=True,
+            unique_stamps=True,
             among=self._paths,
         )
 

@@ -26,15 +26,18 @@ if TYPE_CHECKING:
         ElevationModel,
         Height,
         Length,
+        Photograph,
         PoseStd,
         Position,
         Range,
         RiverWidth,
         Slope,
+        StatedPose,
         Width,
         ground_points,
         measure,
         probe,
+        read_photograph,
     )
     from aerodft.app.recompute import RecomputeResult, recompute
     from aerodft.app.recordings import (
@@ -65,8 +68,8 @@ _NAMES_IN: Final = {
     "aerodft.app.diagnose": "Diagnosis LinkOptions diagnose",
     "aerodft.app.importing": "import_flight",
     "aerodft.app.measure": (
-        "Area Bearing CameraPose Distance ElevationModel Height Length PoseStd Position Range RiverWidth Slope "
-        "Width ground_points measure probe"
+        "Area Bearing CameraPose Distance ElevationModel Height Length Photograph PoseStd Position Range RiverWidth "
+        "Slope StatedPose Width ground_points measure probe read_photograph"
     ),
     "aerodft.app.recompute": "RecomputeResult recompute",
     "aerodft.app.recordings": (
@@ -100,6 +103,7 @@ __all__ = [
     "Measurements",
     "NoAnswerError",
     "NotDetermined",
+    "Photograph",
     "PoseStd",
     "Position",
     "Range",
@@ -109,6 +113,7 @@ __all__ = [
     "RiverWidth",
     "RunResult",
     "Slope",
+    "StatedPose",
     "Station",
     "StationDraft",
     "StationRecording",
@@ -130,6 +135,7 @@ __all__ = [
     "open_recording",
     "print_board",
     "probe",
+    "read_photograph",
     "recompute",
     "recover",
     "report",

@@ -10,7 +10,7 @@ from typing import Final
 import cv2
 
 from aerodft.adapters.files import whole_file
-from aerodft.adapters.images import VideoFileSource, video_info
+from aerodft.adapters.images import STILLS, StillsFolderSource, VideoFileSource, video_info
 from aerodft.app.recordings import open_recording
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError
@@ -59,12 +59,15 @@ class Still:
 
 
 def open_reel(path: str | Path) -> ImageReel:
-    """Open the images of a recording or a video.
+    """Open the images of a recording or a video, or a photograph.
 
     Raises:
-        InputError: It is neither, or cannot be read.
+        InputError: It is none of them, or cannot be read.
     """
     path = Path(path)
+    if path.is_file() and path.suffix.lower() in STILLS:
+        stills = StillsFolderSource(path, unique_stamps=True)
+        return ImageReel(path, stills.span_ns[0], lambda: ((image, []) for image in stills.events()), is_measured=False)
     if path.is_dir() or (path.exists() and is_mcap(path)):
         reader = open_recording(path).reader
         return ImageReel(path, reader.zero_ns, partial(measured_images, reader), is_measured=True)
@@ -100,6 +103,8 @@ def write_stills(
         NoAnswerError: No image, or an instant more than a second before the first or after the last one.
         InputError: An image is damaged, or a file exists or cannot be written.
     """
+    if not at_ns and every_s is None and reel.path.suffix.lower() in STILLS:
+        at_ns = (reel.zero_ns,)  # a photograph is all there is
     if bool(at_ns) == (every_s is not None) or (every_s is not None and every_s <= 0):
         raise UsageError("`at_ns` and `every_s`", got="both or neither of them", expected="instants, or a step above 0")
     if with_overlay and not reel.is_measured:

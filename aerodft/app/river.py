@@ -12,10 +12,10 @@ import numpy as np
 
 from aerodft.adapters.config.station import NO_SETTINGS, Settings, StationConfig
 from aerodft.adapters.files import looks_like
-from aerodft.adapters.images import VideoFileSource, read_camera_image, video_info
+from aerodft.adapters.images import STILLS, VideoFileSource, read_camera_image, video_info
 from aerodft.app import Progress, no_progress
 from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_of
-from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup, in_range
+from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup, in_range, read_photograph
 from aerodft.conventions import LARGEST, SECOND_NS
 from aerodft.dft import Setup, zoomed
 from aerodft.errors import InputError, NoAnswerError, UsageError
@@ -182,9 +182,10 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
     """Measure a river's width at transects along it, with the banks found in the images.
 
     Args:
-        what: A recording, whose telemetry says the poses; or an image, or a fixed camera's video, of a known pose.
-        camera: The camera of an image or a video; None for that of the calibration.
-        pose: Its pose; None for that of the calibration.
+        what: A recording, whose telemetry says the poses; or an image, or a fixed camera's video, of a known pose; or a
+            drone's photograph, which says its own.
+        camera: The camera of an image or a video; None for that of the calibration, or of the photograph.
+        pose: Its pose; None for that of the calibration, or of the photograph.
         calibration: A calibration file.
         config: Station file to use in place of a recording's own; the alignment of the recorded video is kept unless
             the file states a clock.
@@ -230,6 +231,9 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         return survey_images(recorded_images(source, own, known, surface, images, settings), question, progress)
     if settings:
         raise UsageError("`settings` without a recording", expected="them with a recording")
+    if pose is None and calibration is None and source.suffix.lower() in STILLS:
+        taken = read_photograph(source, camera=camera)
+        camera, pose = taken.camera, taken.pose
     setup, sample = image_setup(camera, pose, calibration=calibration, surface=surface)
     if source.suffix.lower() in VIDEO_SUFFIXES:
         return survey_images(filmed_images(source, setup, sample, images, no_progress), question, progress)

@@ -18,6 +18,7 @@ from aerodft.adapters.images.stills import (
     camera_of_still,
     check_mode,
     common_mode,
+    damaged_exif_said,
     facts_of_still,
     refuse_other_size,
 )

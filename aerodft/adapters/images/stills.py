@@ -4,7 +4,9 @@ import io
 import logging
 import math
 import re
+import warnings
 from collections.abc import Container, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -137,11 +139,22 @@ def _text(value: object) -> str:
     return value.strip(" \0") if isinstance(value, str) else ""
 
 
+_LOG: Final = logging.getLogger(__name__)
 _INCH: Final = 2  # as EXIF counts units
 _RESOLUTION_UNITS_MM: Final = {_INCH: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _TURNED: Final = range(2, 9)  # EXIF's orientations but the plain one
 _MOST_PIXELS = 2 * (PillowImage.MAX_IMAGE_PIXELS or 0)  # that Pillow opens
 UNREADABLE = (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError)  # all that Pillow raises
+
+
+@contextmanager
+def damaged_exif_said(path: Path) -> Iterator[None]:
+    """Turn Pillow's warnings on damaged EXIF data into one sentence on the file."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        yield
+    if said:
+        _LOG.warning("%s: its EXIF data are damaged: what of them can be read is used", path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +180,7 @@ def still_facts(path: Path) -> StillFacts | None:
     """Size and EXIF data of a still; None for a file that is no still."""
     try:
         check_is_no_pipe(path)
-        with PillowImage.open(path) as image:
+        with damaged_exif_said(path), PillowImage.open(path) as image:
             size_px, exif = image.size, image.getexif()
             taken, device, turn = exif.get_ifd(IFD.Exif), exif.get(Base.Model), exif.get(Base.Orientation)
     except UNREADABLE:
@@ -213,7 +226,6 @@ def _positive(value: object) -> float | None:
     return number if math.isfinite(number) and number > 0 else None
 
 
-_LOG = logging.getLogger(__name__)
 _EXAMPLE = "IMG_%Y%m%d_%H%M%S_%f.jpg or {unix_ms}.png"
 _UNDATED_NS: Final = 946_684_800 * SECOND_NS  # 2000-01-01, which no drone's photograph was taken on
 _NO_STAMP: Final = -1
@@ -345,7 +357,7 @@ def _with_unique_stamps(stills: list[_Still]) -> list[_Still]:
 def _still(path: Path, pattern: NamePattern | None, utc_offset: timedelta | None) -> _Still | None:
     try:
         check_is_no_pipe(path)
-        with PillowImage.open(path) as image:
+        with damaged_exif_said(path), PillowImage.open(path) as image:
             width_px, height_px = image.size
             found = exif_stamp_ns(image, utc_offset) if pattern is None else None
     except UNREADABLE:

@@ -15,6 +15,9 @@ MAX_HEIGHT_M: Final = 20_000.0
 NO_FIX_DEG: Final = 0.01
 """Latitude and longitude both closer to 0 are those of a receiver without a fix: 1.1 km, in the Gulf of Guinea."""
 
+SAME_PLACE_DEG: Final = 0.001
+"""Two positions of one photograph that are farther apart contradict each other: 110 m, where makers round to 1 m."""
+
 DOWN_FROM_AHEAD: Final = from_yaw_pitch_roll(0.0, math.radians(-90), 0.0)
 """``body_SO3_gimbal`` of a camera that looks straight down with the image's top ahead: pitch 0 of Pix4D's tags."""
 
@@ -139,8 +142,11 @@ class TagReader:
         """Latitude and longitude in rad from the first pair of degrees that is stated; None where it cannot be."""
         exif = self.tags.exif
         gps = [exif.get("GPSLatitude"), exif.get("GPSLongitude")]
-        in_exif = tuple(value if isinstance(value, float) else None for value in gps)
-        for lat_deg, lon_deg in (*pairs, in_exif):
+        lat, lon = (value if isinstance(value, float) else None for value in gps)
+        if any(_are_far_apart(*pair, lat, lon) for pair in pairs):
+            self.remarks.append("the positions of its EXIF and of its XMP data contradict each other: neither is used")
+            return None, None
+        for lat_deg, lon_deg in (*pairs, (lat, lon)):
             if lat_deg is None or lon_deg is None:
                 continue
             if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):  # noqa: PLR2004 - degrees
@@ -197,6 +203,17 @@ def stds(
         roll_rad=math.radians(roll_deg),
         heading_rad=math.radians(heading_deg),
     )
+
+
+def _are_far_apart(
+    lat_deg: float | None, lon_deg: float | None, other_lat_deg: float | None, other_lon_deg: float | None
+) -> bool:
+    """Whether two positions that are both stated differ by more than makers round them."""
+    given = [each for each in (lat_deg, lon_deg, other_lat_deg, other_lon_deg) if each is not None]
+    if len(given) < 4 or not all(map(math.isfinite, given)):  # noqa: PLR2004 - two positions
+        return False
+    north, east = given[0] - given[2], math.remainder(given[1] - given[3], 360.0)
+    return math.hypot(north, east * math.cos(math.radians(given[0]))) > SAME_PLACE_DEG
 
 
 def _decimal(text: str) -> float:

@@ -10,7 +10,7 @@ from PIL import Image as PillowImage
 from PIL.ExifTags import GPS, IFD, Base
 
 from aerodft.adapters.files import check_is_no_pipe, looks_like
-from aerodft.adapters.images import UNREADABLE
+from aerodft.adapters.images import UNREADABLE, damaged_exif_said
 from aerodft.adapters.photographs.xmp import parse_xmp
 from aerodft.errors import InputError
 
@@ -93,7 +93,7 @@ def photo_tags(path: Path) -> PhotoTags:
     """
     try:
         check_is_no_pipe(path)
-        with PillowImage.open(path) as image:
+        with damaged_exif_said(path), PillowImage.open(path) as image:
             exif = image.getexif()
             packet = image.info.get("xmp") or exif.get(_XML_PACKET)
             return PhotoTags(

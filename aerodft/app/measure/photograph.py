@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.adapters.config.camera import load_camera
-from aerodft.adapters.images import facts_of_still
+from aerodft.adapters.images import camera_of_still, facts_of_still
 from aerodft.adapters.photographs import (
     LaserTarget,
     PhotoPose,
@@ -25,6 +25,7 @@ UNSTATED_HOME_STD_M: Final = 5.0
 """Std of the take-off point's height above the water where nobody states it: banks that people start from lie 0 to 10 m
 above it. Half of it is too sure on a dam or a bridge; twice of it says little of a river at 40 m."""
 
+_STDS: Final = 3.0  # beyond it two focal lengths contradict each other
 _MIN_FOCAL_35MM_MM: Final = 12.0  # what is wider is a fisheye, which no focal length describes
 
 
@@ -43,6 +44,10 @@ class StatedPose:
         lon_deg: WGS84 longitude.
         std: Standard deviations.
         covariance: ``(6, 6)`` in place of all standard deviations.
+
+    Example:
+        >>> StatedPose(tilt_deg=31.5).tilt_deg
+        31.5
     """
 
     height_m: float | None = None
@@ -79,7 +84,7 @@ class Photograph:
     @property
     def summary(self) -> str:
         """Sentence on who wrote the pose, and on the pose that is measured with."""
-        pose = self.pose
+        pose = replace(self.pose, roll_deg=round(self.pose.roll_deg, 1) + 0.0)  # no -0.0
         height = "" if pose.height_m is None else f"height {pose.height_m:.2f} m ({pose.height_source}), "
         angles = f"tilt {pose.tilt_deg:.1f} deg, roll {pose.roll_deg:.1f} deg, heading {pose.heading_deg:.1f} deg"
         return f"{self.dialect or 'no pose of its own'}: {height}{angles}"
@@ -116,9 +121,9 @@ def read_photograph(
 
     Example:
         >>> import aerodft as ad
-        >>> photo = ad.read_photograph("samples/photo.jpg", home_above_plane_m=1.5)
-        >>> photo.dialect, round(photo.pose.height_m, 2), round(photo.pose.tilt_deg, 1)
-        ('DJI', 41.4, 30.0)
+        >>> photo = ad.read_photograph("samples/DJI_0001.JPG", home_above_plane_m=1.5)
+        >>> photo.summary
+        'DJI: height 41.50 m (home), tilt 30.0 deg, roll 0.0 deg, heading 40.0 deg'
     """
     path = Path(path)
     tags = photo_tags(path)
@@ -156,14 +161,29 @@ def camera_of_photograph(path: Path, tags: PhotoTags | None = None) -> tuple[Cam
     mode = facts_of_still(path).mode
     stated = lens_in_photograph(path, tags)
     if stated is not None:
-        share = 100 * stated.camera.std.focal_px / stated.camera.fx_px
-        return stated.camera, f"camera by {stated.source}, to {share:.1f} %"
+        return _checked_lens(path, stated)
     if mode.focal_35mm_mm is not None and mode.focal_35mm_mm < _MIN_FOCAL_35MM_MM:
         got = f"{mode.focal_35mm_mm:g} mm for 35 mm film: a fisheye, whose lens EXIF does not describe"
         raise InputError("no camera can be told from it", where=path, got=got, expected="a calibrated `camera`")
     camera = load_camera(path)
     share = 100 * camera.std.focal_px / camera.fx_px
     return camera, f"camera by the photograph's EXIF data ({camera.name}), to {share:.1f} %"
+
+
+def _checked_lens(path: Path, stated: StatedLens) -> tuple[Camera, str]:
+    """A camera by XMP, and a sentence on it; its std covers EXIF's focal length where the two contradict each other."""
+    camera = stated.camera
+    try:
+        other = camera_of_still(path)
+    except InputError:  # EXIF says no focal length
+        other = camera
+    apart_px = abs(other.fx_px - camera.fx_px)
+    if apart_px > _STDS * math.hypot(camera.std.focal_px, other.std.focal_px):
+        camera = replace(camera, std=replace(camera.std, focal_px=apart_px))
+        said = f"camera by {stated.source}, {camera.fx_px:.0f} px, where EXIF says {other.fx_px:.0f} px"
+        return camera, f"{said}: they contradict each other, the std covers both"
+    share = 100 * camera.std.focal_px / camera.fx_px
+    return camera, f"camera by {stated.source}, to {share:.1f} %"
 
 
 def _camera_pose(

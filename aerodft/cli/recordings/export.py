@@ -119,7 +119,7 @@ def report(
 
 
 def frames(
-    source: Annotated[Path, typer.Argument(metavar="RECORDING|VIDEO", help="Where the images are.")],
+    source: Annotated[Path, typer.Argument(metavar="RECORDING|VIDEO|PHOTO", help="Where the images are.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the PNG files.")],
     at: Annotated[
         list[str] | None, typer.Option(help="Seconds from the first image, UTC ns, or ISO 8601; may be repeated.")

@@ -288,7 +288,7 @@ def _aligned(
     progress: Progress,
 ) -> VideoAlignment:
     """The alignment of an open video; see ``align``."""
-    source, _ = open_telemetry_log(log, topics)
+    source, _ = open_telemetry_log(log, topics, telemetry)
     history = attitude_history(source, decoder_of(telemetry), telemetry.attitude)
     start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
     try:

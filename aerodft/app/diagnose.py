@@ -174,7 +174,7 @@ def _check_for_log(target: str, link: LinkOptions | None) -> None:
 
 def _diagnose_log(path: Path, diagnosis: LogDiagnosis, topics: Topics | None) -> DiagnosisReport:
     """The report on a whole log, or on the telemetry of a recording."""
-    source, _ = open_telemetry_log(path, topics)
+    source, _ = open_telemetry_log(path, topics, diagnosis.settings)
     for event in source.events():
         if isinstance(event, RawBlock):
             diagnosis.add(event)

@@ -20,13 +20,14 @@ from aerodft.adapters.config.station import (
     with_calibration,
     with_derived_settings,
 )
-from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFileSource, video_info
+from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFilesSource, video_info
 from aerodft.adapters.outputs import open_outputs
-from aerodft.adapters.telemetry import LogSource, PhotographLog, decoder_of
+from aerodft.adapters.telemetry import LogSource, PhotographLog, SubtitleLog, decoder_of
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.app.align import aligned_station
+from aerodft.app.subtitled import subtitled_flight, with_own_videos, with_tilt
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
@@ -41,6 +42,10 @@ _WHOLE_SECONDS_STD_S: Final = 3**-0.5
 MAX_RATE_HZ: Final = 1000
 """Far beyond any camera."""
 
+_TILT_HINT: Final = (
+    "state the camera's tilt from straight down with `tilt_deg`, or its mount with telemetry.attitude.fixed_mount and "
+    '"fixed" in telemetry.attitude.order'
+)
 _STDS: Final = 3.0
 _SHARE: Final = 0.01  # what two calibrations of one camera differ by, or a zoom by the least
 
@@ -48,7 +53,7 @@ _log = logging.getLogger(__name__)
 
 
 def import_flight(  # noqa: PLR0913 - what a user may choose, by name
-    log: str | Path | None = None,
+    log: str | Path | Sequence[str | Path] | None = None,
     *,
     station: str | Path | StationConfig,
     output: str | Path,
@@ -59,13 +64,15 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     observations: Sequence[str | Path] = (),
     calibration: str | Path | None = None,
     sync: bool | None = None,
+    tilt_deg: float | None = None,
     topics: Topics | None = None,
     progress: Progress = no_progress,
 ) -> assembly.RunResult:
     """Turn a flight's log, and video or stills, into a recording with measurements.
 
     Args:
-        log: A log of any registered format, or an MCAP file or folder with MAVLink; None for a fixed camera.
+        log: A log of any registered format, or an MCAP file or folder with MAVLink; None for a fixed camera. Of a
+            flight with subtitles its video, or the videos that the drone has cut it into.
         station: Station file, or a station.
         output: New folder for the recording.
         video: Video file, in place of the station's images.
@@ -75,6 +82,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         observations: JSON-lines files of observed pixels, beside those of the station.
         calibration: Calibration file, in place of the station's.
         sync: Whether the video's clock is found as by ``align``; None as the station says.
+        tilt_deg: Tilt of the camera from straight down where no gimbal reports it; None for the station's.
         topics: Which topic of another tool's recording is what; None for the station's.
         progress: Called between batches with nanoseconds of the flight; what it raises ends the import there, and
             the recording holds what was read so far.
@@ -99,7 +107,13 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     source = _image_input(station.images.source, video, video_start_ns, images, rate_hz)
     station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
     station = with_derived_settings(station) if calibration is None else with_calibration(station, Path(calibration))
-    log = _checked_log(station, log, where)
+    logs = [] if log is None else [Path(log)] if isinstance(log, str | Path) else list(map(Path, log))
+    log = _checked_log(station, logs[0] if logs else None, where)
+    if tilt_deg is not None:
+        station = with_derived_settings(with_tilt(station, tilt_deg))
+    flight = None if station.pipeline.telemetry is None else subtitled_flight(logs)
+    if flight is not None:
+        station, flight = with_own_videos(station, flight)
     with named_in(Path(where)):
         if sync or (sync is None and station.images.is_auto):
             station = with_derived_settings(aligned_station(station, log, where, progress))
@@ -108,12 +122,11 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
                 _with_start_std(replace(station, images=replace(station.images, is_auto=False)))
             )
     files = (*station.observations.files, *map(Path, observations))
-    return _recorded(station, log, files, Path(output), where, progress)
+    return _recorded(station, log if flight is None else flight, files, Path(output), where, progress)
 
 
-def _checked_log(station: StationConfig, log: str | Path | None, where: str) -> Path | None:
+def _checked_log(station: StationConfig, log: Path | None, where: str) -> Path | None:
     """Refuse telemetry that a station does not read, and none where it reads some; a recording may be of images."""
-    log = None if log is None else Path(log)
     if (log is None) != (station.pipeline.telemetry is None) and not (log is not None and is_mcap(log)):
         have, need = ("[pose]", "no LOG") if log is not None else ("[telemetry]", "a LOG")
         raise InputError(f"the configuration has {have}", where=where, expected=need)
@@ -121,12 +134,18 @@ def _checked_log(station: StationConfig, log: str | Path | None, where: str) -> 
 
 
 def _recorded(
-    station: StationConfig, log: Path | None, files: Sequence[Path], output: Path, where: str, progress: Progress
+    station: StationConfig,
+    log: Path | SubtitleLog | None,
+    files: Sequence[Path],
+    output: Path,
+    where: str,
+    progress: Progress,
 ) -> assembly.RunResult:
     """Run a station over its log and images into a recording; ``where`` names its file."""
     with named_in(Path(where)):
         statistics, pipeline = assembly.RunStatistics(), assembly.build_pipeline(station)
-        observers = assembly.build_observers(station, pipeline, where, may_record=log is not None and is_mcap(log))
+        may_record = isinstance(log, Path) and is_mcap(log)
+        observers = assembly.build_observers(station, pipeline, where, may_record=may_record)
         flight = open_flight(station, log, files, observers.schedules)
     recorder = assembly.build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     run_outputs = open_outputs(station.outputs, assembly.outputs_run(station, pipeline))
@@ -217,7 +236,7 @@ class Flight:
 
 def open_flight(
     station: StationConfig,
-    log: Path | None,
+    log: Path | SubtitleLog | None,
     observation_files: Sequence[Path] = (),
     schedules: Sequence[ObserverSchedule] = (),
 ) -> Flight:
@@ -225,7 +244,8 @@ def open_flight(
 
     Args:
         station: The station.
-        log: Its log or recording; for a fixed camera None, or another tool's recording of its images.
+        log: Its log or recording, or the flight's opened subtitles; for a fixed camera None, or another tool's
+            recording of its images.
         observation_files: What others have seen in the images.
         schedules: What looks at the images on the way.
 
@@ -235,11 +255,12 @@ def open_flight(
     """
     span, source, recording = LogSpan(), None, None
     sources: list[Source] = []
-    telemetry = station.pipeline.telemetry
+    telemetry, opened = station.pipeline.telemetry, log if isinstance(log, SubtitleLog) else None
+    log = log.path if isinstance(log, SubtitleLog) else log
     if log is not None and telemetry is None:
         recording = ForeignRecording(log, station.topics)
     elif log is not None and telemetry is not None:
-        source, recording = assembly.open_telemetry_log(log, station.topics)
+        source, recording = (opened, None) if opened else assembly.open_telemetry_log(log, station.topics, telemetry)
         source = _stamped_as(source, station.images.source)
         sources.append(source)
         with _quiet():
@@ -295,7 +316,8 @@ def _images(
     configured, clock, camera = station.images.source, station.image_clock, station.pipeline.camera
     open_images: Callable[..., Source]
     if isinstance(configured, VideoFile):
-        where, open_images = configured.path, partial(VideoFileSource, configured.path, start_ns=configured.start_ns)
+        files = ((configured.path, configured.start_ns), *configured.later)
+        where, open_images = configured.path, partial(VideoFilesSource, files)
     elif isinstance(log, PhotographLog) and _are_own_photos(log, configured):
         where, open_images = log.path, log.images
     elif isinstance(configured, Stills):
@@ -339,7 +361,9 @@ def _check_sources(log: Path, span: LogSpan, telemetry: TelemetrySettings) -> No
                 where=log,
                 got=others,
                 expected=f"one of {', '.join(order)}",
-                hint="see `diagnose`, and telemetry.height.order / telemetry.attitude.order in the config",
+                hint=_TILT_HINT
+                if what == "camera attitude" and GimbalSource.FIXED_MOUNT in there
+                else "see `diagnose`, and telemetry.height.order / telemetry.attitude.order in the config",
             )
 
 

@@ -17,6 +17,7 @@ from aerodft.service.attitude import FrameEvidence
 from aerodft.service.clocks import ClockHealth
 
 _OF_AUTOPILOTS: Final = ("ATTITUDE", "GLOBAL_POSITION_INT")
+_SUBTITLES: Final = "SRT"
 _ANOTHER_GIMBAL: Final = ": of another gimbal than number "
 _OF_GIMBALS: Final = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS")
 _NOTABLE: Final = 0.01  # share of a message's rows
@@ -283,6 +284,8 @@ def _missing(report: DiagnosisReport) -> Iterator[str]:
             "heights are above home only: where the river lies lower or higher than home, set "
             "telemetry.height.home_above_plane_m"
         )
+    if {each.name for each in report.streams} == {_SUBTITLES}:
+        return  # their reader says what they lack
     if not report.attitudes and not report.vehicle_attitude:
         yield "no attitude: neither a gimbal nor the vehicle reports one"
     elif (

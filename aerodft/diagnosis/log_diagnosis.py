@@ -339,6 +339,11 @@ class LogDiagnosis:
         self._first_ns: int | None = None
         self._last_ns: int | None = None
 
+    @property
+    def settings(self) -> TelemetrySettings | None:
+        """What the configuration asks of the telemetry; None for no configuration."""
+        return self._settings
+
     def add(self, block: RawBlock) -> None:
         """Take in one block; blocks of one sender in order of arrival."""
         if not len(block.arrival_ns):

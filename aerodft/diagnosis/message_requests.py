@@ -310,7 +310,7 @@ def missing_camera_messages(
     heard = {(each.name, each.component) for each in streams if each.system == system and each.component is not None}
     for camera in sorted(_cameras(heard, component, autopilot, zoom)):
         is_autopilot = camera == component
-        for source in zoom.order:
+        for source in filter(_CAMERA_IDS.__contains__, zoom.order):
             if (str(source), camera) in heard:
                 break
             if not is_autopilot or source in _CAMERA_MESSAGES_OF_ARDUPILOT:

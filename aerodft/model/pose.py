@@ -99,6 +99,8 @@ class GimbalSource(StrEnum):
     DATAFLASH_MNT = "MNT"
     FIXED_MOUNT = "fixed"
     PHOTOGRAPH = "photograph"
+    SUBTITLES = "subtitles"
+    TABLE = "table"
     MANUAL = "manual"
 
     @property
@@ -107,7 +109,7 @@ class GimbalSource(StrEnum):
 
         Such a report is no demand that the camera may lag behind, and never relative to the vehicle.
         """
-        return self is GimbalSource.PHOTOGRAPH
+        return self in {GimbalSource.PHOTOGRAPH, GimbalSource.SUBTITLES, GimbalSource.TABLE}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -101,9 +101,11 @@ class VehicleTrack(Track):
 
     Attributes:
         wxyz: ``(n, 4)`` unit quaternion ``ned_SO3_body`` (body: front, right, down).
+        heading_std_rad: ``(n,)`` standard deviation of the heading, NaN for the settings'; None for all of them.
     """
 
     wxyz: FloatArray
+    heading_std_rad: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

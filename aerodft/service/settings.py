@@ -1,6 +1,7 @@
 """A station's configuration in SI units, as ``adapters.config`` reads it from TOML."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -219,6 +220,8 @@ class AttitudeSettings:
         GimbalSource.MOUNT_STATUS,
         GimbalSource.DATAFLASH_MNT,
         GimbalSource.PHOTOGRAPH,
+        GimbalSource.SUBTITLES,
+        GimbalSource.TABLE,
     )
     scale: tuple[tuple[GimbalSource, AngleScale], ...] = ()
     fixed_mount: FixedMount | None = None
@@ -254,6 +257,7 @@ class TelemetrySettings:
         health: Limits of the vehicle's health.
         zoom: Reports of the camera's zoom.
         wait_ns: Time that an image waits after its arrival for later telemetry.
+        columns: Names of a flight table's columns by what they are, unit included; empty for known tools' tables.
     """
 
     system: int | None = None
@@ -264,6 +268,7 @@ class TelemetrySettings:
     health: HealthSettings = field(default_factory=HealthSettings)
     zoom: ZoomSettings = field(default_factory=ZoomSettings)
     wait_ns: int = 2 * SECOND_NS
+    columns: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,4 +23,4 @@ from aerodft.adapters.images.stills import (
     refuse_other_size,
 )
 from aerodft.adapters.images.stream import StreamReader
-from aerodft.adapters.images.video import Losses, SeekableVideo, VideoFileSource, video_info
+from aerodft.adapters.images.video import Losses, SeekableVideo, VideoFileSource, VideoFilesSource, video_info

@@ -7,9 +7,9 @@ container whose time line begins elsewhere (a transport stream, an edit list) ne
 import logging
 from bisect import bisect_left, insort
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -144,6 +144,33 @@ class VideoFileSource:
             height_px=self.info.height_px if frame is None else frame.height,
             pixels=None if frame is None else FramePixels(frame),
         )
+
+
+class VideoFilesSource:
+    """Videos that one camera took one after the other, as one source of images that are numbered on.
+
+    Args:
+        files: Each video with the UTC of its first image, in order; None of the first for its container's.
+        decode: As for ``VideoFileSource``.
+
+    Raises:
+        InputError: As for ``VideoFileSource``.
+    """
+
+    def __init__(self, files: Sequence[tuple[Path, int | None]], *, decode: bool = True) -> None:
+        self._sources = [VideoFileSource(path, start_ns=start_ns, decode=decode) for path, start_ns in files]
+
+    def events(self) -> Iterator[Image]:
+        """All images whose stamp is sound, in order."""
+        first, last_ns = 0, 0
+        for source in self._sources:
+            index = -1
+            for image in source.events():
+                index = image.index
+                if image.stamp_ns > last_ns:
+                    last_ns = image.stamp_ns
+                    yield replace(image, index=first + index)
+            first += index + 1
 
 
 class SeekableVideo:

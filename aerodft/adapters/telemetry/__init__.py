@@ -22,5 +22,7 @@ from aerodft.adapters.telemetry.signing import (
     signing_sentences,
     unchecked_sentence,
 )
+from aerodft.adapters.telemetry.subtitles import SubtitleLog, are_subtitles, hfov_deg
+from aerodft.adapters.telemetry.tables import COLUMN_KEYS
 from aerodft.adapters.telemetry.tlog import TlogSource
 from aerodft.adapters.telemetry.tracks import MOST_ATTACHED

@@ -2,7 +2,7 @@
 
 import os
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol, TypeAlias, runtime_checkable
@@ -89,6 +89,23 @@ class FolderFormat(LogFormat, Protocol):
     def recognises_folder(self, folder: Path) -> bool:
         """Whether a folder is a log of this format; ``open_source`` then takes it."""
         ...
+
+
+def rows_that_go_on(times_ns: Sequence[int | None]) -> list[int]:
+    """Rows of a text log whose times ascend: a time that is off alone, ahead or back, is left out with its row."""
+    following_ns: list[int | None] = [None] * len(times_ns)
+    for k in range(len(times_ns) - 1, 0, -1):
+        following_ns[k - 1] = times_ns[k] if times_ns[k] is not None else following_ns[k]
+    kept: list[int] = []
+    last_ns: int | None = None
+    for k, (time_ns, next_ns) in enumerate(zip(times_ns, following_ns, strict=True)):
+        if time_ns is None or (last_ns is not None and time_ns <= last_ns):
+            continue
+        if next_ns is not None and next_ns < time_ns and (last_ns is None or last_ns < next_ns):
+            continue
+        kept.append(k)
+        last_ns = time_ns
+    return kept
 
 
 @dataclass(frozen=True, slots=True)

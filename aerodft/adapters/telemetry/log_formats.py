@@ -4,12 +4,14 @@ A new format is a module that has what ``LogFormat`` says, and one line here.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, TypeVar
 
 import numpy as np
 
-from aerodft.adapters.telemetry import dataflash, photographs, tlog, ulog
+from aerodft.adapters.files import looks_like
+from aerodft.adapters.telemetry import dataflash, photographs, subtitles, tables, tlog, ulog
 from aerodft.adapters.telemetry.log_file import (
     HEAD_BYTES,
     FolderFormat,
@@ -29,6 +31,8 @@ LOG_FORMATS: Final[list[LogFormat]] = [
     dataflash,
     ulog,
     photographs,
+    subtitles,
+    tables,
 ]
 """Asked in this order whether a file is theirs."""
 
@@ -106,13 +110,19 @@ def followed_by(telemetry: TelemetrySettings | None) -> FollowedIds:
     )
 
 
-def open_log(path: Path) -> LogSource:
+def open_log(path: Path, columns: Mapping[str, str] | None = None) -> LogSource:
     """Open a telemetry log by what it holds, whatever its name; a folder, where a format's logs may be folders.
+
+    Args:
+        path: The file or folder.
+        columns: A station's names of a table's columns; None or empty for known tools' only.
 
     Raises:
         InputError: It is missing, empty, unreadable, or of none of the formats.
     """
     expected = " or ".join(each.TITLE for each in LOG_FORMATS)
+    if columns and path.is_file() and looks_like(path) == "text":
+        return tables.TableLog(path, columns)
     if path.is_dir():
         with os_errors_as("cannot be read", where=path, expected=expected):
             folders = [each for each in LOG_FORMATS if isinstance(each, FolderFormat) and each.recognises_folder(path)]

@@ -25,7 +25,7 @@ from aerodft.app.assembly.pipeline import build_pipeline, outputs_run
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
 from aerodft.model import VISION, Camera, Event, Image, Observation, RawBlock
-from aerodft.service import Batches, MergedFeed, Source
+from aerodft.service import Batches, MergedFeed, Source, TelemetrySettings
 from replay.foreign import ForeignRecording, ForeignTelemetry, open_recording
 from replay.recordings import LeftOut, Recording, RecordingSource, is_mcap
 
@@ -147,12 +147,15 @@ class RecordedTelemetry:
         return ()
 
 
-def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSource, ForeignRecording | None]:
+def open_telemetry_log(
+    path: Path, topics: Topics | None = None, telemetry: TelemetrySettings | None = None
+) -> tuple[LogSource, ForeignRecording | None]:
     """Open a log or a recording by what it holds, whatever its name.
 
     Args:
         path: A log of any registered format, a recording, or another tool's MCAP file or folder.
         topics: Which topic of another tool's recording is what.
+        telemetry: Settings that may name a flight table's columns.
 
     Returns:
         Its telemetry; and the recording, where another tool made it.
@@ -162,7 +165,7 @@ def open_telemetry_log(path: Path, topics: Topics | None = None) -> tuple[LogSou
         NoAnswerError: The file holds nothing.
     """
     if not is_mcap(path):
-        return open_log(path), None
+        return open_log(path, None if telemetry is None else telemetry.columns), None
     recording = open_recording(path, topics)
     if isinstance(recording, ForeignRecording):
         return ForeignTelemetry(recording), recording

@@ -13,7 +13,10 @@ from aerodft.errors import UsageError
 
 
 def import_(
-    log: Annotated[Path | None, typer.Argument(help=f"A log: {LOG_FORMATS}, or an MCAP file with MAVLink.")] = None,
+    log: Annotated[
+        list[Path] | None,
+        typer.Argument(help=f"A log: {LOG_FORMATS}, or an MCAP file with MAVLink. Of a cut video its parts."),
+    ] = None,
     config: ConfigOption = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="New folder for the recording.")] = None,
     video: Annotated[Path | None, typer.Option(help="Video file.")] = None,
@@ -26,6 +29,7 @@ def import_(
         Literal["auto", "off"] | None,
         typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not."),
     ] = None,
+    tilt: Annotated[float | None, typer.Option(help="Camera's tilt from straight down, where none is logged.")] = None,
     topic: TopicOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -36,6 +40,7 @@ def import_(
       aerodft import flight.tlog --video flight.mp4 --video-start 2026-11-21T10:00:00Z \
         --config configs/services/river-flight.toml -o recordings/flight
       aerodft import flight.tlog --video flight.mp4 --sync auto --config station.toml -o recordings/aligned
+      aerodft import DJI_0001.MP4 DJI_0002.MP4 --config station.toml -o recordings/subtitled
     """
     from aerodft.adapters.config.station import load_station
     from aerodft.app.importing import import_flight
@@ -44,7 +49,7 @@ def import_(
         raise UsageError("no --config" if config is None else "no -o FOLDER", expected="--config FILE and -o FOLDER")
     with progress("importing") as bar, interruptible(bar) as between_batches:
         result = import_flight(
-            log,
+            log or None,
             station=config,
             output=output,
             video=video,
@@ -54,6 +59,7 @@ def import_(
             observations=observations or (),
             calibration=calibration,
             sync=None if sync is None else sync == "auto",
+            tilt_deg=tilt,
             topics=parse_topics(topic, load_station(config).topics) if topic else None,
             progress=between_batches,
         )

@@ -90,7 +90,7 @@ def recompute(
             hint = "it says what to measure, and with which camera"
             raise UsageError("no --config for another tool's recording", expected="--config FILE", hint=hint)
         changes.refuse("a recording of aerodft: of another tool's the file of --config is changed")
-        import_(path, config, output, calibration=calibration, topic=topic, json=json)
+        import_([path], config, output, calibration=calibration, topic=topic, json=json)
     else:
         source = _Source(config, calibration, changes.settings())
         _recompute_one(path, output, source, redetect=redetect, as_json=json)

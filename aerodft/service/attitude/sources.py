@@ -328,7 +328,8 @@ class AttitudeSources:
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append a track of attitudes, as ``Stream.append``; other tracks are ignored."""
         if isinstance(track, VehicleTrack):
-            self._vehicle.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz)
+            heading_rad = np.full(len(stamps_ns), np.nan) if track.heading_std_rad is None else track.heading_std_rad
+            self._vehicle.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz, heading_std_rad=heading_rad)
         elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
             self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
         elif isinstance(track, GimbalTypeTrack):
@@ -445,4 +446,6 @@ class AttitudeSources:
         known = vehicle.rows(rows)
         age_s = self._vehicle.ages_s(stamps_ns[rows], known)
         ends = AttitudeBrackets.from_brackets(self._vehicle.column("wxyz"), known)
-        yield rows, self._resolver.attitudes(Readings(source=source, age_s=age_s, vehicle=ends))
+        attitudes = self._resolver.attitudes(Readings(source=source, age_s=age_s, vehicle=ends))
+        attitudes.stated_std_rad[:, 3] = np.fmax(*known.ends(self._vehicle.column("heading_std_rad")))
+        yield rows, attitudes

@@ -133,6 +133,11 @@ class FocalReports:
 LEVEL_SLACK: Final = 0.005
 """Tolerance of zoom levels, as a fraction of their range."""
 _ROUNDING_STD_RAD: Final = math.radians(1) / math.sqrt(12)  # of whole degrees
+_SOURCE_STD_RAD: Final = {
+    ZoomSource.VIDEO_STREAM_INFORMATION: _ROUNDING_STD_RAD,
+    # A focal length "equivalent to 35 mm" leaves open which part of the sensor a video shows: 8 % between 4:3 and 16:9.
+    ZoomSource.SUBTITLES: math.radians(4),
+}
 _MAGNIFICATION_TOLERANCE: Final = 1e-6
 
 
@@ -295,8 +300,7 @@ def hfov_difference_std_rad(settings: ZoomSettings, source: ZoomSource, camera: 
 
 
 def _hfov_std_rad(settings: ZoomSettings, source: ZoomSource) -> float:
-    whole_degrees = source is ZoomSource.VIDEO_STREAM_INFORMATION
-    return math.hypot(settings.hfov_std_rad, _ROUNDING_STD_RAD if whole_degrees else 0.0)
+    return math.hypot(settings.hfov_std_rad, _SOURCE_STD_RAD.get(source, 0.0))
 
 
 class ZoomSources:

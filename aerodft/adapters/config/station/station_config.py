@@ -39,10 +39,17 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoFile:
-    """A video file; ``start_ns`` is the UTC of its first instant, None to take the container's."""
+    """A video file.
+
+    Attributes:
+        path: The file.
+        start_ns: UTC of its first instant; None to take the container's.
+        later: Files that go on after it, each with the UTC of its first instant: drones cut a video at 4 GB.
+    """
 
     path: Path
     start_ns: int | None = None
+    later: tuple[tuple[Path, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

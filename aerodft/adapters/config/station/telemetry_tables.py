@@ -10,6 +10,7 @@ from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import BiasTable
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.tables import AS_SHARE, NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_percent, to_s
+from aerodft.adapters.telemetry import COLUMN_KEYS
 from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, AngleScale, HeightSettings, TelemetrySettings
 
@@ -18,9 +19,16 @@ _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _AXES = {"auto": None, **{str(axes): axes for axes in MountAxes}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
 AttitudeName = Literal[
-    "GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT", "photograph", "fixed"
+    "GIMBAL_DEVICE_ATTITUDE_STATUS",
+    "MOUNT_ORIENTATION",
+    "MOUNT_STATUS",
+    "MNT",
+    "photograph",
+    "subtitles",
+    "table",
+    "fixed",
 ]
-ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION"]
+ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION", "subtitles"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
 Percent = Annotated[float, Field(ge=0, le=100)]
 ZoomPoint = Annotated[tuple[Percent, keys.Positive], Field(strict=False)]
@@ -125,6 +133,8 @@ class AttitudeTable(Table):
         "MOUNT_STATUS",
         "MNT",
         "photograph",
+        "subtitles",
+        "table",
     )
     scale: Annotated[GimbalScalesTable, SiAttribute(into=_scales_from, out=_scales_table)] = GimbalScalesTable()
     fixed_mount: FixedMountTable | None = None
@@ -233,6 +243,13 @@ class TelemetryTable(Table):
     zoom: ZoomTable = ZoomTable()
     calibration: keys.Text | None = None
     bias: Annotated[TelemetryBiasTable | None, NOT_IN_CONFIG_ID] = None
+    columns: Annotated[dict[str, keys.Text], NOT_IN_CONFIG_ID] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _known_columns(self) -> Self:
+        for key in self.columns.keys() - set(COLUMN_KEYS):
+            raise impossible("columns", got=key, expected=f"one of {', '.join(COLUMN_KEYS)}")
+        return self
 
     @model_validator(mode="after")
     def _a_link_to_sign(self) -> Self:

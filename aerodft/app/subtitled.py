@@ -1,0 +1,69 @@
+"""Flights whose telemetry is the subtitles of their own videos, and cameras whose tilt is stated."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from aerodft.adapters.config.station import StationConfig, VideoFile
+from aerodft.adapters.telemetry import LOG_FORMATS, SubtitleLog, are_subtitles
+from aerodft.errors import UsageError
+from aerodft.model import GimbalSource
+from aerodft.service import FixedMount
+
+_MAX_TILT_DEG = 180.0
+
+
+def subtitled_flight(logs: Sequence[Path]) -> SubtitleLog | None:
+    """The subtitles of a flight, by its subtitles or videos; None for one log of another format.
+
+    Raises:
+        UsageError: Several files, one of which is no subtitle and no video.
+        InputError: A file cannot be read, or is a video without subtitles.
+    """
+    for path in logs:
+        if not are_subtitles(path):
+            if len(logs) == 1:
+                return None
+            titles = ", ".join(each.TITLE for each in LOG_FORMATS)
+            expected = f"one log ({titles}), or the subtitles or videos of one flight"
+            raise UsageError("several logs", got=str(path), expected=expected)
+    return SubtitleLog(logs) if logs else None
+
+
+def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[StationConfig, SubtitleLog]:
+    """A station whose images are those of a flight's own videos, unless it names others; and the flight in its time.
+
+    Images and subtitles have one time line. Where the station states when its video begins, the subtitles begin then.
+    """
+    source, videos = station.images.source, flight.videos
+    if source is None and videos:
+        source = VideoFile(path=videos[0][0])
+    if not isinstance(source, VideoFile):
+        return station, flight
+    if source.start_ns is not None:
+        flight = flight.restarted(source.start_ns)
+    is_own = bool(flight.videos) and flight.videos[0][0].absolute() == source.path.absolute()
+    source = replace(source, start_ns=flight.start_ns, later=flight.videos[1:] if is_own else ())
+    return replace(station, images=replace(station.images, source=source, is_auto=False)), flight
+
+
+def with_tilt(station: StationConfig, tilt_deg: float) -> StationConfig:
+    """A station whose camera has a stated tilt where no gimbal reports its own.
+
+    Args:
+        station: The station.
+        tilt_deg: From straight down; against the vehicle's body, which subtitles without angles take for level.
+
+    Raises:
+        UsageError: An impossible tilt, or a station without telemetry.
+    """
+    telemetry = station.pipeline.telemetry
+    if not 0 <= tilt_deg < _MAX_TILT_DEG:
+        raise UsageError("`tilt_deg`", got=f"{tilt_deg:g}", expected="from 0 (straight down) to below 180")
+    if telemetry is None:
+        raise UsageError("`tilt_deg` without telemetry", expected="a station with [telemetry]")
+    mount = FixedMount(yaw_rad=0.0, pitch_rad=math.radians(tilt_deg - 90), roll_rad=0.0)
+    order = tuple(dict.fromkeys((*telemetry.attitude.order, GimbalSource.FIXED_MOUNT)))
+    attitude = replace(telemetry.attitude, order=order, fixed_mount=mount)
+    return replace(station, pipeline=replace(station.pipeline, telemetry=replace(telemetry, attitude=attitude)))

@@ -61,8 +61,10 @@ from aerodft.model.status import CODE_OF, CODES, Status
 from aerodft.model.telemetry import (
     FIX_3D,
     NO_BOOT_TIME,
+    NO_CLIMB_MPS,
     RATIOS,
     CameraTrack,
+    ClimbTrack,
     ClockTrack,
     EstimatorTrack,
     GimbalFailureTrack,
@@ -72,6 +74,7 @@ from aerodft.model.telemetry import (
     Health,
     HeartbeatTrack,
     HeightTrack,
+    LandedTrack,
     LinkTrack,
     MountAxes,
     OtherSenderTrack,

@@ -22,6 +22,9 @@ TrackOf = TypeVar("TrackOf", bound="Track")
 RATIOS = ("velocity", "horizontal position", "vertical position", "compass")
 """Quantities of an EKF's test ratios: innovation over gate; the EKF rejects its inputs from 1 on."""
 
+NO_CLIMB_MPS = 327.0
+"""Vertical speeds from here on are unknown: the largest number of an int16 in cm/s says so."""
+
 FIX_3D = 3
 """Lowest GPS_FIX_TYPE with a height."""
 
@@ -139,6 +142,8 @@ class PositionTrack(Track):
         alt_msl_m: ``(n,)``; NaN in all rows of a log that does not state it.
         height_home_m: ``(n,)`` above home; NaN where the log does not state it with the position.
         std_m: ``(n,)`` standard deviation of east and of north; None where the log has none.
+        climb_mps: ``(n,)`` the vertical speed that the sender states, positive upwards by MAVLink's definition (some
+            firmware negates it); from ``NO_CLIMB_MPS`` on it is unknown, None where the message has none.
     """
 
     lat_rad: FloatArray
@@ -146,6 +151,29 @@ class PositionTrack(Track):
     alt_msl_m: FloatArray
     height_home_m: FloatArray
     std_m: FloatArray | None = None
+    climb_mps: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClimbTrack(Track):
+    """Vertical speed from a message without a position (XKF1, NKF1).
+
+    Attributes:
+        climb_mps: ``(n,)`` positive upwards.
+    """
+
+    climb_mps: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LandedTrack(Track):
+    """Whether the vehicle stands on the ground (EXTENDED_SYS_STATE); rows that do not say are left out.
+
+    Attributes:
+        is_landed: ``(n,)``.
+    """
+
+    is_landed: BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -189,13 +217,16 @@ class CameraTrack(Track):
 
 
 def concatenate_tracks(tracks: Sequence[TrackOf]) -> TrackOf:
-    """Concatenate tracks of one kind and source; unknown places become NaN."""
+    """Concatenate tracks of one kind and source; columns that some tracks lack become NaN there, false in masks."""
     columns: dict[str, Any] = {}
     for each in fields(tracks[0]):
         values = [getattr(track, each.name) for track in tracks]
-        if any(isinstance(value, np.ndarray) for value in values):
-            unknown = [np.full((len(track.boot_ns), 2), np.nan) for track in tracks]  # only places may be left out
-            columns[each.name] = np.concatenate([u if v is None else v for u, v in zip(unknown, values, strict=True)])
+        known = next((value for value in values if isinstance(value, np.ndarray)), None)
+        if known is not None:
+            missing = False if known.dtype == np.bool_ else np.nan
+            shapes = [(len(track.boot_ns), *known.shape[1:]) for track in tracks]
+            filled = (np.full(shape, missing) if v is None else v for shape, v in zip(shapes, values, strict=True))
+            columns[each.name] = np.concatenate(list(filled))
     return replace(tracks[0], **columns)
 
 
@@ -205,9 +236,11 @@ class HeartbeatTrack(Track):
 
     Attributes:
         autopilot: ``(n,)`` MAV_AUTOPILOT.
+        is_armed: ``(n,)`` whether the motors may turn; None where unknown.
     """
 
     autopilot: IntArray
+    is_armed: BoolArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -219,12 +252,14 @@ class GpsTrack(Track):
         satellites: ``(n,)``, -1 where not known.
         horizontal_std_m: ``(n,)``, NaN where not known.
         vertical_std_m: ``(n,)``, NaN where not known.
+        alt_msl_m: ``(n,)``, without a meaning before a 3D fix; None where unknown.
     """
 
     fix: IntArray
     satellites: IntArray
     horizontal_std_m: FloatArray
     vertical_std_m: FloatArray
+    alt_msl_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -17,6 +17,7 @@ from aerodft.model import (
     RATIOS,
     BoolArray,
     CameraTrack,
+    ClimbTrack,
     ClockTrack,
     EstimatorTrack,
     FloatArray,
@@ -28,6 +29,7 @@ from aerodft.model import (
     HeartbeatTrack,
     HeightTrack,
     IntArray,
+    LandedTrack,
     LinkTrack,
     OtherSenderTrack,
     PoseBatch,
@@ -250,6 +252,8 @@ _TRACK_NAMES: Final = {
     HeartbeatTrack: "heartbeat",
     GpsTrack: "gps",
     EstimatorTrack: "estimator",
+    ClimbTrack: "climb",
+    LandedTrack: "landed",
 }
 
 

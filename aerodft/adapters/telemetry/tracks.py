@@ -16,6 +16,7 @@ from aerodft.model import (
     Batch,
     BoolArray,
     CameraTrack,
+    ClimbTrack,
     ClockTrack,
     EstimatorTrack,
     FloatArray,
@@ -28,6 +29,7 @@ from aerodft.model import (
     HeightSource,
     HeightTrack,
     IntArray,
+    LandedTrack,
     PositionTrack,
     SyncTrack,
     Track,
@@ -77,6 +79,9 @@ _MOST_MM: Final = 10**8  # what says that it is off by 100 km says nothing
 _HAS_ATTITUDE: Final = 1  # of EKF_STATUS_FLAGS and of ESTIMATOR_STATUS_FLAGS
 _UNINITIALIZED: Final = 1024
 _MOST_RATIO: Final = 1e6
+_ARMED: Final = 128  # of MAV_MODE_FLAG
+_LANDED_UNKNOWN, _ON_GROUND = 0, 1  # of MAV_LANDED_STATE
+_MAX_CLIMB_MPS: Final = 1000.0  # of anything that carries a camera
 
 
 NO_SCALE: Final = AngleScale()
@@ -171,10 +176,12 @@ def position_track(
     *,
     per_deg: float = 1e7,
     per_m: float = 1000.0,
+    down: str | None = "vz",
 ) -> Track:
     """GLOBAL_POSITION_INT; before the first fix latitude and longitude are zero.
 
-    Or another message with latitude, longitude, height above the sea and above home in such fields and units.
+    Or another message with latitude, longitude, height above the sea and above home in such fields and units, and with
+    a speed downwards (cm/s) or none.
     """
     lat, lon, alt, height = fields
     unit_rad = math.radians(1 / per_deg)
@@ -190,8 +197,22 @@ def position_track(
         lon_rad=good.column(lon) * unit_rad,
         alt_msl_m=good.column(alt) / per_m,
         height_home_m=good.column(height) / per_m,
+        climb_mps=None if down is None else -good.column(down) / 100,
         **good.stamps(),
     )
+
+
+def climb_track(rows: Rows, rejected: Counter[str], down: str) -> Track:
+    """A message without a position that has a speed downwards (m/s) in such a field."""
+    impossible = is_beyond(rows.column(down), _MAX_CLIMB_MPS)
+    good = rows.accepted(rejected, {f"{down} is no vertical speed": impossible})
+    return ClimbTrack(climb_mps=-good.column(down), **good.stamps())
+
+
+def landed_track(rows: Rows, rejected: Counter[str]) -> Track:
+    """EXTENDED_SYS_STATE: whether the vehicle stands on the ground."""
+    good = rows.accepted(rejected, {"landed_state is unknown": rows.payload["landed_state"] == _LANDED_UNKNOWN})
+    return LandedTrack(is_landed=good.payload["landed_state"] == _ON_GROUND, **good.stamps())
 
 
 def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -423,7 +444,8 @@ def _zeros(rows: Rows) -> IntArray:
 
 def heartbeat_track(rows: Rows, _rejected: Counter[str]) -> Track:
     """HEARTBEAT of the autopilot."""
-    return HeartbeatTrack(autopilot=rows.payload["autopilot"].astype(np.int64), **rows.stamps())
+    is_armed = (rows.payload["base_mode"] & _ARMED) != 0
+    return HeartbeatTrack(autopilot=rows.payload["autopilot"].astype(np.int64), is_armed=is_armed, **rows.stamps())
 
 
 def gps_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -436,6 +458,7 @@ def gps_track(rows: Rows, rejected: Counter[str]) -> Track:
         satellites=np.where(satellites == _SATELLITES_UNKNOWN, -1, satellites),
         horizontal_std_m=_accuracy_m(good, "h_acc"),
         vertical_std_m=_accuracy_m(good, "v_acc"),
+        alt_msl_m=good.column("alt") / 1000,
         **sent,
     )
 

@@ -15,6 +15,7 @@ from aerodft.adapters.telemetry.mavlink import MAX_STAMP_US, ORIENTATION_DOWN, p
 from aerodft.adapters.telemetry.tracks import (
     NO_SCALE,
     Rows,
+    climb_track,
     height_track,
     mount_track,
     no_height,
@@ -200,7 +201,7 @@ def _gps_clock(week: str, week_ms: str, rows: Rows, rejected: Counter[str]) -> T
 def _gps_position(rows: Rows, rejected: Counter[str]) -> Track:
     """Position of GPS before Copter 3.3, whose RelAlt is the estimator's height above home; later POS has it."""
     with_fix = rows.rows(rows.payload["Status"] >= _GPS_FIX_3D)  # ``_gps_clock`` counts the others
-    return position_track(with_fix, rejected, ("Lat", "Lng", "Alt", "RelAlt"), per_deg=1.0, per_m=1.0)
+    return position_track(with_fix, rejected, ("Lat", "Lng", "Alt", "RelAlt"), per_deg=1.0, per_m=1.0, down=None)
 
 
 def _att(rows: Rows, rejected: Counter[str]) -> Track:
@@ -212,7 +213,14 @@ def _mnt(rows: Rows, rejected: Counter[str]) -> Track:
 
 
 def _pos(rows: Rows, rejected: Counter[str]) -> Track:
-    return position_track(rows, rejected, ("Lat", "Lng", "Alt", "RelHomeAlt"), per_deg=1.0, per_m=1.0)
+    return position_track(rows, rejected, ("Lat", "Lng", "Alt", "RelHomeAlt"), per_deg=1.0, per_m=1.0, down=None)
+
+
+def _estimator(rows: Rows, rejected: Counter[str]) -> Track:
+    """Vertical speed of the first of several estimators (XKF1, NKF1)."""
+    if _has(rows, "C"):
+        rows = rows.rows(rows.payload["C"] == 0)
+    return climb_track(rows, rejected, "VD")
 
 
 def _rfnd(sensors: Rangefinders, rows: Rows, rejected: Counter[str]) -> Track:
@@ -264,6 +272,8 @@ _MAKERS: Final[dict[str, _Makers]] = {
     "MNT": ((("Roll", "Pitch", "YawB"), _mnt),),
     "POS": ((("Lat", "Lng", "Alt", "RelHomeAlt"), _pos),),
     "TERR": ((("Status", "Spacing", "CHeight"), _terr),),
+    "XKF1": ((("VD",), _estimator),),
+    "NKF1": ((("VD",), _estimator),),
 }
 """By message the fields that it must have, and what makes a track of them; a message makes all tracks that it can."""
 _BOOT_TIMES: Final = (("TimeUS", 1), ("T", 1000), ("TimeMS", 1000))

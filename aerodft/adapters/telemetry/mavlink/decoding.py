@@ -32,6 +32,7 @@ from aerodft.adapters.telemetry.tracks import (
     gimbal_type_track,
     gps_track,
     heartbeat_track,
+    landed_track,
     mount_orientation_track,
     mount_status_track,
     number_cameras,
@@ -52,8 +53,9 @@ HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_
 ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
+EXTENDED_SYS_STATE = 245
 TIMESYNC, GIMBAL_MANAGER_INFORMATION, GIMBAL_DEVICE_INFORMATION = 111, 280, 283
-_OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS)
+_OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS, EXTENDED_SYS_STATE)
 OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_OF_HEALTH, TIMESYNC)
 OF_CAMERAS: Final = (CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS)
 _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
@@ -77,6 +79,7 @@ _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
     TIMESYNC: sync_track,
     GIMBAL_MANAGER_INFORMATION: gimbal_type_track,
     GIMBAL_DEVICE_INFORMATION: gimbal_type_track,
+    EXTENDED_SYS_STATE: landed_track,
 }
 """What makes a track of each message that is decoded; to decode another one, it gets an entry here."""
 

@@ -411,6 +411,9 @@ def _none_if_nan(value: float) -> float | None:
 _DISAGREEMENT_STDS: Final = 1.96
 """Two height sources disagree where 0 is outside the 95 % interval of their difference."""
 
+CONTRADICTION_STDS: Final = 5.0
+"""Two height sources contradict each other beyond it: by chance once in two million comparisons."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightDifference:
@@ -441,6 +444,11 @@ class HeightDifference:
     def is_significant(self) -> bool:
         """Whether the sources disagree: their step exceeds its 95 % interval."""
         return bool(self.is_step_significant(np.array(self.step_m), np.array(self.std_m)))
+
+    @property
+    def is_contradiction(self) -> bool:
+        """Whether the sources contradict each other: at least one of them is wrong."""
+        return abs(self.step_m) > CONTRADICTION_STDS * self.std_m
 
     @staticmethod
     def is_step_significant(step_m: FloatArray, std_m: FloatArray) -> BoolArray:

@@ -44,8 +44,8 @@ class Status(StrEnum):
     # Cure: take a larger model or radius_m.
     NO_ELEVATION = "NO_ELEVATION"  # the elevation model has a hole where the ray passes
     # Cure: state fill_msl_m, the height of the water for instance.
-    UNHEALTHY = "UNHEALTHY"  # the vehicle itself says that its estimate is wrong
-    # Cure: see the reasons, and the vehicle's compass, GPS and vibration.
+    UNHEALTHY = "UNHEALTHY"  # the vehicle says that its estimate is wrong, or its heights contradict its motion
+    # Cure: see the reasons, and the vehicle's compass, GPS, barometer and vibration.
     OCCLUDED = "OCCLUDED"  # what moves is hidden: there is a place that its motion foretells, and no value
     # Cure: none is needed, it is seen again or given up.
     LOST = "LOST"  # what is tracked was not found again in the image

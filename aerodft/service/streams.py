@@ -100,11 +100,16 @@ class Stream:
 
     Args:
         max_gap_ns: The longest gap that is interpolated over.
+
+    Attributes:
+        out_of_order: Number of samples dropped.
+        appended: Number of samples kept, those removed since included.
     """
 
     def __init__(self, max_gap_ns: int) -> None:
         self.max_gap_ns = max_gap_ns
         self.out_of_order = 0
+        self.appended = 0
         self._first_ns: int | None = None
         self._stamps: IntArray = np.empty(0, dtype=np.int64)
         self._columns: dict[str, npt.NDArray[np.generic]] = {}
@@ -154,6 +159,7 @@ class Stream:
         for name, values in columns.items():
             self._columns[name][rows] = values[keep]
         self._stop += count
+        self.appended += count
         if self._first_ns is None:
             self._first_ns = int(stamps_ns[0])
         ends = np.array([len(keep)]) if row_end_by_tick is None else row_end_by_tick
@@ -181,6 +187,12 @@ class Stream:
         if len(self._view_end) == 1:
             ticks = np.zeros_like(ticks)
         return self._view_first[ticks] - self._start, self._view_end[ticks] - self._start
+
+    def newest_rows(self, count: int) -> tuple[IntArray, IntArray]:
+        """Rows ``(m,)`` of the newest samples, at most ``count``, and the ticks ``(m,)`` from which they are known."""
+        rows = np.arange(max(len(self.stamps_ns) - count, 0), len(self.stamps_ns))
+        ticks = np.searchsorted(self._view_end - self._start, rows, side="right")
+        return rows, np.minimum(ticks, len(self._view_end) - 1)
 
     def newest_ns(self, ticks: IntArray) -> IntArray:
         """Stamps of the newest samples known at ticks ``(n,)``; 0 if none."""

@@ -13,13 +13,13 @@ LIDAR = HeightSource("lidar")
 
 
 class LidarDecoder(MavlinkDecoder):
-    """Says, beside all else, that a lidar sees the ground 30 m below wherever the vehicle is."""
+    """Says, beside all else, that a lidar sees the ground 48 m below wherever the vehicle is."""
 
     def decode(self, block):
         tracks = super().decode(block)
         for track in tracks:
             if isinstance(track, PositionTrack) and not isinstance(track, GpsTrack):
-                value_m = np.full(len(track.boot_ns), 30.0)
+                value_m = np.full(len(track.boot_ns), 48.0)
                 yield HeightTrack(
                     arrival_ns=track.arrival_ns,
                     boot_ns=track.boot_ns,
@@ -44,10 +44,10 @@ def test_a_source_from_outside_measures_through_the_pipeline(bench):
     outputs = bench.run_events(*bench.blocks(bench.flight(3.0)), bench.image(0, 1_050), made=pipeline)
     (sample,) = bench.poses(outputs)
     assert (sample.status, sample.height_source, sample.height_datum) == (Status.OK, LIDAR, "surface")
-    assert (sample.pose.position_enu_m[2], sample.std.height_agl_m) == (pytest.approx(30.0), 0.05)
-    assert sample.reasons[-1] == "home says 50.10 m where lidar says 30.00 m: 20.10 m apart, their std is 1.00 m"
+    assert (sample.pose.position_enu_m[2], sample.std.height_agl_m) == (pytest.approx(48.0), 0.05)
+    assert sample.reasons[-1] == "home says 50.10 m where lidar says 48.00 m: 2.10 m apart, their std is 1.00 m"
     (centre,) = bench.measured(outputs, "centre")
-    assert centre.value == pytest.approx(30.0 / np.cos(np.radians(30.0)), abs=1e-4)
+    assert centre.value == pytest.approx(48.0 / np.cos(np.radians(30.0)), abs=1e-4)
 
 
 @pytest.mark.usefixtures("lidar")

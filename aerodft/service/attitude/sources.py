@@ -377,6 +377,15 @@ class AttitudeSources:
             wxyz[rows] = slerp(*known.ends(self._vehicle.column("wxyz")), known.weight)
         return wxyz, missing
 
+    def vehicle_before(self, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+        """Last ``ned_SO3_body (n, 4)`` up to stamps as of ticks; NaN where it is older than the longest gap."""
+        wxyz = np.full((len(stamps_ns), 4), np.nan)
+        if not self._vehicle.is_empty:
+            rows = self._vehicle.last_before(stamps_ns, ticks)
+            known = (rows >= 0) & (stamps_ns - self._vehicle.stamps_ns[rows] <= self._vehicle.max_gap_ns)
+            wxyz[known] = self._vehicle.column("wxyz")[rows[known]]
+        return wxyz
+
     def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> AttitudeBatch:
         """The camera's attitudes at stamps ``(n,)``; arguments as in ``Stream.find``."""
         batch = AttitudeBatch.missing_all(len(stamps_ns))

@@ -327,8 +327,10 @@ def missing_poses(
     samples = []
     for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
         height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
-        reasons = []
-        if height is not Missing.NOTHING:
+        reasons: list[str] = []
+        if height is Missing.REFUSED:
+            reasons += inputs.heights.refusals[row]
+        elif height is not Missing.NOTHING:
             reasons.append(no_height_reason(height, settings.height))
         if attitude is Missing.REFUSED:
             reasons.append(inputs.attitudes.refusals[row])
@@ -339,6 +341,8 @@ def missing_poses(
         elif not has_begun[row]:
             status = Status.NO_TELEMETRY
             reasons = [*([REBOOTED] if clock.has_restarted else []), *reasons]
+        elif height is Missing.REFUSED:
+            status = Status.UNHEALTHY
         elif Missing.STALE in (height, attitude):
             status = Status.STALE_TELEMETRY
         else:

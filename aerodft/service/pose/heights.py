@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,6 +24,15 @@ from aerodft.model import (
     Track,
 )
 from aerodft.service.height_sources import HEIGHT_SOURCES
+from aerodft.service.pose.home_checks import (
+    EARTH_RADIUS_M,
+    IS_GROUNDED_STDS,
+    MIN_STD_M,
+    REFUSED_STDS,
+    WIDENED_STDS,
+    HomeChecks,
+)
+from aerodft.service.pose.surface_checks import CREDIBLE, ERRATIC, SCATTERED, STUCK, SurfaceChecks
 from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, LAST, Brackets, Missing, Stream
 
@@ -67,7 +76,6 @@ class VerticalAccuracy:
 VehicleAt: TypeAlias = Callable[[IntArray, IntArray, IntArray], tuple[FloatArray, IntArray]]
 """``ned_SO3_body (n, 4)`` and ``Missing (n,)`` from stamps, ticks and watermarks ``(n,)``."""
 
-_EARTH_RADIUS_M: Final = 6_371_008.8
 _MAX_CLIMB_MPS: Final = 10.0  # faster between two samples is a step
 
 
@@ -84,6 +92,7 @@ class HeightBatch(Batch):
         source: ``(n,)`` indices into ``order``; -1 where missing.
         missing: ``(n,)`` as ``Missing``.
         reasons: By row, sentences on sources that disagree or were skipped.
+        refusals: By row without a height, sentences on sources that are not believed.
         order: The sources in order of preference.
     """
 
@@ -94,6 +103,7 @@ class HeightBatch(Batch):
     source: IntArray
     missing: IntArray
     reasons: dict[int, tuple[str, ...]]
+    refusals: dict[int, tuple[str, ...]]
     order: tuple[HeightSource, ...]
 
     @property
@@ -105,13 +115,31 @@ class HeightBatch(Batch):
     def rows(self, rows: Selection) -> "HeightBatch":
         """Heights ``(m,)`` of a selection."""
         old_rows = np.arange(len(self.source))[rows].tolist()
-        reasons = {new: self.reasons[old] for new, old in enumerate(old_rows) if old in self.reasons}
-        return replace(Batch.rows(self, rows), reasons=reasons)
+        sentences = [
+            {new: by_row[old] for new, old in enumerate(old_rows) if old in by_row}
+            for by_row in (self.reasons, self.refusals)
+        ]
+        return replace(Batch.rows(self, rows), reasons=sentences[0], refusals=sentences[1])
+
+
+class _Query(NamedTuple):
+    """Stamps ``(n,)``, ticks as of which, the vehicle's attitude, and the elevation of the ground below ``(n,)``."""
+
+    stamps_ns: IntArray
+    ticks: IntArray
+    vehicle_at: VehicleAt
+    ground_m: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SourceHeights:
-    """Heights of one source at ``n`` stamps, as in ``HeightBatch``; whether its reports are of places too far."""
+    """Heights of one source at ``n`` stamps, as in ``HeightBatch``.
+
+    Attributes:
+        is_far: ``(n,)`` whether its reports are of places too far.
+        is_credible: ``(n,)`` whether it has been seen to be a height: its std holds beside another source.
+        remarks: By row, sentences on why it is not believed (``Missing.REFUSED``), or is less certain.
+    """
 
     height_m: FloatArray
     std_m: FloatArray
@@ -119,6 +147,8 @@ class _SourceHeights:
     foot_m: FloatArray
     missing: IntArray
     is_far: BoolArray
+    is_credible: BoolArray
+    remarks: dict[int, tuple[str, ...]]
 
 
 class HeightSources:
@@ -132,6 +162,12 @@ class HeightSources:
             if HEIGHT_SOURCES[source].is_live
         }
         self._gps_accuracy = VerticalAccuracy()
+        self._home = HomeChecks(settings.max_gap_ns)
+        self._surfaces = {
+            source: SurfaceChecks(stream)
+            for source, stream in self._streams.items()
+            if not HEIGHT_SOURCES[source].is_above_home
+        }
 
     def streams(self) -> tuple[Stream, ...]:
         """Streams of the sources, for the watermark."""
@@ -139,7 +175,7 @@ class HeightSources:
 
     def checks(self) -> tuple[Stream, ...]:
         """Streams that do not count for the watermark."""
-        return (self._gps_accuracy.stream,)
+        return (self._gps_accuracy.stream, *self._home.streams())
 
     def may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once."""
@@ -147,6 +183,7 @@ class HeightSources:
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append a track with heights or their accuracy, as ``Stream.append``; other tracks are ignored."""
+        self._home.append(track, stamps_ns, row_end_by_tick)
         if isinstance(track, GpsTrack):
             self._gps_accuracy.append(track, stamps_ns, row_end_by_tick)
             return
@@ -164,7 +201,41 @@ class HeightSources:
                 std_m=samples.std_m[stated],
                 slant=np.full(len(stated), float(samples.is_slant)),
                 lat_lon_rad=np.full((len(stated), 2), np.nan) if places is None else places[stated],
+                verdict=np.zeros(len(stated)),
+                doubt_m=np.zeros(len(stated)),
             )
+
+    def check(self, vehicle_before: Callable[[IntArray, IntArray], FloatArray]) -> None:
+        """Judge the heights appended since, all tracks of the step being appended.
+
+        Args:
+            vehicle_before: The last ``ned_SO3_body (n, 4)`` up to stamps as of ticks, NaN where unknown.
+        """
+        correction_m = self._home.check(self._home_std_m)
+        for source, stream in self._streams.items():
+            if HEIGHT_SOURCES[source].is_above_home and np.any(correction_m):
+                stream.column("value_m")[-len(correction_m) :] += correction_m
+        for source, checks in self._surfaces.items():
+            rows, ticks = checks.take_new()
+            if not len(rows):
+                continue
+            stream = self._streams[source]
+            stamps_ns, value_m = stream.stamps_ns[rows], stream.column("value_m")[rows]
+            reported_m = stream.column("std_m")[rows]
+            std_m = np.where(np.isfinite(reported_m), reported_m, self._stated_std_m(source))
+            foot_m, down = np.zeros((len(rows), 2)), np.ones(len(rows))
+            if np.any(stream.column("slant")[rows]):
+                axis = matrix(vehicle_before(stamps_ns, ticks))[:, :, 2]
+                foot_m, down = value_m[:, None] * axis[:, [1, 0]], axis[:, 2]
+            home_std_m = self._home_std_m(stamps_ns, ticks)
+            home_m, east_north_m = self._home.at(stamps_ns, ticks, home_std_m)
+            home_m = home_m + self._settings.home_above_plane_m
+            home_std_m = np.hypot(home_std_m, self._settings.home_above_plane_std_m)
+            checks.check(rows, value_m * down, std_m, (home_m, home_std_m), east_north_m + foot_m)
+
+    def _home_std_m(self, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+        """Standard deviations ``(n,)`` of heights above home."""
+        return np.maximum(self._stated_std_m(HeightSource.HOME), self._gps_accuracy.std_m(stamps_ns, ticks))
 
     def at(
         self,
@@ -173,6 +244,7 @@ class HeightSources:
         watermark_ns: IntArray,
         vehicle_at: VehicleAt,
         lat_lon_rad: FloatArray,
+        ground_m: FloatArray | None = None,
     ) -> HeightBatch:
         """Heights at stamps.
 
@@ -182,10 +254,14 @@ class HeightSources:
             watermark_ns: ``(n,)`` as in ``Stream.find``.
             vehicle_at: The vehicle's attitude, for slant ranges along its down axis.
             lat_lon_rad: ``(n, 2)`` the vehicle's position, for its distance to the places of reports; NaN if unknown.
+            ground_m: ``(n,)`` elevation of the ground below the vehicle, by which heights above home and above the
+                surface differ; NaN if unknown, None for the level plane.
         """
+        self.check(lambda stamps_ns, ticks: vehicle_at(stamps_ns, ticks, np.full(len(ticks), END_OF_TIME))[0])
         heights = self._missing_all(len(stamps_ns))
         left = np.arange(len(stamps_ns))
-        far: dict[int, list[str]] = {}
+        remarks: dict[int, list[str]] = {}
+        is_credible = np.full(len(stamps_ns), fill_value=False)
         for source in self._settings.order:
             if not len(left):
                 break
@@ -193,14 +269,28 @@ class HeightSources:
             values = self._heights_of(source, *query, vehicle_at, lat_lon_rad[left])
             for row in left[values.is_far].tolist():
                 limit_m = HEIGHT_SOURCES[source].max_distance_m(self._settings)
-                far.setdefault(row, []).append(f"{source} is of a place more than {limit_m:g} m away, and is not taken")
+                sentence = f"{source} is of a place more than {limit_m:g} m away, and is not taken"
+                remarks.setdefault(row, []).append(sentence)
+            for row, said in values.remarks.items():
+                remarks.setdefault(int(left[row]), []).extend(said)
+            is_credible[left] = values.is_credible
             _write_values(heights, left, values, source)
-            left = left[np.isin(values.missing, (Missing.STALE, Missing.NEVER))]
+            left = left[np.isin(values.missing, (Missing.STALE, Missing.NEVER, Missing.REFUSED))]
         known = np.flatnonzero(heights.missing == Missing.NOTHING)
-        disagreements = self._disagreements(stamps_ns, ticks, heights, known, vehicle_at)
-        for row in sorted(far.keys() | disagreements.keys()):
+        ground_m = np.zeros(len(stamps_ns)) if ground_m is None else ground_m
+        differences = self._disagreements(stamps_ns, ticks, heights, known, vehicle_at, ground_m)
+        for row, found in differences.items():
+            remarks.setdefault(row, []).extend(_remarks(found))
+            if not is_credible[row]:
+                heights.std_m[row] = max(heights.std_m[row], *(abs(each.step_m) for each in found))
+                others = " and ".join(str(each.other) for each in found)
+                source = heights.order[heights.source[row]]
+                remarks[row].append(f"nothing shows whether {source} or {others} is right: the std holds both")
+        for row, sentences in sorted(remarks.items()):
             if heights.missing[row] == Missing.NOTHING:
-                heights.reasons[row] = (*far.get(row, ()), *disagreements.get(row, ()))
+                heights.reasons[row] = tuple(sentences)
+            elif heights.missing[row] == Missing.REFUSED:
+                heights.refusals[row] = tuple(sentences)
         return heights
 
     def latest_differences(self, stamp_ns: int, vehicle_at: VehicleAt) -> list[HeightDifference]:
@@ -226,7 +316,7 @@ class HeightSources:
         height_m, std_m, age_s = np.full((3, count), np.nan)
         source, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
         foot_m, order = np.zeros((count, 2)), self._settings.order
-        return HeightBatch(height_m, std_m, age_s, foot_m, source, missing, {}, order)
+        return HeightBatch(height_m, std_m, age_s, foot_m, source, missing, {}, {}, order)
 
     def _heights_of(
         self,
@@ -240,13 +330,14 @@ class HeightSources:
         """Heights of a source at stamps ``(n,)``."""
         count = len(stamps_ns)
         height_m, std_m, age_s = np.full((3, count), np.nan)
-        foot_m, is_far = np.zeros((count, 2)), np.full(count, fill_value=False)
+        foot_m, (is_far, is_credible) = np.zeros((count, 2)), np.full((2, count), fill_value=False)
+        remarks: dict[int, tuple[str, ...]] = {}
         if source not in self._streams:
             constant_m = HEIGHT_SOURCES[source].constant_m(self._settings)
             if constant_m is not None:
                 height_m[:], std_m[:], age_s[:] = constant_m, self._stated_std_m(source), 0.0
             missing = np.where(np.isnan(height_m), Missing.NEVER, Missing.NOTHING)
-            return _SourceHeights(height_m, std_m, age_s, foot_m, missing, is_far)
+            return _SourceHeights(height_m, std_m, age_s, foot_m, missing, is_far, is_credible, remarks)
         stream = self._streams[source]
         found, missing = stream.find(stamps_ns, ticks, watermark_ns)
         rows = np.flatnonzero(missing == Missing.NOTHING)
@@ -259,9 +350,61 @@ class HeightSources:
             height_m[rows], std_m[rows], foot_m[rows], missing[rows] = vertical
             age_s[rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
             std_m[rows] = np.maximum(std_m[rows], self._gps_std_m(source, *query))
+            known = np.flatnonzero(missing[rows] == Missing.NOTHING)
+            rows, ends = rows[known], found.rows(rows[known])
+            judge = self._judge_home if HEIGHT_SOURCES[source].is_above_home else self._judge_surface
+            std_m[rows], is_credible[rows], sentences = judge(source, ends, height_m[rows], std_m[rows])
+            for k, (is_refused, sentence) in sentences.items():
+                remarks[int(rows[k])] = sentence
+                missing[rows[k]] = Missing.REFUSED if is_refused else Missing.NOTHING
             if HEIGHT_SOURCES[source].is_above_home:
                 std_m[rows] = np.hypot(std_m[rows], self._settings.home_above_plane_std_m)
-        return _SourceHeights(height_m, std_m, age_s, foot_m, missing, is_far)
+        return _SourceHeights(height_m, std_m, age_s, foot_m, missing, is_far, is_credible, remarks)
+
+    def _judge_home(self, source: HeightSource, ends: Brackets, height_m: FloatArray, std_m: FloatArray) -> "_Verdicts":
+        """Stds ``(n,)``, credibility and remarks of heights above home between two samples."""
+        doubts = [self._home.doubts(stamps_ns) for stamps_ns in ends.ends(self._streams[source].stamps_ns)]
+        unexplained_m, ground_m, correction_m = (
+            _larger(*(each[name] for each in doubts)) for name in ("unexplained_m", "ground_m", "correction_m")
+        )
+        least_m = np.maximum(std_m, MIN_STD_M)
+        is_refused = np.abs(unexplained_m) > REFUSED_STDS * least_m
+        is_unexplained = np.abs(unexplained_m) > WIDENED_STDS * least_m
+        is_offset = np.abs(ground_m) > IS_GROUNDED_STDS * least_m
+        wide_m = np.hypot(np.where(is_unexplained, unexplained_m, 0.0), np.where(is_offset, ground_m, 0.0))
+        sentences: dict[int, tuple[bool, tuple[str, ...]]] = {}
+        for k in np.flatnonzero(is_unexplained | is_offset | (correction_m != 0)).tolist():
+            said = []
+            if correction_m[k]:
+                said.append(
+                    f"the altitude and the vertical speed say that {source} jumped by {-correction_m[k]:.2f} m: it is"
+                    f" corrected to {height_m[k]:.2f} m"
+                )
+            if is_unexplained[k]:
+                what = "is not believed" if is_refused[k] else "is less certain"
+                said.append(
+                    f"{source} {what}: it says {height_m[k]:.2f} m where the vehicle's own vertical motion makes it"
+                    f" {height_m[k] - unexplained_m[k]:.2f} m, {abs(unexplained_m[k]):.2f} m apart, its std is"
+                    f" {std_m[k]:.2f} m"
+                )
+            if is_offset[k]:
+                said.append(f"{source} said {ground_m[k]:.2f} m on the ground: its std holds this offset")
+            sentences[k] = bool(is_refused[k]), tuple(said)
+        follows = np.minimum(*(each["follows"] for each in doubts)) > 0
+        return np.hypot(std_m, wide_m), follows, sentences
+
+    def _judge_surface(
+        self, source: HeightSource, ends: Brackets, height_m: FloatArray, std_m: FloatArray
+    ) -> "_Verdicts":
+        """Stds ``(n,)``, credibility and remarks of heights above the surface between two samples."""
+        stream = self._streams[source]
+        verdict = np.minimum(*ends.ends(stream.column("verdict")))
+        doubt_m = np.maximum(*ends.ends(stream.column("doubt_m")))
+        sentences: dict[int, tuple[bool, tuple[str, ...]]] = {}
+        for k in np.flatnonzero(verdict <= STUCK).tolist():
+            why = _SURFACE_FAULTS[float(verdict[k])].format(doubt_m=doubt_m[k])
+            sentences[k] = True, (f"{source} says {height_m[k]:.2f} m and is not believed: {why}",)
+        return np.hypot(std_m, doubt_m), verdict >= CREDIBLE, sentences
 
     def _stated_std_m(self, source: HeightSource) -> float:
         return self._settings.std_m.get(source, HEIGHT_SOURCES[source].std_m)
@@ -329,23 +472,36 @@ class HeightSources:
         for ends in found.ends(self._streams[source].column("lat_lon_rad")):
             away = np.remainder(ends - lat_lon_rad + math.pi, 2 * math.pi) - math.pi  # over 180 degrees of longitude
             away[:, 1] *= np.cos(lat_lon_rad[:, 0])
-            is_far |= _EARTH_RADIUS_M * np.hypot(*away.T) > limit_m
+            is_far |= EARTH_RADIUS_M * np.hypot(*away.T) > limit_m
         return is_far
 
     def _disagreements(
-        self, stamps_ns: IntArray, ticks: IntArray, heights: HeightBatch, known: IntArray, vehicle_at: VehicleAt
-    ) -> dict[int, tuple[str, ...]]:
-        """Sentences, by row, on sources that disagree with the heights at rows ``known``."""
+        self,
+        stamps_ns: IntArray,
+        ticks: IntArray,
+        heights: HeightBatch,
+        known: IntArray,
+        vehicle_at: VehicleAt,
+        ground_m: FloatArray,
+    ) -> dict[int, list[HeightDifference]]:
+        """Differences, by row, to sources that are believed and disagree with the heights at rows ``known``."""
         disagreeing: dict[int, list[HeightDifference]] = {}
         for source in self._settings.order:
             rows = known[heights.source[known] == self._settings.order.index(source)]
             for other, stream in self._streams.items():
                 if other == source or stream.is_empty or not len(rows):
                     continue
-                query = stamps_ns[rows], ticks[rows]
-                for row, found in self._differences(source, other, *query, vehicle_at, only_disagreeing=True):
+                query = _Query(stamps_ns[rows], ticks[rows], vehicle_at, ground_m[rows])
+                for row, found in self._differences(source, other, query, only_disagreeing=True):
                     disagreeing.setdefault(int(rows[row]), []).append(found)
-        return {row: _remarks(differences) for row, differences in disagreeing.items()}
+        return disagreeing
+
+    def _is_refused(self, source: HeightSource, found: Brackets, std_m: FloatArray) -> BoolArray:
+        """Whether samples ``(n,)`` of a source are not believed."""
+        if not HEIGHT_SOURCES[source].is_above_home:
+            return np.asarray(self._streams[source].column("verdict")[found.after] <= STUCK)
+        unexplained_m = self._home.doubts(self._streams[source].stamps_ns[found.after])["unexplained_m"]
+        return np.asarray(np.abs(unexplained_m) > REFUSED_STDS * np.maximum(std_m, MIN_STD_M))
 
     def _one_difference(
         self,
@@ -357,24 +513,25 @@ class HeightSources:
         max_age_ns: int | None = None,
     ) -> HeightDifference | None:
         """Difference at one stamp as of a tick ``(1,)``; None if unknown."""
-        found = self._differences(source, other, np.array([stamp_ns]), tick, vehicle_at, max_age_ns=max_age_ns)
+        query = _Query(np.array([stamp_ns]), tick, vehicle_at, np.zeros(1))
+        found = self._differences(source, other, query, max_age_ns=max_age_ns)
         return found[0][1] if found else None
 
     def _differences(
         self,
         source: HeightSource,
         other: HeightSource,
-        stamps_ns: IntArray,
-        ticks: IntArray,
-        vehicle_at: VehicleAt,
+        query: _Query,
         *,
         max_age_ns: int | None = None,
         only_disagreeing: bool = False,
     ) -> list[tuple[int, HeightDifference]]:
         """Differences ``other`` minus ``source`` at the last report of ``other`` before each stamp ``(n,)``, by row.
 
-        Rows are left out where that report is too old, or where ``source`` is missing at its time.
+        Rows are left out where that report is too old, or where ``source`` is missing at its time; with
+        ``only_disagreeing`` also where one of the two is not believed.
         """
+        stamps_ns, ticks, vehicle_at, ground_m = query
         if source == other or other not in self._streams or self._streams[other].is_empty:
             return []
         stream = self._streams[other]
@@ -387,10 +544,14 @@ class HeightSources:
         other_std_m = np.maximum(other_std_m, self._gps_std_m(other, when_ns, ticks))
         unknown_place = np.full((len(rows), 2), np.nan)
         source_heights = self._heights_of(source, when_ns, ticks, end, vehicle_at, unknown_place)
-        std_m = np.hypot(source_heights.std_m, other_std_m)
-        is_known = (other_missing == Missing.NOTHING) & (source_heights.missing == Missing.NOTHING)
+        source_m, std_m = source_heights.height_m, np.hypot(source_heights.std_m, other_std_m)
+        source_m = source_m - HEIGHT_SOURCES[source].is_above_home * ground_m[rows]
+        other_m = other_m - HEIGHT_SOURCES[other].is_above_home * ground_m[rows]
+        is_known = (other_missing == Missing.NOTHING) & np.isfinite(source_m)
         if only_disagreeing:
-            is_known &= HeightDifference.is_step_significant(other_m - source_heights.height_m, std_m)
+            is_known &= source_heights.missing == Missing.NOTHING
+            is_known &= HeightDifference.is_step_significant(other_m - source_m, std_m)
+            is_known &= ~self._is_refused(other, exact, other_std_m)
         return [
             (
                 int(rows[k]),
@@ -398,7 +559,7 @@ class HeightSources:
                     stamp_ns=int(when_ns[k]),
                     source=source,
                     other=other,
-                    height_m=float(source_heights.height_m[k]),
+                    height_m=float(source_m[k]),
                     other_m=float(other_m[k]),
                     std_m=float(std_m[k]),
                 ),
@@ -407,15 +568,32 @@ class HeightSources:
         ]
 
 
+_Verdicts: TypeAlias = tuple[FloatArray, BoolArray, dict[int, tuple[bool, tuple[str, ...]]]]
+"""Stds ``(n,)``, whether heights are credible, and by row whether they are refused, with sentences."""
+
+_SURFACE_FAULTS: Final = {
+    STUCK: "it stood still while the vehicle climbed or sank",
+    ERRATIC: "it does not follow the vehicle's vertical motion",
+    SCATTERED: "it scatters by {doubt_m:.2f} m",
+}
+
+
+def _larger(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The larger in size of two values ``(n,)`` each."""
+    return np.where(np.abs(first) >= np.abs(second), first, second)
+
+
 def _write_values(found: HeightBatch, rows: IntArray, values: _SourceHeights, source: HeightSource) -> None:
-    """Write a source's heights at rows into the batch; ``STALE`` is not replaced by ``NEVER``."""
+    """Write a source's heights at rows into the batch; ``REFUSED`` goes before ``STALE``, that before ``NEVER``."""
     is_known = values.missing == Missing.NOTHING
     known_rows = rows[is_known]
     found.height_agl_m[known_rows], found.std_m[known_rows] = values.height_m[is_known], values.std_m[is_known]
     found.age_s[known_rows], found.foot_m[known_rows] = values.age_s[is_known], values.foot_m[is_known]
     found.source[known_rows] = found.order.index(source)
-    is_stale = (values.missing == Missing.NEVER) & (found.missing[rows] == Missing.STALE)
-    found.missing[rows] = np.where(is_stale, found.missing[rows], values.missing)
+    before = found.missing[rows]
+    keeps = (values.missing == Missing.NEVER) & (before == Missing.STALE)
+    keeps |= np.isin(values.missing, (Missing.NEVER, Missing.STALE)) & (before == Missing.REFUSED)
+    found.missing[rows] = np.where(keeps, before, values.missing)
 
 
 def _remarks(differences: list[HeightDifference]) -> tuple[str, ...]:

@@ -64,6 +64,7 @@ class PoseSource:
     ) -> None:
         self.clock = ClockMap()
         self._settings = settings
+        self._ground = ground
         self._maker = PoseComposer(settings, time_std_s, ground)
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
@@ -99,6 +100,7 @@ class PoseSource:
             self._shift(update.shift_ns)
         for each in grouped_by_stream(tracks, stamps, row_ends):
             self._append_track(*each)
+        self._height.check(self._attitude.vehicle_before)
         return update.host_shift_ns
 
     def at(
@@ -169,7 +171,9 @@ class PoseSource:
         """Heights, attitudes and positions at stamps ``(n,)``."""
         query = stamps_ns, ticks, watermark_ns
         vehicle_position, attitudes = self._vehicle_position.at(*query), self._attitude.at(*query)
-        heights = self._height.at(*query, self._attitude.vehicle_at, vehicle_position.lat_lon_alt[:, :2])
+        ground_m = None if self._ground is None else self._ground.height_at(vehicle_position.east_north_m)
+        places = vehicle_position.lat_lon_alt[:, :2]
+        heights = self._height.at(*query, self._attitude.vehicle_at, places, ground_m)
         return PoseInputs(stamps_ns, by_utc, heights, attitudes, vehicle_position)
 
     def _refused(self, stamp_ns: int, tick: int, by_utc: bool) -> PoseSample:  # noqa: FBT001 - a value of a column

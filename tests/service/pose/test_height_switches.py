@@ -166,7 +166,9 @@ def test_a_source_that_disagrees_is_named_with_both_values():
         "terrain says 49.00 m where rangefinder says 40.00 m: 9.00 m apart, their std is 3.01 m",
         "home says 50.00 m where rangefinder says 40.00 m: 10.00 m apart, their std is 1.02 m",
         "rangefinder is alone: terrain and home are 1.00 m apart",
+        "nothing shows whether rangefinder or terrain and home is right: the std holds both",
     )
+    assert found.std_m == 10.0
 
 
 @pytest.mark.parametrize(("apart_m", "said"), [(1.9, 0), (2.1, 1)])

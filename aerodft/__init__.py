@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         StatedPose,
         Width,
         ground_points,
+        known_points,
         measure,
         probe,
         read_photograph,
@@ -69,7 +70,7 @@ _NAMES_IN: Final = {
     "aerodft.app.importing": "import_flight",
     "aerodft.app.measure": (
         "Area Bearing CameraPose Distance ElevationModel Height Length Photograph PoseStd Position Range RiverWidth "
-        "Slope StatedPose Width ground_points measure probe read_photograph"
+        "Slope StatedPose Width ground_points known_points measure probe read_photograph"
     ),
     "aerodft.app.recompute": "RecomputeResult recompute",
     "aerodft.app.recordings": (
@@ -130,6 +131,7 @@ __all__ = [
     "find_cameras",
     "ground_points",
     "import_flight",
+    "known_points",
     "load_camera",
     "measure",
     "open_recording",

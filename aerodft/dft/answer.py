@@ -21,6 +21,7 @@ from aerodft.dft.covariance import (
     CHI2_2D_95,
     Z95,
     Share,
+    elevation_jacobians,
     ellipses95,
     point_covariances,
     range_covariances,
@@ -109,7 +110,8 @@ class ProjectedPixels:
         poses: The images' ``(n,)`` poses, all of which are ok.
         pixels_px: ``(k, 2)`` that all images share, or ``(n, k, 2)``.
         elevation_m: ``(n, k)`` of the measured surface.
-        elevation_std_m: ``(k,)``, in addition to that in ``shared_cov``.
+        elevation_std_m: ``(k,)`` of errors that all points of a request share, beside that in ``shared_cov``.
+        own_elevation_std_m: ``(k,)`` of errors of the pixels' own elevations.
         std_px: ``(k,)`` of each pixel coordinate.
         shared_cov: ``(n, s, s)``, see ``shared_covariance``.
         ground: The ``(n, k)`` points.
@@ -122,6 +124,7 @@ class ProjectedPixels:
     pixels_px: FloatArray
     elevation_m: FloatArray
     elevation_std_m: FloatArray
+    own_elevation_std_m: FloatArray
     std_px: FloatArray
     shared_cov: FloatArray
     ground: GroundPoints
@@ -134,7 +137,7 @@ class ProjectedPixels:
         poses: PoseBatch,
         pixels_px: FloatArray,
         elevation_m: FloatArray,
-        stds: tuple[FloatArray, FloatArray],
+        stds: tuple[FloatArray, FloatArray, FloatArray],
         shared_cov: FloatArray | None = None,
     ) -> "ProjectedPixels":
         """Project pixels to the ground.
@@ -144,7 +147,7 @@ class ProjectedPixels:
             poses: The images' ``(n,)`` poses.
             pixels_px: ``(k, 2)`` or ``(n, k, 2)``.
             elevation_m: ``(k,)`` or ``(n, k)``.
-            stds: ``(k,)`` of the elevations (m) and of the pixels (px).
+            stds: ``(k,)`` of elevations by shared and by own errors (m), and of the pixels (px).
             shared_cov: ``(n, s, s)``; None for that of the poses and the camera.
         """
         is_unknown = np.isnan(poses.zoom)
@@ -170,21 +173,25 @@ class Answers:
         value: ``(n, g)`` in SI units; NaN for a position.
         jac_shared: ``(n, g, s)`` derivatives of the values.
         jac_px: ``(n, g, q, 2)`` derivatives of the values by the pixels.
+        jac_elevation: ``(n, g, e)`` derivatives of the values by the elevations with errors of their own.
         std_px: ``(g,)`` of each pixel coordinate.
 
     Args:
         view: The view.
         kind: What is measured.
         pixel_index: ``(g, q)`` indices of the view's pixels.
+        elevations: How many elevations with errors of their own the pixels of a request have in turn; 0 for none.
     """
 
-    def __init__(self, view: ProjectedPixels, kind: ProbeKind, pixel_index: IntArray) -> None:
+    def __init__(self, view: ProjectedPixels, kind: ProbeKind, pixel_index: IntArray, elevations: int = 0) -> None:
         self.kind = kind
         self._kind = PROBE_KINDS[kind]
         self._view, self._pixel_index = view, pixel_index
         first = pixel_index[:, 0]
         self._elevation_std_m, self.std_px = view.elevation_std_m[first], view.std_px[first]
         self._vars = np.square(self._elevation_std_m), np.square(self.std_px)
+        self._own_std_m = view.own_elevation_std_m[pixel_index[:, :elevations]]
+        self._point_elevation_var = self._vars[0][:, None] + np.square(view.own_elevation_std_m[pixel_index])
         self._ground = view.ground.take(pixel_index)
         self._camera_m = view.poses.pose.position_enu_m[:, None]
         count = pixel_index.shape[1]
@@ -207,9 +214,13 @@ class Answers:
         return np.asarray(self.code == _OK)
 
     @property
-    def points_by_px(self) -> FloatArray:
-        """Derivatives ``(n, g, q, 3, 2)`` of the points by their own pixels."""
-        return self._ground.jac_px
+    def points_by_noise(self) -> FloatArray:
+        """Changes ``(n, g, q, 3, e)`` of the points by one standard deviation of each of their own ``e`` errors."""
+        by_px = self._ground.jac_px * self.std_px[:, None, None, None]
+        by_elevation = (
+            self._ground.jac_shared[..., ELEVATION] * self._view.own_elevation_std_m[self._pixel_index][..., None]
+        )
+        return np.concatenate([by_px, by_elevation[..., None]], axis=-1)
 
     @property
     def upper_limit(self) -> FloatArray:
@@ -217,9 +228,10 @@ class Answers:
         return self._ends.high
 
     def std_of(self, by: Gradient, *, pixels_alone: bool = False) -> FloatArray:
-        """First-order standard deviations ``(n, g)`` of scalars from their gradients, by all errors or the pixels'."""
+        """First-order stds ``(n, g)`` of scalars from their gradients, by all errors or by those of the points' own."""
         jac_shared, jac_px = scalar_jacobians(by, self._ground, self._rays)
-        return self._std(np.zeros_like(jac_shared) if pixels_alone else jac_shared, jac_px)
+        own = elevation_jacobians(by, self._ground, self._own_std_m.shape[-1])
+        return self._std(np.zeros_like(jac_shared) if pixels_alone else jac_shared, jac_px, own)
 
     def reported_points_enu_m(self) -> FloatArray:
         """Points ``(n, g, q, 3)`` in ENU reported with the values; none for the bearing of a ray."""
@@ -248,6 +260,10 @@ class Answers:
         images = np.arange(len(self.code))
         return self.jac_shared[:, request], pixel_var, self._cov_of(images, np.full(len(images), request))
 
+    def own_elevation_var(self, request: int) -> FloatArray:
+        """One request's variance ``(n,)`` in each image by errors of its points' own elevations."""
+        return np.asarray(np.sum(np.square(self.jac_elevation[:, request] * self._own_std_m[request]), axis=-1))
+
     def base_elevation(self, request: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Height of a request's first point ``(n,)``; Jacobians by shared errors ``(n, s)``, its pixel ``(n, 2)``."""
         ground = self._ground
@@ -267,7 +283,8 @@ class Answers:
         self._range_jac_shared[..., POSITION] -= unit
         self._range_jac_px = np.einsum("ngqi,ngqij->ngqj", unit, ground.jac_px)
         by_errors = self._range_jac_shared, self._range_jac_px, self._view.shared_cov
-        cov = range_covariances(self._range_m, *by_errors, *self._vars)
+        elevation_var = self._point_elevation_var[:, : self._on_ground]
+        cov = range_covariances(self._range_m, *by_errors, elevation_var, self._vars[1])
         up_cam = matrix(self._view.poses.pose.wxyz)[:, 2]
         level = np.eye(3) - up_cam[:, :, None] * up_cam[:, None]
         self._tilt_cov = level @ self._view.shared_cov[:, ROTATION, ROTATION] @ level
@@ -300,7 +317,7 @@ class Answers:
         self.geometry = RayGeometry(self._camera_m, _NO_DIRECTIONS, self._ground.points_enu_m)
         first = (slice(None), slice(None), 0)
         jac = self._ground.jac_shared[first], self._ground.jac_px[first]
-        self._cov = point_covariances(*jac, self._view.shared_cov, *self._vars)
+        self._cov = point_covariances(*jac, self._view.shared_cov, self._point_elevation_var[:, 0], self._vars[1])
         if self._kind.scalar is None:
             self.value = self.std = self.linear_std = np.full(shape, np.nan)
             self._ends = Interval(self.value, self.value)
@@ -311,14 +328,18 @@ class Answers:
         elevation = self._view.elevation_m[:, self._pixel_index[:, 0]]
         self.value, by = scalars(self._kind, self._view.setup.model, self.geometry, self._view.poses.pose, elevation)
         self.jac_shared, self.jac_px = scalar_jacobians(by, self._ground, self._rays)
-        self.linear_std = self._std(self.jac_shared, self.jac_px)
+        self.jac_elevation = elevation_jacobians(by, self._ground, self._own_std_m.shape[-1])
+        self.linear_std = self._std(self.jac_shared, self.jac_px, self.jac_elevation)
         self.std = self.linear_std.copy()
         low = self.value - Z95 * self.std
         self._ends = Interval(low if self._kind.is_signed else np.maximum(low, 0.0), self.value + Z95 * self.std)
 
-    def _std(self, jac_shared: FloatArray, jac_px: FloatArray) -> FloatArray:
+    def _std(self, jac_shared: FloatArray, jac_px: FloatArray, jac_elevation: FloatArray) -> FloatArray:
         px = jac_px.reshape(*jac_px.shape[:2], -1)
-        return standard_deviations(jac_shared, px, self._view.shared_cov, *self._vars)
+        std = standard_deviations(jac_shared, px, self._view.shared_cov, *self._vars)
+        if not self._own_std_m.size:
+            return std
+        return np.asarray(np.hypot(std, np.sqrt(np.sum(np.square(jac_elevation * self._own_std_m), axis=-1))))
 
     def _refuse_bent_rays(self) -> None:
         """Refuse requests with pixels where the lens bends so much that rays are not linear over its errors."""
@@ -350,7 +371,9 @@ class Answers:
         at, first = (images, requests), None
         if self._kind.scalar is not None:
             first = FirstOrder(
-                value=self.value[at], jac_shared=self.jac_shared[at], jac_px=self.jac_px[at], std=self.linear_std[at]
+                value=self.value[at],
+                jac=(self.jac_shared[at], self.jac_px[at], self.jac_elevation[at]),
+                std=self.linear_std[at],
             )
         scalar, self._cov[at] = draw(self._draw_input(*at), first, self._ground.points_enu_m[images, requests, 0])
         if self._on_ground and not self._kind.may_be_unbounded:
@@ -419,6 +442,8 @@ class Answers:
             slant = self._range_m / (self._camera_m[..., None, 2] - ground_m)
             self.slant = np.max(slant, axis=-1, initial=1.0)
             self.noise_m = np.max(self._range_m * slant, axis=-1, initial=0.0) * self.std_px / camera.fx_px
+            if self._own_std_m.size:
+                self.noise_m = np.hypot(self.noise_m, self.slant * np.max(self._own_std_m, axis=-1))
             if self._kind.scalar is None:
                 vertical_var = (np.trace(rotation, axis1=1, axis2=2) - tilt_var)[:, None]
                 second = self._range_m[..., 0] * (np.square(self.ray_std_rad * self.slant) + vertical_var / 2)
@@ -437,12 +462,13 @@ class Answers:
         at = images, requests
         uncertain = self._draw_input(images, requests)
         if self._kind.scalar is not None:
-            by = self.jac_shared[at][:, None], self.jac_px[at][:, None]
-            errors = linearity_errors(uncertain, *by, self.value[at][:, None])[:, 0]
+            by = self.jac_shared[at][:, None], self.jac_px[at][:, None], self.jac_elevation[at][:, None]
+            errors = linearity_errors(uncertain, by, self.value[at][:, None])[:, 0]
             return np.asarray(~(np.sqrt(np.mean(np.square(errors), axis=-1)) <= _NONLINEARITY_LIMIT * self.std[at]))
         east_north = (*at, 0, slice(2))
-        by = self._ground.jac_shared[east_north], self._ground.jac_px[east_north][:, :, None]
-        errors = linearity_errors(uncertain, *by, self._ground.points_enu_m[east_north])
+        jac_shared, jac_px = self._ground.jac_shared[east_north], self._ground.jac_px[east_north][:, :, None]
+        derivatives = jac_shared, jac_px, np.zeros((*jac_shared.shape[:2], 0))
+        errors = linearity_errors(uncertain, derivatives, self._ground.points_enu_m[east_north])
         cov = self._cov[at][:, :2, :2]
         min_var = _MIN_ELLIPSE_RATIO**2 * np.trace(cov, axis1=1, axis2=2)
         bound_cov = _NONLINEARITY_LIMIT**2 * cov + min_var[:, None, None] * np.eye(2)
@@ -483,22 +509,26 @@ class Answers:
 
     def _ray_errors(self, point: int, away: FloatArray) -> Iterable[tuple[FloatArray, FloatArray]]:
         """Axes ``(n, g, 3)`` in ENU about which rays turn upwards, sideways and in heading; stds of these angles."""
-        ground, range_m = self._ground[:, :, point], self._range_m[..., point]
+        range_m = self._range_m[..., point]
         level = np.hypot(away[..., 0], away[..., 1])
         sideways = np.stack([away[..., 1], -away[..., 0], np.zeros_like(level)], axis=-1) / level[..., None]
         sideways = np.where(level[..., None] > 0.0, sideways, [1.0, 0.0, 0.0])
         upwards = np.cross(sideways, away)
-        up_std, side_std = (self._ray_std_m(ground, move) / range_m for move in (upwards, sideways))
+        up_std, side_std = (self._ray_std_m(point, move) / range_m for move in (upwards, sideways))
         heading_std = np.broadcast_to(self._view.poses.std[:, STD_NAMES.index("heading_rad"), None], level.shape)
         side_std = np.sqrt(np.maximum(side_std**2 - np.square(heading_std * level), 0.0))
         up = np.broadcast_to([0.0, 0.0, 1.0], away.shape)
         return (sideways, up_std), (upwards, side_std), (up, heading_std)
 
-    def _ray_std_m(self, ground: GroundPoints, move: FloatArray) -> FloatArray:
+    def _ray_std_m(self, point: int, move: FloatArray) -> FloatArray:
         """Standard deviations ``(n, g)`` of where rays pass their points, along ``move (n, g, 3)`` across the rays."""
+        ground = self._ground[:, :, point]
         jac_shared = np.einsum("ngi,ngis->ngs", move, ground.jac_shared)
         jac_shared[..., ELEVATION] = -move[..., 2]
-        return self._std(jac_shared, np.einsum("ngi,ngij->ngj", move, ground.jac_px))
+        count = self._own_std_m.shape[-1]
+        own = np.zeros((*move.shape[:2], count))
+        own[..., point % max(count, 1) : point % max(count, 1) + 1] = -move[..., 2:]
+        return self._std(jac_shared, np.einsum("ngi,ngij->ngj", move, ground.jac_px), own)
 
     def _draw_input(self, images: IntArray, requests: IntArray) -> DrawInput:
         view = self._view
@@ -510,8 +540,9 @@ class Answers:
             rays=_select_rays(view.rays, images[:, None], self._pixel_index[requests]),
             surface=view.setup.ground,
             image=images,
-            elevation_m=view.elevation_m[images, self._pixel_index[requests, 0]],
+            elevation_m=view.elevation_m[images[:, None], self._pixel_index[requests]],
             elevation_std_m=self._elevation_std_m[requests],
+            own_elevation_std_m=self._own_std_m[requests],
             std_px=self.std_px[requests],
         )
 
@@ -569,8 +600,10 @@ class Answers:
         worst = images, requests, index
         pixel_var = self._vars[1][requests] * np.sum(np.square(self._range_jac_px[worst]), axis=-1)
         poses = self._view.poses.rows(images)
+        own_std = self._view.own_elevation_std_m[self._pixel_index[requests, index]]
+        elevation_var = np.square(self._range_jac_shared[worst][:, ELEVATION] * own_std)
         covs = self._cov_of(images, requests)
-        budgets = variance_budgets(self._range_jac_shared[worst], pixel_var, poses, covs, largest=1)
+        budgets = variance_budgets(self._range_jac_shared[worst], (pixel_var, elevation_var), poses, covs, largest=1)
         numbers = (self._range_half_m[worst], self._ground.depression_rad[worst], self._range_m[worst])
         columns = [each.tolist() for each in (index, *numbers, poses.variant_index, poses.std)]
         for budget, point, half, below_rad, range_m, variant, stds in zip(budgets, *columns, strict=True):

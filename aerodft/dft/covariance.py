@@ -136,6 +136,20 @@ def scalar_jacobians(by: Gradient, ground: GroundPoints, rays: Directions | None
     return shared, px
 
 
+def elevation_jacobians(by: Gradient, ground: GroundPoints, count: int) -> FloatArray:
+    """Derivatives of scalars ``(...)`` by the ``count`` elevations that their points have in turn, ``(..., count)``.
+
+    Args:
+        by: Gradient of each scalar by camera, points and directions.
+        ground: The points ``(..., q)``.
+        count: Number of elevations, of which ``q`` is a multiple; 0 where all points share one.
+    """
+    if not count:
+        return np.zeros((*by.by_camera.shape[:-1], 0))
+    by_point = np.sum(by.by_points * np.where(by.by_points != 0.0, ground.jac_shared[..., ELEVATION], 0.0), axis=-1)
+    return np.asarray(np.sum(by_point.reshape(*by_point.shape[:-1], -1, count), axis=-2))
+
+
 def standard_deviations(
     jac_shared: FloatArray, jac_px: FloatArray, shared_cov: FloatArray, elevation_var: FloatArray, pixel_var: FloatArray
 ) -> FloatArray:
@@ -193,7 +207,7 @@ def range_covariances(
         jac_shared: ``(n, g, k, s)`` derivatives of the ranges.
         jac_px: ``(n, g, k, 2)`` by the points' own pixels.
         shared_cov: ``(n, s, s)``.
-        elevation_var: ``(g,)`` of each request's own elevation, in addition.
+        elevation_var: ``(g, k)`` of each point's own elevation, in addition.
         pixel_var: ``(g,)`` of each pixel coordinate.
     """
     count, _, points = range_m.shape
@@ -202,7 +216,7 @@ def range_covariances(
     for columns in (POSITION, slice(ELEVATION, ELEVATION + 1)):
         by_errors[..., 0, columns], by_errors[..., 1, columns] = jac_shared[..., columns], 0.0
     shared, px = (each.reshape(count, -1, *each.shape[3:]) for each in (by_errors, by_px))
-    cov = point_covariances(shared, px, shared_cov, np.repeat(elevation_var, points), np.repeat(pixel_var, points))
+    cov = point_covariances(shared, px, shared_cov, elevation_var.ravel(), np.repeat(pixel_var, points))
     return np.asarray(cov.reshape(*range_m.shape, 2, 2) / np.square(range_m)[..., None, None])
 
 
@@ -257,7 +271,11 @@ class Share:
 
 
 def variance_budgets(
-    jac_shared: FloatArray, pixel_var: FloatArray, poses: PoseBatch, shared_cov: FloatArray, largest: int | None = None
+    jac_shared: FloatArray,
+    own_var: tuple[FloatArray, FloatArray],
+    poses: PoseBatch,
+    shared_cov: FloatArray,
+    largest: int | None = None,
 ) -> list[tuple[Share, ...]]:
     """Variance budgets of scalars in ``r`` images, largest part first; empty where nothing is uncertain.
 
@@ -267,7 +285,7 @@ def variance_budgets(
 
     Args:
         jac_shared: ``(r, s)`` derivatives of the scalars.
-        pixel_var: ``(r,)`` the pixels' part of the variances.
+        own_var: ``(r,)`` parts of the variances by errors of the points' own: of their pixels, of their elevations.
         poses: The ``(r,)`` poses. Where the standard deviations do not reproduce the covariance (a calibration's full
             one), tilt, pan, roll and heading become one ``attitude``.
         shared_cov: ``(r, s, s)``.
@@ -284,8 +302,9 @@ def variance_budgets(
         **{name: np.sum(parts[:, columns], axis=-1) for name, columns in _SLICES.items()},
         **attitude,
         "time": np.square(by_motion * poses.pose.time_std_s),
-        "pixels": pixel_var,
+        "pixels": own_var[0],
     }
+    variances_by_source["elevation"] = variances_by_source["elevation"] + own_var[1]
     total = np.sum(list(variances_by_source.values()), axis=0)
     is_settled = np.sqrt(pose_cov[:, _ROTATION_AXES, _ROTATION_AXES]).max(axis=-1) <= _MAX_SETTLED_STD_RAD
     variances = np.stack(list(variances_by_source.values()), axis=-1)

@@ -54,6 +54,9 @@ def measure(
         if not kind.takes_pixels(request.count):
             wanted = f"{kind.name} needs {kind.pixels_wanted}"
             raise ValueError(f"probe {request.probe.name}: {request.count} pixels, {wanted}")
+        if not kind.takes_elevations(request.probe.elevation_count, request.count):
+            wanted = f"{kind.name} needs {kind.elevations_wanted(request.count)}"
+            raise ValueError(f"probe {request.probe.name}: {request.probe.elevation_count} elevations, {wanted}")
     rows = np.flatnonzero(poses.is_ok)
     parts: list[list[_PartialColumn]] = [[] for _ in requests]
     for first in range(0, len(rows), _IMAGES_PER_CHUNK):
@@ -89,14 +92,15 @@ def explain(setup: Setup, sample: PoseSample, request: Request) -> tuple[Share, 
             view = top.project(setup, poses, (request,))
         else:
             view = _project(setup, poses, (request,))
-        answers = Answers(view, request.probe.kind, np.arange(request.count)[None])
+        elevations = 0 if top is not None else request.probe.elevation_count
+        answers = Answers(view, request.probe.kind, np.arange(request.count)[None], elevations)
         if answers.is_undefined[0, 0]:
             return ()
         jac_shared, pixel_var, cov = answers.variance_terms(0)
         if top is not None:
             pixel_var = pixel_var + np.square(jac_shared[:, ELEVATION] * top.own_std_m)
             jac_shared, cov = (jac_shared[:, None] @ top.top_from_ground)[:, 0], top.ground_cov
-        (budget,) = variance_budgets(jac_shared, pixel_var, poses, cov)
+        (budget,) = variance_budgets(jac_shared, (pixel_var, answers.own_elevation_var(0)), poses, cov)
     return tuple(replace(share, std=kind.scale * share.std) for share in budget)
 
 
@@ -135,7 +139,8 @@ class _Tops(Batch):
         cov[:, ELEVATION, ELEVATION] += np.square(self.own_std_m)
         counts = [request.count for request in requests]
         elevation = np.repeat(self.elevation_m[:, None], sum(counts), axis=1)
-        stds = np.zeros(sum(counts)), np.repeat([request.std_px for request in requests], counts)
+        none = np.zeros(sum(counts))
+        stds = none, none, np.repeat([request.std_px for request in requests], counts)
         return ProjectedPixels.project(
             replace(setup, ground=None), poses, _pixels(requests, len(poses)), elevation, stds, cov
         )
@@ -189,13 +194,14 @@ def _supporting_object(setup: Setup, poses: PoseBatch, height: Request) -> Answe
 
 def _columns(view: ProjectedPixels, requests: Sequence[Request]) -> list[MeasurementColumn]:
     """Columns of requests whose pixels are those of the view, in order."""
-    members_by_kind: dict[tuple[ProbeKind, int], list[int]] = {}
+    members_by_kind: dict[tuple[ProbeKind, int, int], list[int]] = {}
     for member, request in enumerate(requests):
-        members_by_kind.setdefault((request.probe.kind, request.count), []).append(member)
+        elevations = 0 if request.on_top_of is not None else request.probe.elevation_count
+        members_by_kind.setdefault((request.probe.kind, request.count, elevations), []).append(member)
     starts = np.cumsum([0, *(request.count for request in requests)])
     answers = [
-        Answers(view, kind, starts[members][:, None] + np.arange(count))
-        for (kind, count), members in members_by_kind.items()
+        Answers(view, kind, starts[members][:, None] + np.arange(count), elevations)
+        for (kind, count, elevations), members in members_by_kind.items()
     ]
     columns: dict[int, MeasurementColumn] = {}
     positions = position_columns(view.poses, [each.reported_points_enu_m() for each in answers])
@@ -211,23 +217,12 @@ def _columns(view: ProjectedPixels, requests: Sequence[Request]) -> list[Measure
 
 def _project(setup: Setup, poses: PoseBatch, requests: Sequence[Request]) -> ProjectedPixels:
     """Requests' pixels projected to the ground."""
-    counts = [request.count for request in requests]
-    elevation, elevation_std, std_px = (
-        np.repeat([each(request) for request in requests], counts) for each in (_elevation_m, _elevation_std_m, _std_px)
-    )
-    return ProjectedPixels.project(setup, poses, _pixels(requests, len(poses)), elevation, (elevation_std, std_px))
-
-
-def _elevation_m(request: Request) -> float:
-    return request.probe.elevation_m
-
-
-def _elevation_std_m(request: Request) -> float:
-    return request.probe.elevation_std_m
-
-
-def _std_px(request: Request) -> float:
-    return request.std_px
+    is_own = np.concatenate([np.full(request.count, request.probe.elevation_count > 0) for request in requests])
+    elevation = np.concatenate([request.probe.elevations_m(request.count) for request in requests])
+    elevation_std = np.concatenate([request.probe.elevation_stds_m(request.count) for request in requests])
+    std_px = np.repeat([request.std_px for request in requests], [request.count for request in requests])
+    stds = np.where(is_own, 0.0, elevation_std), np.where(is_own, elevation_std, 0.0), std_px
+    return ProjectedPixels.project(setup, poses, _pixels(requests, len(poses)), elevation, stds)
 
 
 def _pixels(requests: Sequence[Request], count: int) -> FloatArray:
@@ -319,7 +314,7 @@ def _difference(
         ground_m=dft_m[:, :2] - pinhole_m[:, :2],
     )
     on_plane = [
-        len(points) == request.count and np.allclose(points[:, 2], request.probe.elevation_m)
+        len(points) == request.count and np.allclose(points[:, 2], request.probe.elevations_m(request.count))
         for points in (pinhole_m, dft_m)
     ]
     return _split(found, setup.camera, sample.pose, request) if all(on_plane) else found
@@ -328,7 +323,7 @@ def _difference(
 def _split(found: ModelDifference, camera: Camera, pose: Pose, request: Request) -> ModelDifference:
     pixels = request.pixels_px
     tilt, _, _ = camera_angles(pose.wxyz)
-    height = float(pose.position_enu_m[2]) - request.probe.elevation_m
+    height = pose.position_enu_m[2] - np.array(request.probe.elevations_m(request.count))
     psi = equations.vertical_angle(pixels[:, 1], tilt, camera.height_px, camera.vfov_rad)
     phi = equations.rotation_angle(pixels[:, 0], camera.width_px, camera.hfov_rad)
     by_equation_5 = equations.ground_right(equations.ground_ahead(height, psi), phi)

@@ -54,6 +54,7 @@ _MIN_DETERMINANT: Final = 1e-6
 _RayDraws: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """``d`` draws of ``m`` probes: cameras ``(m, 3, d)``, directions and ground points of pixels ``(m, q, 3, d)``; points
 are NaN where a ray misses."""
+_Jacobians: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 _Roots: TypeAlias = tuple[FloatArray, IntArray]
 """Roots ``(u, s, s + 1)`` of unique covariances of the shared errors, and each probe's index ``(p,)`` in them."""
 
@@ -88,8 +89,9 @@ class DrawInput:
         rays: Of the probes' pixels, ``(p, q)``.
         surface: Ground that elevations are above; None for the level plane at 0.
         image: ``(p,)`` index of each probe's image, ascending.
-        elevation_m: ``(p,)`` of the measured surface.
-        elevation_std_m: ``(p,)``.
+        elevation_m: ``(p, q)`` of the measured surface.
+        elevation_std_m: ``(p,)`` of the errors that all elevations of a probe share.
+        own_elevation_std_m: ``(p, e)`` of the elevations' own errors, which the pixels have in turn.
         std_px: ``(p,)`` of each pixel coordinate.
     """
 
@@ -102,6 +104,7 @@ class DrawInput:
     image: IntArray
     elevation_m: FloatArray
     elevation_std_m: FloatArray
+    own_elevation_std_m: FloatArray
     std_px: FloatArray
 
 
@@ -119,14 +122,12 @@ class FirstOrder:
 
     Attributes:
         value: ``(p,)`` without errors.
-        jac_shared: ``(p, s)`` derivatives by the shared errors.
-        jac_px: ``(p, q, 2)`` derivatives by the pixels.
+        jac: Derivatives by the shared errors ``(p, s)``, the pixels ``(p, q, 2)``, elevations of their own ``(p, e)``.
         std: ``(p,)`` first-order standard deviations.
     """
 
     value: FloatArray
-    jac_shared: FloatArray
-    jac_px: FloatArray
+    jac: _Jacobians
     std: FloatArray
 
 
@@ -151,25 +152,28 @@ def draw(probes: DrawInput, first: FirstOrder | None, first_enu_m: FloatArray) -
                 values = kind.scalar(RayGeometry(*(np.moveaxis(part, -1, 1) for part in draws)))
                 if kind.is_angle:
                     values = _unwrap_around(first.value[chunk, None], values)
-                by = first.jac_shared[chunk, None], first.jac_px[chunk, None]
-                linear = _linear_draws(probes, roots, chunk, by, DRAWS)[:, 0] / first.std[chunk, None]
+                by_shared, by_px, by_elevation = (each[chunk, None] for each in first.jac)
+                linear = (
+                    _linear_draws(probes, roots, chunk, (by_shared, by_px, by_elevation), DRAWS)[:, 0]
+                    / first.std[chunk, None]
+                )
                 scalars[:, chunk] = _interval_with(values, linear, first.value[chunk])
             if kind.on_ground(draws[-1].shape[1]):
                 cov[chunk] = _scaled_moments(np.ascontiguousarray(draws[-1][:, 0]), first_enu_m[chunk])
     return Interval(*scalars), cov
 
 
-def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArray, first: FloatArray) -> FloatArray:
+def linearity_errors(probes: DrawInput, jac: _Jacobians, first: FloatArray) -> FloatArray:
     """Differences ``(p, c, 32)`` of a few draws from first order; infinite where a draw has no value.
 
     Args:
         probes: The probes.
-        jac_shared: ``(p, c, s)`` derivatives of the value, or of the east and north of a position.
-        jac_px: ``(p, c, q, 2)`` derivatives by the pixels.
+        jac: Derivatives of the value, or of the east and north of a position, by the shared errors ``(p, c, s)``, the
+            pixels ``(p, c, q, 2)`` and the elevations of their own ``(p, c, e)``.
         first: ``(p, c)`` values without errors.
     """
     kind, roots = PROBE_KINDS[probes.kind], _covariance_roots(probes)
-    linear = first[..., None] + _linear_draws(probes, roots, slice(None), (jac_shared, jac_px), _SAMPLE)
+    linear = first[..., None] + _linear_draws(probes, roots, slice(None), jac, _SAMPLE)
     if kind.scalar is None:
         drawn = np.concatenate([points[:, 0, :2] for _, (_, _, points) in _draws(probes, roots, _SAMPLE)])
     else:
@@ -178,25 +182,25 @@ def linearity_errors(probes: DrawInput, jac_shared: FloatArray, jac_px: FloatArr
     return np.where(np.isfinite(drawn), drawn - linear, np.inf)
 
 
-def _linear_draws(
-    probes: DrawInput, roots: _Roots, rows: slice, jac: tuple[FloatArray, FloatArray], size: int
-) -> FloatArray:
+def _linear_draws(probes: DrawInput, roots: _Roots, rows: slice, jac: _Jacobians, size: int) -> FloatArray:
     """Draws ``(m, c, d)`` of the errors of ``c`` first-order functions of ``m`` probes.
 
     Args:
         probes: The probes.
         roots: Of their covariances.
         rows: Which of them.
-        jac: Derivatives by the shared errors ``(m, c, s)`` and by the pixels ``(m, c, q, 2)``.
+        jac: Derivatives by the shared errors ``(m, c, s)``, the pixels ``(m, c, q, 2)`` and the elevations of their own
+            ``(m, c, e)``.
         size: How many draws.
     """
-    (jac_shared, jac_px), (factors, poses) = jac, roots
-    normal = standard_draws(factors.shape[-1] + 2 * jac_px.shape[2], size).T
+    (jac_shared, jac_px, jac_elevation), (factors, poses) = jac, roots
+    normal = standard_draws(factors.shape[-1] + 2 * jac_px.shape[2] + jac_elevation.shape[2], size).T
     enu_from_cam = matrix(probes.pose.wxyz[probes.image[rows]])
     jac_enu = jac_shared.copy()
     jac_enu[..., ROTATION] = jac_shared[..., ROTATION] @ enu_from_cam.swapaxes(-1, -2)
     px = probes.std_px[rows, None, None] * jac_px.reshape(*jac_px.shape[:2], -1)
-    return np.asarray(np.concatenate([jac_enu @ factors[poses[rows]], px], axis=-1) @ normal)
+    own = probes.own_elevation_std_m[rows, None] * jac_elevation
+    return np.asarray(np.concatenate([jac_enu @ factors[poses[rows]], px, own], axis=-1) @ normal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +225,11 @@ def draw_biases(denoised: DrawInput) -> NoiseBias:
     Args:
         denoised: Probes through denoised pixels, of a kind that has a scalar.
     """
-    no_noise = replace(denoised, std_px=np.zeros_like(denoised.std_px))
+    no_noise = replace(
+        denoised,
+        std_px=np.zeros_like(denoised.std_px),
+        own_elevation_std_m=np.zeros_like(denoised.own_elevation_std_m),
+    )
     exact = replace(
         no_noise, shared_cov=np.zeros_like(denoised.shared_cov), elevation_std_m=np.zeros_like(denoised.std_px)
     )
@@ -314,31 +322,34 @@ def _semidefinite_roots(covs: FloatArray, min_pivot: FloatArray) -> FloatArray:
 def _draws(probes: DrawInput, roots: _Roots, size: int) -> Iterator[tuple[slice, _RayDraws]]:
     """Draws of probes, ``d = size`` of each, chunk by chunk."""
     image, rays, (factors, poses) = probes.image, probes.rays, roots
-    pixels = rays.rays_cam.shape[1]
-    draws = standard_draws(factors.shape[-1] + 2 * pixels, size).T
+    pixels, own_std_m = rays.rays_cam.shape[1], probes.own_elevation_std_m
+    draws = standard_draws(factors.shape[-1] + 2 * pixels + own_std_m.shape[1], size).T
     is_lens_uncertain = np.any(probes.shared_cov[:, INTRINSICS, INTRINSICS])
     jac_px = probes.std_px[:, None, None, None] * rays.jac_px
     jac_intrinsics = np.ascontiguousarray(rays.jac_intrinsics[..., slice(None if is_lens_uncertain else 0)])
     wxyz, cameras_m = probes.pose.wxyz[image], probes.pose.position_enu_m[image]
     batch = max(_RAYS_PER_CHUNK // (size * pixels), 1)
     # Chunks reuse one buffer: allocating takes longer than drawing.
-    buffers = np.empty((batch, 3, size)), np.empty((batch, size)), *np.empty((2, batch, pixels, 3, size))
+    buffers = np.empty((batch, 3, size)), np.empty((batch, pixels, size)), *np.empty((2, batch, pixels, 3, size))
     for first in range(0, len(image), batch):
         chunk = slice(first, first + batch)
-        pose, place = (poses[chunk], factors, wxyz[chunk]), (cameras_m[chunk], probes.elevation_m[chunk])
+        pose, place = (
+            (poses[chunk], factors, wxyz[chunk]),
+            (cameras_m[chunk], probes.elevation_m[chunk], own_std_m[chunk]),
+        )
         pixel_rays = rays.rays_cam[chunk], jac_px[chunk], jac_intrinsics[chunk]
         cameras, elevations, directions, points = (part[: len(image) - first] for part in buffers)
         _draw_rays(pose, place, pixel_rays, draws, (cameras, elevations, directions, points))
         if probes.surface is not None:
             starts, away = np.moveaxis(cameras, 1, -1)[:, None], np.moveaxis(directions, 2, -1)
-            points = np.moveaxis(probes.surface.meet(starts, away, elevations[:, None]).points_enu_m, -1, 2)
+            points = np.moveaxis(probes.surface.meet(starts, away, elevations).points_enu_m, -1, 2)
         yield chunk, (cameras, directions, np.ascontiguousarray(points))
 
 
 @njit_fused
 def _draw_rays(
     shared_by: tuple[IntArray, FloatArray, FloatArray],
-    places: tuple[FloatArray, FloatArray],
+    places: tuple[FloatArray, FloatArray, FloatArray],
     rays: tuple[FloatArray, FloatArray, FloatArray],
     draws: FloatArray,
     out: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
@@ -348,13 +359,18 @@ def _draw_rays(
     Args:
         shared_by: ``(m,)`` index of each probe's root; roots ``(u, s, s + 1)`` of covariances of the shared errors,
             the heading last; rotations ``(m, 4)``.
-        places: Cameras ``(m, 3)`` and elevations ``(m,)``.
+        places: Cameras ``(m, 3)``, elevations ``(m, q)``, and standard deviations ``(m, e)`` of the elevations that the
+            pixels have in turn.
         rays: ``(m, q, 3)`` in camera axes; by standard deviations of the pixels ``(m, q, 3, 2)``; by the intrinsics.
-        draws: ``(s + 1 + 2 q, d)`` standard normal draws.
-        out: Receives cameras ``(m, 3, d)``, elevations ``(m, d)``, directions ``(m, q, 3, d)``, and points
+        draws: ``(s + 1 + 2 q + e, d)`` standard normal draws.
+        out: Receives cameras ``(m, 3, d)``, elevations ``(m, q, d)``, directions ``(m, q, 3, d)``, and points
             ``(m, q, 3, d)`` of the level planes at the elevations.
     """
-    (poses, roots, wxyz), (camera_m, elevation_m), (rays_cam, jac_px, jac_intrinsics) = shared_by, places, rays
+    (poses, roots, wxyz), (camera_m, elevation_m, own_std_m), (rays_cam, jac_px, jac_intrinsics) = (
+        shared_by,
+        places,
+        rays,
+    )
     cameras, elevations, directions, points = out
     (count, pixels, _), size, errors = rays_cam.shape, draws.shape[1], roots.shape[1]
     shared, rotation, ray = np.empty((errors, size)), np.empty((9, size)), np.empty((3, size))
@@ -368,15 +384,18 @@ def _draw_rays(
                 _add_scaled(roots[last, i, :errors], draws, shared[i])
             heading[:] = roots[last, _VERTICAL_ROTATION, errors] * draws[errors]
             _rotation_matrices(wxyz[m], shared[3:6], heading, rotation)
-        elevations[m] = elevation_m[m] + shared[6]
         for axis in range(3):
             cameras[m, axis] = camera_m[m, axis] + shared[axis]
         for k in range(pixels):
+            elevations[m, k] = elevation_m[m, k] + shared[6]
+            if own_std_m.shape[1]:
+                own = k % own_std_m.shape[1]
+                _add_scaled(own_std_m[m, own : own + 1], draws[errors + 1 + 2 * pixels + own :], elevations[m, k])
             for axis in range(3):
                 ray[axis] = rays_cam[m, k, axis]
                 _add_scaled(jac_px[m, k, axis], draws[errors + 1 + 2 * k :], ray[axis])
                 _add_scaled(jac_intrinsics[m, k, axis], shared[7:], ray[axis])
-            _intersect_level(cameras[m], elevations[m], rotation, ray, directions[m, k], points[m, k])
+            _intersect_level(cameras[m], elevations[m, k], rotation, ray, directions[m, k], points[m, k])
 
 
 @njit_fused

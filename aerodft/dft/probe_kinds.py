@@ -7,7 +7,7 @@ refusals. Configuration, requests, options and schemas follow from it.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 
@@ -51,6 +51,9 @@ LEANING_STDS: Final = 6.0
 
 _MAX_PIXELS: Final = 256
 
+Elevations: TypeAlias = float | tuple[float, ...]
+"""One value for all points, or several, which the points have in turn."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refusal:
@@ -80,8 +83,7 @@ class FirstOrder(Protocol):
         is_pinhole: Whether the model has rays; the paper's has none.
         ray_std_rad: ``(n, g)`` of the rays' angles to the vertical, by attitude, lens and pixels.
         slant: ``(n, g)`` largest ratio of slant range to height over the points that must lie on the ground.
-        noise_m: ``(n, g)`` bound of the points' standard deviations by pixel noise.
-        std_px: ``(g,)`` of each pixel coordinate.
+        noise_m: ``(n, g)`` bound of the points' standard deviations by errors of their own.
     """
 
     geometry: RayGeometry
@@ -92,11 +94,10 @@ class FirstOrder(Protocol):
     ray_std_rad: FloatArray
     slant: FloatArray
     noise_m: FloatArray
-    std_px: FloatArray
 
     @property
-    def points_by_px(self) -> FloatArray:
-        """Derivatives ``(n, g, q, 3, 2)`` of the points by their own pixels."""
+    def points_by_noise(self) -> FloatArray:
+        """Changes ``(n, g, q, 3, e)`` of the points by one standard deviation of each of their own ``e`` errors."""
         ...
 
     @property
@@ -151,6 +152,25 @@ class Kind:
     def takes_pixels(self, count: int) -> bool:
         """Whether a probe of this kind can have ``count`` pixels."""
         return self.pixels[0] <= count <= self.pixels[1] and not (self.in_pairs and count % 2)
+
+    def takes_elevations(self, elevations: int, count: int) -> bool:
+        """Whether a probe of this kind with ``count`` pixels can have so many elevations; 0 is one for all points."""
+        return elevations in {0, self.on_ground(count), *((2,) if self.in_pairs else ())}
+
+    def elevations_wanted(self, count: int) -> str:
+        """Numbers of elevations of a probe of this kind with ``count`` pixels, as text."""
+        points = self.on_ground(count)
+        several = f"{'2 (left, right) or ' * (self.in_pairs and points > 2)}{points}, one for each point"  # noqa: PLR2004
+        return f"one elevation, or {several}" if points > 1 else "one elevation"
+
+    def wrong_elevations(self, elevation_m: Elevations, std_m: Elevations, count: int) -> str:
+        """What is wrong with the elevations of a probe with ``count`` pixels, as text; empty where nothing is."""
+        lengths = [len(each) for each in (elevation_m, std_m) if isinstance(each, tuple)]
+        if len(set(lengths)) > 1:
+            return f"{lengths[0]} elevations and {lengths[1]} standard deviations"
+        stated = max(lengths, default=1)
+        is_right = stated > 0 and self.takes_elevations(stated if stated > 1 else 0, count)
+        return "" if is_right else f"{stated} elevations"
 
     def on_ground(self, count: int) -> int:
         """Number of points, of ``count`` from the first on, that must lie on the ground."""
@@ -228,7 +248,7 @@ class _Length(Kind):
         points_m = first.geometry.points_enu_m
         if points_m.shape[-2] <= 2:  # noqa: PLR2004 - the interval of one segment holds its bias
             return np.zeros(first.value.shape)
-        return _lengthening(points_m, first.points_by_px, first.std_px)
+        return _lengthening(points_m, first.points_by_noise)
 
     def second_order(self, first: FirstOrder) -> FloatArray:
         steps = first.geometry.points_enu_m.shape[-2] - 1
@@ -320,22 +340,21 @@ class _Bearing(_UnbiasedKind):
         return paper_bearing(geometry)
 
 
-def _lengthening(points_m: FloatArray, points_by_px: FloatArray, std_px: FloatArray) -> FloatArray:
-    """Mean change ``(n, g)`` by pixel noise of the lengths of lines, to second order.
+def _lengthening(points_m: FloatArray, points_by_noise: FloatArray) -> FloatArray:
+    """Mean change ``(n, g)`` by noise of the lengths of lines, to second order.
 
     Offsets of variance ``v`` across a segment of length ``s`` make it longer by ``v / (2 s)``.
 
     Args:
         points_m: ``(n, g, q, 3)`` vertices.
-        points_by_px: ``(n, g, q, 3, 2)`` their derivatives by their own pixels.
-        std_px: ``(g,)`` of each pixel coordinate.
+        points_by_noise: ``(n, g, q, 3, e)`` their changes by one standard deviation of each of their own errors.
     """
     steps = np.diff(points_m[..., :2], axis=2)
     length = np.hypot(steps[..., 0], steps[..., 1])
     across = np.stack([-steps[..., 1], steps[..., 0]], axis=-1) / length[..., None]
-    jac_px = points_by_px[..., :2, :]
-    ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (jac_px[:, :, :-1], jac_px[:, :, 1:])]
-    across_var = np.sum(np.square(ends), axis=(0, -1)) * np.square(std_px)[:, None]
+    noise = points_by_noise[..., :2, :]
+    ends = [np.einsum("ngsi,ngsij->ngsj", across, each) for each in (noise[:, :, :-1], noise[:, :, 1:])]
+    across_var = np.sum(np.square(ends), axis=(0, -1))
     return np.asarray(np.sum(across_var / (2 * length), axis=-1))
 
 

@@ -16,6 +16,7 @@ from aerodft.model.calibration import (
     Innovation,
     KnownHeight,
     KnownLength,
+    KnownPoint,
     Landmark,
     MarkerSighting,
     MarkerSurvey,

@@ -43,6 +43,21 @@ class Landmark(_Observed):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class KnownPoint:
+    """A surveyed point to measure from or to: where it is seen, and its height.
+
+    Attributes:
+        pixel: ``(u, v)``.
+        elevation_m: Above the measured plane.
+        elevation_std_m: Its standard deviation.
+    """
+
+    pixel: Px
+    elevation_m: float
+    elevation_std_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SlantRange(_Observed):
     """A pixel on the ground and its distance from the camera, as from a laser rangefinder."""
 

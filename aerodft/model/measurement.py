@@ -1,5 +1,6 @@
 """Probes, what they measure and where their pixels come from; and measurements with their uncertainty."""
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
@@ -57,8 +58,10 @@ class Probe:
         source: Origin of the pixels.
         pixels: ``((u, v), ...)`` of a fixed probe, or of a tracked one in one image; else empty.
         std_px: Standard deviation of each pixel coordinate, unless the observation has its own.
-        elevation_m: Height of the measured surface above the ground; level ground is the height's datum plane.
-        elevation_std_m: Its standard deviation, shared by all points of the probe.
+        elevation_m: Height of the measured surface above the ground; level ground is the height's datum plane. Or a
+            height for each point, repeated where there are more points: left bank, right bank.
+        elevation_std_m: Its standard deviation, shared by all points of the probe; of several elevations each has an
+            error of its own, whose standard deviation is this, or one of several.
         on_top_of: Name of a ``height`` probe in the same image: this probe lies in the level plane through that
             object's top, ``elevation_m`` is 0.
         at_ns: UTC of the image of a tracked probe's pixels; None for the first image.
@@ -69,10 +72,36 @@ class Probe:
     source: PixelSource = PixelSource.FIXED
     pixels: tuple[tuple[float, float], ...] = ()
     std_px: float = 1.0
-    elevation_m: float = 0.0
-    elevation_std_m: float = 0.0
+    elevation_m: float | tuple[float, ...] = 0.0
+    elevation_std_m: float | tuple[float, ...] = 0.0
     on_top_of: str | None = None
     at_ns: int | None = None
+
+    @property
+    def elevation_count(self) -> int:
+        """Number of elevations with errors of their own; 0 for one elevation, whose error all points share."""
+        stated = (self.elevation_m, self.elevation_std_m)
+        count = max(len(each) if isinstance(each, tuple) else 1 for each in stated)
+        return count if count > 1 else 0
+
+    @property
+    def mean_elevation_m(self) -> float:
+        """The elevation, or the mean of several."""
+        return math.fsum(each := self.elevations_m(self.elevation_count or 1)) / len(each)
+
+    def elevations_m(self, count: int) -> tuple[float, ...]:
+        """Elevations of ``count`` points."""
+        return _repeated(self.elevation_m, count)
+
+    def elevation_stds_m(self, count: int) -> tuple[float, ...]:
+        """Standard deviations of the elevations of ``count`` points."""
+        return _repeated(self.elevation_std_m, count)
+
+
+def _repeated(values: float | tuple[float, ...], count: int) -> tuple[float, ...]:
+    """A value for each of ``count`` points: the only one, or several in turn."""
+    several = values if isinstance(values, tuple) else (values,)
+    return tuple(several[index % len(several)] for index in range(count))
 
 
 Vector = tuple[float, ...]

@@ -82,7 +82,10 @@ def can_answer(probe: Probe, observation: Observation) -> bool:
     if observation.is_empty:
         return True
     if not observation.has_outline:
-        return PROBE_KINDS[kind].takes_pixels(len(observation.pixels))
+        count, rules = len(observation.pixels), PROBE_KINDS[kind]
+        return rules.takes_pixels(count) and rules.takes_elevations(probe.elevation_count, count)
+    if probe.elevation_count not in {0, *((2,) if kind == ProbeKind.WIDTH else ())}:
+        return False
     return kind in _OUTLINE_KINDS or (kind == ProbeKind.AREA and bool(observation.contour))
 
 

@@ -572,7 +572,7 @@ class _ProbeGroup:
             plane_image = PlaneImage(first_small, self._first_view, 0.0, None)
             self._lock = PlaneLock(plane_image, self._small_px, _REACH * small.shape[1])
         if self._plane_poses.elevation_m is None and at_first is not None:
-            pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevation_m
+            pixel, elevation_m = np.array(self._probes[0].pixels[0]), self._probes[0].elevations_m(1)[0]
             self._plane_poses.find_plane(at_first, pixel, self._ground, elevation_m)
             self._lock.know_first(self._plane_poses.plane_pose(at_first))
         now = self._plane_poses.image_pose(image)

@@ -49,10 +49,19 @@ PIXELS = {
     "bearing": [[1000, 500]],
     "river": [[300, 700], [900, 690], [310, 500], [880, 490], [330, 300], [870, 310]],
 }
+HEIGHTS = {"elevation_m": [0.027, 0.48], "elevation_std_m": [0.02, 0.03]}
 PROBES = [
-    *((kind, pixels) for kind, pixels in PIXELS.items()),
-    ("bearing", [[500, 800], [900, 300]]),
-    *(("length", np.round(line, 6).tolist()) for line in NOISY[:LINES]),
+    *({"kind": kind, "pixels": pixels} for kind, pixels in PIXELS.items()),
+    {"kind": "bearing", "pixels": [[500, 800], [900, 300]]},
+    {"kind": "distance", "pixels": PIXELS["distance"], "elevation_m": 0.3, "elevation_std_m": 0.05},
+    {"kind": "distance", "pixels": PIXELS["distance"], **HEIGHTS},
+    {"kind": "width", "pixels": PIXELS["width"], "elevation_m": [0.1, 0.0], "elevation_std_m": 0.01},
+    {"kind": "bearing", "pixels": [[500, 800], [900, 300]], **HEIGHTS},
+    {"kind": "length", "pixels": PIXELS["length"], "elevation_m": [0.0, 0.5, 1.0], "elevation_std_m": [0.1, 0.0, 0.02]},
+    {"kind": "area", "pixels": PIXELS["area"], "elevation_m": [0.0, 0.5, 1.0, 0.2], "elevation_std_m": 0.02},
+    {"kind": "river", "pixels": PIXELS["river"], **HEIGHTS},
+    {"kind": "river", "pixels": PIXELS["river"], "elevation_m": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]},
+    *({"kind": "length", "pixels": np.round(line, 6).tolist()} for line in NOISY[:LINES]),
 ]
 
 
@@ -73,19 +82,29 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def by_python(folder):
-    probes = [ad.probe(kind, pixels, std_px=NOISE_PX) for kind, pixels in PROBES]
+    probes = [ad.probe(**each, std_px=NOISE_PX) for each in PROBES]
     pose = ad.CameraPose(**POSE, std=ad.PoseStd(**STD))
     found = ad.measure(ad.load_camera(folder / "camera.toml"), pose, probes)
     return [measured_document(each, None) for each in found]
 
 
+def typed(probe):
+    """A probe as it is typed after ``--probe``."""
+    words = [probe["kind"], *(f"{u!r},{v!r}" for u, v in probe["pixels"])]
+    for key, value in probe.items():
+        if key.startswith("elevation"):
+            words.append(
+                f"{key.removesuffix('_m')}={','.join(map(repr, value if isinstance(value, list) else [value]))}"
+            )
+    return " ".join(words)
+
+
 def by_command(folder):
-    words = [f"{kind} {' '.join(f'{u!r},{v!r}' for u, v in pixels)}" for kind, pixels in PROBES]
     stds = ",".join(f"{name.rpartition('_')[0]}={std}" for name, std in STD.items())
     pose = [word for name, value in POSE.items() for word in (f"--{name.rpartition('_')[0]}", value)]
     run = run_aerodft(
         "measure", "--camera", folder / "camera.toml", *pose, "--std", f"{stds},px={NOISE_PX}",
-        *(word for probe in words for word in ("--probe", probe)), "--json",
+        *(word for each in PROBES for word in ("--probe", typed(each))), "--json",
     )  # fmt: skip
     assert run.code == 0, run.err
     return orjson.loads(run.out)
@@ -93,10 +112,7 @@ def by_command(folder):
 
 def station_document(endpoint):
     std = {"horizontal_m" if name == "position_m" else name: value for name, value in STD.items()}
-    probes = [
-        {"name": name_of(number), "kind": kind, "pixels": pixels, "std_px": NOISE_PX}
-        for number, (kind, pixels) in enumerate(PROBES)
-    ]
+    probes = [{"name": name_of(number), "std_px": NOISE_PX, **each} for number, each in enumerate(PROBES)]
     pose = {"height_agl_m": POSE["height_m"], "tilt_deg": POSE["tilt_deg"], "heading_deg": POSE["heading_deg"]}
     return {
         "station": {"name": "yard"},
@@ -123,9 +139,7 @@ def by_station(folder):
     with station:
         station.wait(seconds=0.1)
         with session_on(None, [endpoint]) as session:
-            replies = [
-                asked_on_bus(session, {"kind": kind, "pixels": pixels, "std_px": NOISE_PX}) for kind, pixels in PROBES
-            ]
+            replies = [asked_on_bus(session, {**each, "std_px": NOISE_PX}) for each in PROBES]
         while not station.result or not station.result.statistics.images:
             station.wait(seconds=0.1)
     for payload in Recording(folder / "recording").measurements():
@@ -142,8 +156,8 @@ def by_page(folder):
     answers = Answers(view, is_read_only=True)
     found = []
     for first in range(0, len(PROBES), 32):
-        asked = [{"kind": kind, "pixels": pixels} for kind, pixels in PROBES[first : first + 32]]
-        found += answers.answer(answers.question(orjson.dumps({"image": 0, "probes": asked})))["measurements"]
+        question = orjson.dumps({"image": 0, "probes": PROBES[first : first + 32]})
+        found += answers.answer(answers.question(question))["measurements"]
     return found
 
 
@@ -160,19 +174,48 @@ def test_every_door_gives_the_same_bytes(folder, by_python, by_station):
     doors = {"command": by_command(folder), "station": configured, "bus": replies, "page": by_page(folder)}
     for door, answers in doors.items():
         assert len(answers) == len(PROBES)
-        for (kind, pixels), expected, answer in zip(PROBES, by_python, answers, strict=True):
-            assert answer_bytes(answer) == answer_bytes(expected), (door, kind, len(pixels))
+        for probe, expected, answer in zip(PROBES, by_python, answers, strict=True):
+            assert answer_bytes(answer) == answer_bytes(expected), (door, probe)
+    for probe, answer in zip(PROBES, doors["page"], strict=True):
+        assert all(word in answer["command"] for word in typed(probe).split() if word.startswith("elevation"))
     assert {each["status"] for each in by_python} == {"ok"}
 
 
-def true_length_m():
-    """Of the line on the ground, by the pinhole's closed form."""
+def on_planes_m(pixels, elevation_m):
+    """Right and ahead ``(k, 2)`` of pixels on level planes, by the pinhole's closed form."""
     focal_px = CAMERA["width_px"] / 2 / math.tan(math.radians(CAMERA["hfov_deg"]) / 2)
-    x, y = ((LINE - [959.5, 539.5]) / focal_px).T
+    x, y = ((np.asarray(pixels) - [959.5, 539.5]) / focal_px).T
     tilt = math.radians(POSE["tilt_deg"])
     down, ahead = math.cos(tilt) + y * math.sin(tilt), math.sin(tilt) - y * math.cos(tilt)
-    ground_m = POSE["height_m"] * np.stack([x, ahead], axis=-1) / down[:, None]
-    return float(np.sum(np.hypot(*np.diff(ground_m, axis=0).T)))
+    return ((POSE["height_m"] - np.asarray(elevation_m)) / down)[:, None] * np.stack([x, ahead], axis=-1)
+
+
+def length_m(points_m):
+    return float(np.sum(np.hypot(*np.diff(points_m, axis=0).T)))
+
+
+def area_m2(points_m):
+    (x, y), (x1, y1) = points_m.T, np.roll(points_m, -1, axis=0).T
+    return abs(float(np.sum(x * y1 - x1 * y))) / 2
+
+
+def test_points_at_different_heights_are_each_on_their_own_plane(by_python):
+    truths = {
+        "distance": length_m,
+        "width": length_m,
+        "length": length_m,
+        "area": area_m2,
+        "river": lambda points_m: float(np.median([length_m(points_m[k : k + 2]) for k in range(0, len(points_m), 2)])),
+    }
+    checked = 0
+    for probe, measured in zip(PROBES, by_python, strict=True):
+        heights_m, count = probe.get("elevation_m"), len(probe["pixels"])
+        if isinstance(heights_m, list) and probe["kind"] in truths:
+            points_m = on_planes_m(probe["pixels"], np.resize(heights_m, count))
+            assert measured["value"] == pytest.approx(truths[probe["kind"]](points_m), rel=1e-9)
+            assert [z for *_, z in measured["ground_m"]] == np.resize(heights_m, count).tolist()
+            checked += 1
+    assert checked == 6
 
 
 def test_lines_of_many_noisy_vertices_are_as_long_as_they_are(folder, by_python):
@@ -181,6 +224,7 @@ def test_lines_of_many_noisy_vertices_are_as_long_as_they_are(folder, by_python)
     pose = ad.CameraPose(**POSE, std=ad.PoseStd(**STD))
     found = ad.measure(ad.load_camera(folder / "camera.toml"), pose, probes)
     assert [each.value for each in found[:LINES]] == [each["value"] for each in by_python[-LINES:]]
-    held = [each.ci95[0] <= true_length_m() <= each.ci95[1] for each in found]
+    truth_m = length_m(on_planes_m(LINE, 0.0))
+    held = [each.ci95[0] <= truth_m <= each.ci95[1] for each in found]
     assert 0.92 <= np.mean(held) <= 0.985
-    assert abs(np.mean([each.value for each in found]) - true_length_m()) < 0.2 * found[0].std
+    assert abs(np.mean([each.value for each in found]) - truth_m) < 0.2 * found[0].std

@@ -65,7 +65,7 @@ def test_names_that_do_not_fit_together_are_one_sentence(texts, said):
         ("range 1,nan", "got 'nan', expected a finite number"),
         ("range 1,inf", "got 'inf', expected a finite number"),
         ("range 1,2 elevation=1e300", "got '1e300', expected a finite number"),
-        ("range 1,2 hight=3", "got option 'hight', expected one of elevation, name"),
+        ("range 1,2 hight=3", "got option 'hight', expected one of elevation, elevation_std, name"),
         ("range 1,2 name=", "got nothing, expected a value after name="),
     ],
 )

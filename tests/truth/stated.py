@@ -87,6 +87,13 @@ class Stated:
         )
         return Request(probe=probe, pixels=pixels, std_px=self.std_px)
 
+    def answers_at(self, probes, heights):
+        """What the engine answers to probes with elevations and standard deviations ``(e,)`` of their own, each."""
+        requests = [self.request(*probe) for probe in probes]
+        own = [{"elevation_m": tuple(each), "elevation_std_m": tuple(std)} for each, std in heights]
+        requests = [replace(each, probe=replace(each.probe, **keys)) for each, keys in zip(requests, own, strict=True)]
+        return measure(Setup(camera=self.camera), self.sample, requests)
+
     def answers(self, probes):
         """What the engine answers to probes, ``(kind, pixels)`` each."""
         requests = tuple(self.request(*probe) for probe in probes)
@@ -115,7 +122,7 @@ class Stated:
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """``n`` draws of what was stated."""
+    """``n`` draws of what was stated; planes ``(n,)``, or ``(n, q)`` one for each pixel."""
 
     camera: Camera
     position_m: np.ndarray
@@ -141,7 +148,7 @@ class World:
             straight = cv2.undistortPoints(bent, one, coefficients, criteria=_EXACT) if np.any(coefficients) else bent
             rays = np.concatenate([straight[:, 0], np.ones((len(straight), 1))], axis=-1)
         away = np.einsum("nij,nqj->nqi", self.axes, rays.reshape(*pixels_px.shape[:2], 3))
-        drop = (self.plane_m - self.position_m[:, 2])[:, None]
+        drop = self.plane_m.reshape(len(self.plane_m), -1) - self.position_m[:, 2:]
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = np.where((away[..., 2] < 0) & (drop < 0), drop / away[..., 2], np.nan)
         return away, self.position_m[:, None] + reach[..., None] * away

@@ -67,6 +67,29 @@ Many = Annotated[tuple[Quantity, ...], Field(strict=False)]
 Matrix = Many[Many[Real]]
 
 
+def _each_of(low: float, expected: str) -> BeforeValidator:
+    """A validator that takes a number of at least ``low``, or a list of such numbers."""
+
+    def check(value: object) -> object:
+        several = [each for each in _several(value) if isinstance(each, int | float) and not isinstance(each, bool)]
+        is_whole = len(several) == len(_several(value)) > 0
+        if not is_whole or not all(low <= each <= LARGEST for each in several):
+            raise impossible("", got=str(value)[:80], expected=expected)
+        return tuple(map(float, several)) if isinstance(value, list | tuple) else float(several[0])
+
+    return BeforeValidator(check)
+
+
+def _several(value: object) -> list[object]:
+    return list(value) if isinstance(value, list | tuple) else [value]
+
+
+_RealValues = float | tuple[float, ...]
+Elevations = Annotated[_RealValues, _each_of(-LARGEST, "a number of metres, or a list of them, one for each point")]
+"""One height of all points, or one for each."""
+ElevationStds = Annotated[_RealValues, _each_of(0.0, "at least 0 m, or a list of such numbers, one for each point")]
+
+
 def matching(pattern: str, expected: str) -> AfterValidator:
     """A validator for text that must match ``pattern`` as a whole.
 

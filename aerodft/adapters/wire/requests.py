@@ -11,7 +11,18 @@ from typing import Annotated, Any, Final, Self, TypeVar
 import orjson
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from aerodft.adapters.config import Many, Pixel, Positive, Real, Table, Text, impossible, validated
+from aerodft.adapters.config import (
+    Elevations,
+    ElevationStds,
+    Many,
+    Pixel,
+    Positive,
+    Real,
+    Table,
+    Text,
+    impossible,
+    validated,
+)
 from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.wire.payload import COUNT, TEXT, Payload, StampNs, doc, load_object
 from aerodft.dft import PROBE_KINDS
@@ -49,7 +60,8 @@ class _MeasureQuestion(Table):
     pixels: Many[Pixel]
     stamp_ns: StampNs | None = None
     std_px: Positive = 1.0
-    elevation_m: Real = 0.0
+    elevation_m: Elevations = 0.0
+    elevation_std_m: ElevationStds = 0.0
 
     @model_validator(mode="after")
     def _as_many_as_it_takes(self) -> Self:
@@ -57,6 +69,9 @@ class _MeasureQuestion(Table):
         if not kind.takes_pixels(len(self.pixels)):
             expected = f"{kind.pixels_wanted} x [u, v] for {self.kind}"
             raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
+        if wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, len(self.pixels)):
+            expected = f"{kind.elevations_wanted(len(self.pixels))} of {self.kind}"
+            raise impossible("elevation_m", got=wrong, expected=expected)
         return self
 
 
@@ -91,6 +106,7 @@ def parse_measure_request(data: bytes) -> MeasureRequest:
         pixels=asked.pixels,
         std_px=asked.std_px,
         elevation_m=asked.elevation_m,
+        elevation_std_m=asked.elevation_std_m,
     )
     return MeasureRequest(probe=probe, stamp_ns=asked.stamp_ns)
 

@@ -108,9 +108,13 @@ class CalibrationResult:
             raise error
         if isinstance(self.fit, ImagesResult):
             found: FixedPose | Calibration = _biases(self.fit, self.evidence)
+            points = None
             model = self.fit.solution.state.base.model
         else:
             found = _fixed_pose(self.fit, self.evidence)
+            rejected = {left.name for left in self.fit.left if left.is_outlier}
+            kept = {name: point for name, point in self.evidence.points.items() if name not in rejected}
+            points = kept, float(self.evidence.frame.origin[2])
             model = self.fit.solution.state.model
         lens = self.camera if np.any(self.camera.covariance) else None
         provenance = {
@@ -128,7 +132,7 @@ class CalibrationResult:
             "misfit_accepted": True if not_determined(self.fit, self.evidence, accept_misfit=False) else None,
             "outliers": [left.name for left in self.fit.left if left.is_outlier],
         }
-        write_calibration(Path(path), found, lens, model, provenance)
+        write_calibration(Path(path), found, lens, model, provenance, points)
 
     def write_report(self, folder: Path | str) -> Path:
         """Write a page with pictures and tables.

@@ -34,6 +34,7 @@ from aerodft.app.measure.scene import (
     Slope,
     image_setup,
     in_range,
+    known_points,
     projection_model,
     with_stds_noted,
 )

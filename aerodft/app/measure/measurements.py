@@ -32,6 +32,10 @@ Pixels: TypeAlias = Sequence[float] | Sequence[tuple[float, float]] | FloatArray
 """One pixel ``(u, v)``, or several; (0, 0) is the middle of the top-left pixel."""
 
 
+Elevations: TypeAlias = float | Sequence[float] | FloatArray
+"""A height of all points in metres, or one for each of them."""
+
+
 _PAIRS: Final = "pixels (u, v) of finite numbers"
 
 
@@ -48,45 +52,72 @@ def _pixels(told: npt.ArrayLike, what: str) -> FloatArray:
     raise UsageError(what, got=repr(told)[:80], expected=_PAIRS)
 
 
+def _elevations(name: str, stated: Elevations, low: float, expected: str) -> float | tuple[float, ...]:
+    """An elevation or standard deviation as a number, or a tuple of numbers.
+
+    Raises:
+        InputError: One of them is out of range.
+        UsageError: It is neither a number nor a sequence of them.
+    """
+    with suppress(TypeError, ValueError):
+        values = np.asarray(stated, dtype=np.float64)
+        if values.ndim <= 1:
+            for each in np.atleast_1d(values).tolist():
+                in_range(name, each, low, LARGEST, expected)
+            return tuple(values.tolist()) if values.ndim else float(values)
+    raise UsageError(f"`{name}`", got=repr(stated)[:80], expected="a number of metres, or one for each point")
+
+
 @dataclass(frozen=True, slots=True)
 class ImageProbe:
     """A quantity to measure at some pixels of one image.
 
     Attributes:
         pixels: One ``(u, v)`` or several; (0, 0) is the middle of the top-left pixel, u to the right, v down.
-        elevation_m: Height of the measured surface above the ground.
+        elevation_m: Height of the measured surface above the ground; or one for each point, where these lie at
+            different heights (of a river also two: left banks, right banks).
         name: What the measurement is called; None for the kind and its place among the probes, ``width-1``.
         std_px: Standard deviation of each pixel coordinate.
-        elevation_std_m: Standard deviation of the elevation.
+        elevation_std_m: Standard deviation of the elevation, whose error all points share. Of several elevations each
+            has an error of its own: one standard deviation for all of them, or one for each.
         on_top_of: Name of a ``Height`` of the same image: the pixels lie in the level plane through that object's top,
             and ``elevation_m`` does not count.
 
     Raises:
         UsageError: A pixel is no pair of finite numbers, or there are too few or too many of the kind.
-        InputError: A standard deviation is below 0.
+        InputError: A standard deviation is below 0, or an elevation is no finite number.
     """
 
     kind: ClassVar[ProbeKind]
 
     pixels: Pixels
-    elevation_m: float = 0.0
+    elevation_m: Elevations = 0.0
     name: str | None = None
     std_px: float = 1.0
-    elevation_std_m: float = 0.0
+    elevation_std_m: Elevations = 0.0
     on_top_of: str | None = None
 
     def __post_init__(self) -> None:
         pixels = _pixels(self.pixels, f"a {self.kind}")
         if not np.all(np.abs(pixels) <= LARGEST):
             raise UsageError(f"a {self.kind}", got=repr(self.pixels), expected=_PAIRS)
-        for name in ("std_px", "elevation_std_m"):
-            in_range(name, getattr(self, name), 0.0, LARGEST, "a standard deviation of at least 0")
+        in_range("std_px", self.std_px, 0.0, LARGEST, "a standard deviation of at least 0")
+        elevation_m = _elevations("elevation_m", self.elevation_m, -LARGEST, "m above the ground, finite")
+        stds_m = _elevations("elevation_std_m", self.elevation_std_m, 0.0, "a standard deviation of at least 0")
         pairs = tuple((u, v) for u, v in pixels.reshape(-1, 2).tolist())
         kind = PROBE_KINDS[self.kind]
         if not kind.takes_pixels(len(pairs)):
             wanted = f"{kind.pixels_wanted} for {self.kind}"
             raise UsageError(f"a {self.kind}", got=f"{len(pairs)} pixels", expected=wanted)
-        object.__setattr__(self, "pixels", pairs)
+        if wrong := kind.wrong_elevations(elevation_m, stds_m, len(pairs)):
+            wanted = f"{kind.elevations_wanted(len(pairs))} of {self.kind}"
+            raise UsageError(f"the elevations of a {self.kind}", got=wrong, expected=wanted)
+        if self.on_top_of and (isinstance(elevation_m, tuple) or isinstance(stds_m, tuple)):
+            raise UsageError(
+                f"the elevations of a {self.kind}", got="them beside `on_top_of`", expected="one of the two"
+            )
+        for name, value in (("pixels", pairs), ("elevation_m", elevation_m), ("elevation_std_m", stds_m)):
+            object.__setattr__(self, name, value)
 
 
 class Position(ImageProbe):
@@ -117,6 +148,8 @@ class Distance(ImageProbe):
     Example:
         >>> Distance([(812, 604.5), (1377, 611)], elevation_m=0.5).elevation_m
         0.5
+        >>> Distance([(812, 604.5), (1377, 611)], elevation_m=(0.03, 0.48), elevation_std_m=0.02).elevation_m
+        (0.03, 0.48)
     """
 
     kind = ProbeKind.DISTANCE
@@ -193,10 +226,10 @@ def probe(
     kind: str,
     pixels: Pixels,
     *,
-    elevation_m: float = 0.0,
+    elevation_m: Elevations = 0.0,
     name: str | None = None,
     std_px: float = 1.0,
-    elevation_std_m: float = 0.0,
+    elevation_std_m: Elevations = 0.0,
     on_top_of: str | None = None,
 ) -> ImageProbe:
     """A probe of a kind by its name, of any kind in the registry ``dft.PROBE_KINDS``.
@@ -204,10 +237,10 @@ def probe(
     Args:
         kind: Name of the kind, as in station files: ``position``, ``range``, ``distance``, ``width``, ...
         pixels: One ``(u, v)`` or several; (0, 0) is the middle of the top-left pixel, u to the right, v down.
-        elevation_m: Height of the measured surface above the ground.
+        elevation_m: Height of the measured surface above the ground, or one for each point.
         name: What the measurement is called; None for the kind and its place among the probes.
         std_px: Standard deviation of each pixel coordinate.
-        elevation_std_m: Standard deviation of the elevation.
+        elevation_std_m: Standard deviation of the elevation, or one for each point.
         on_top_of: Name of a ``Height`` of the same image that the pixels lie on top of.
 
     Raises:
@@ -232,6 +265,11 @@ def _probe_class(kind: ProbeKind) -> type[ImageProbe]:
     return type(kind.title(), (ImageProbe,), {"kind": kind})
 
 
+def _plain(checked: Elevations) -> float | tuple[float, ...]:
+    """What ``ImageProbe`` holds once it is checked, for the type checker."""
+    return checked if isinstance(checked, float | tuple) else tuple(checked)
+
+
 def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:
     """The engine's requests of the probes of one image, in their order.
 
@@ -248,8 +286,8 @@ def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:
             kind=probe.kind,
             pixels=tuple((u, v) for u, v in np.asarray(probe.pixels).tolist()),
             std_px=probe.std_px,
-            elevation_m=0.0 if probe.on_top_of else probe.elevation_m,
-            elevation_std_m=probe.elevation_std_m,
+            elevation_m=0.0 if probe.on_top_of else _plain(probe.elevation_m),
+            elevation_std_m=_plain(probe.elevation_std_m),
             on_top_of=probe.on_top_of,
         )
     try:

@@ -13,6 +13,7 @@ import numpy as np
 from aerodft import model
 from aerodft.adapters.config import TILT_RANGE, pitch_hint
 from aerodft.adapters.config.camera import CalibrationFile, FixedPose, load_calibration, pose_sample
+from aerodft.adapters.config.evidence import load_evidence
 from aerodft.conventions import LARGEST
 from aerodft.dft import Setup
 from aerodft.errors import InputError, UsageError, located
@@ -23,6 +24,7 @@ from aerodft.model import (
     GeoOrigin,
     GimbalSource,
     HeightSource,
+    KnownPoint,
     PoseBatch,
     PoseSample,
     ProjectionModel,
@@ -418,6 +420,38 @@ def image_setup(
     if known is not None:
         setup, sample = _corrected(setup, sample, known)
     return surface.on(setup), sample
+
+
+def known_points(landmarks: str | Path | None = None, calibration: str | Path | None = None) -> dict[str, KnownPoint]:
+    """Surveyed points by name, which bring a probe's ends their pixels and heights.
+
+    Args:
+        landmarks: A file as ``calibrate`` takes it. Heights count from the calibration's measured plane; without one
+            from the file's own, see ``load_evidence``.
+        calibration: A calibration file, which has the landmarks that it was made from; points of both are the file's.
+
+    Returns:
+        Points with ``pixel``, ``elevation_m`` and ``elevation_std_m``.
+
+    Raises:
+        ConfigError: A file cannot be read.
+
+    Example:
+        >>> import aerodft as ad
+        >>> points = ad.known_points("configs/calibration/bridge-landmarks.toml")
+        >>> name, point = next(iter(points.items()))
+        >>> len(point.pixel), point.elevation_std_m >= 0
+        (2, True)
+    """
+    known = None if calibration is None else load_calibration(Path(calibration))
+    points = {} if known is None else dict(known.points)
+    if landmarks is not None:
+        found = load_evidence(Path(landmarks))
+        zero_m = float(found.frame.origin[2])
+        plane_m = zero_m if known is None or known.plane_elevation_m is None else known.plane_elevation_m
+        for name, each in found.points.items():
+            points[name] = replace(each, elevation_m=each.elevation_m + zero_m - plane_m)
+    return points
 
 
 def _calibrated(

@@ -12,6 +12,7 @@ from aerodft.model import ProbeKind
 
 MOST_POINTS: Final = 256
 _MOST_NAME: Final = 64
+_ELEVATIONS: Final = ("elevation_m", "elevation_std_m")
 _MOST_EVIDENCE: Final = 256
 EVIDENCE_KINDS: Final = ("landmark", "length", "height", "vertical", "horizon")
 """What a page can say of a view."""
@@ -21,13 +22,14 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
     """A probe as a page asks for it.
 
     Args:
-        document: ``kind``, ``pixels`` as a list of ``[u, v]``, and perhaps a ``name`` without spaces.
+        document: ``kind``, ``pixels`` as a list of ``[u, v]``, and perhaps a ``name`` without spaces, ``elevation_m``
+            and ``elevation_std_m``: a number, or one for each point.
         std_px: Of each pixel coordinate.
 
     Raises:
         UsageError: It is something else.
     """
-    if not isinstance(document, Mapping) or not set(document) <= {"kind", "pixels", "name"}:
+    if not isinstance(document, Mapping) or not set(document) <= {"kind", "pixels", "name", *_ELEVATIONS}:
         raise UsageError("a probe", got=as_json(document), expected="kind, pixels and perhaps a name")
     kind, pixels, name = (document.get(key) for key in ("kind", "pixels", "name"))
     if not isinstance(kind, str) or ProbeKind(kind) not in PROBE_KINDS:
@@ -36,7 +38,14 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
         raise UsageError("a probe's pixels", got=as_json(pixels), expected=f"up to {MOST_POINTS} pairs of numbers")
     if name is not None and not _is_name(name):
         raise UsageError("a probe's name", got=as_json(name), expected=f"up to {_MOST_NAME} letters, no space")
-    return probe(kind, [(u, v) for u, v in pixels], name=name, std_px=std_px)
+    elevation_m, elevation_std_m = (document.get(key, 0.0) for key in _ELEVATIONS)
+    for key, value in zip(_ELEVATIONS, (elevation_m, elevation_std_m), strict=True):
+        several = value if isinstance(value, list) else [value]
+        if not _are_numbers(several, len(several)):
+            expected = "a number of metres, or one for each point"
+            raise UsageError(f"a probe's {key}", got=as_json(value), expected=expected)
+    known = {"elevation_m": elevation_m, "elevation_std_m": elevation_std_m}
+    return probe(kind, [(u, v) for u, v in pixels], name=name, std_px=std_px, **known)
 
 
 def evidence_of(document: object) -> dict[str, Any]:

@@ -329,7 +329,15 @@ class View(ABC):
 def _command(options: Mapping[str, str], request: Request) -> str:
     """The command line that gives a measurement."""
     pixels = " ".join(f"{u!r},{v!r}" for u, v in request.pixels)
-    probe = f"{request.probe.kind} {pixels} name={request.probe.name}"
+    elevations = "".join(
+        f" {key}={','.join(map(repr, value)) if isinstance(value, tuple) else repr(value)}"
+        for key, value in (
+            ("elevation", request.probe.elevation_m),
+            ("elevation_std", request.probe.elevation_std_m),
+        )
+        if value != 0.0
+    )
+    probe = f"{request.probe.kind} {pixels}{elevations} name={request.probe.name}"
     photo = [options[PHOTOGRAPH]] if PHOTOGRAPH in options else []
     named = {name: value for name, value in options.items() if name != PHOTOGRAPH} | {"probe": probe}
     words = (word for name, value in named.items() for word in (f"--{name.replace('_', '-')}", value))
@@ -362,6 +370,7 @@ def add_probe(path: Path, probe: ImageProbe, *, at_ns: int | None) -> None:
         raise UsageError("a probe of a station", got="no name", expected="a name of its own")
     pixels = np.asarray(probe.pixels, dtype=np.float64).tolist()
     table: dict[str, object] = {"name": probe.name, "kind": str(probe.kind), "pixels": pixels}
+    table |= {key: each for key in ("elevation_m", "elevation_std_m") if (each := getattr(probe, key)) != 0.0}
     if at_ns is not None:
         table |= {"tracked": True, "at": str(at_ns)}
     try:

@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
 from aerodft.cli.output import say
 from aerodft.conventions import LARGEST
 from aerodft.errors import UsageError
-from aerodft.model import Camera, FloatArray, PoseSample, ProbeKind, ProjectionModel
+from aerodft.model import Camera, FloatArray, KnownPoint, PoseSample, ProbeKind, ProjectionModel
 
 if TYPE_CHECKING:
     from aerodft.app.measure import CameraPose, ElevationModel, ImageProbe, MeasuredSurface, PoseStd, Slope
@@ -25,7 +25,9 @@ of_uncertainty: Final = partial(typer.Option, rich_help_panel="Uncertainty and m
 _ANGLES: Final = ("tilt", "pan", "roll")
 _POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
 _OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
-_PROBE_OPTIONS: Final = ("elevation", "name")
+_PROBE_OPTIONS: Final = ("elevation", "elevation_std", "name")
+_MOST_NAMES: Final = 12  # of points in a sentence
+_Elevations: TypeAlias = float | tuple[float, ...]
 _LEVEL: Final = ("roll", "heading")  # of which 0 says nothing
 
 
@@ -319,28 +321,33 @@ def refuse_beside(options: Mapping[str, object], beside: str) -> None:
             raise UsageError(f"--{name} beside {beside}", expected=f"one of them: {beside} has it")
 
 
-def parse_probes(texts: list[str], stds: Stds, elevation_m: float) -> "tuple[Request, ...]":
+def parse_probes(
+    texts: list[str], stds: Stds, elevation_m: float, points: "Mapping[str, KnownPoint] | None" = None
+) -> "tuple[Request, ...]":
     """Read all ``--probe`` of one command: ``distance 812,604.5 1377,611 elevation=0.5``.
 
     Args:
-        texts: A kind, as many ``u,v`` as it needs, and ``key=value`` options each. ``elevation`` is a number, or the
-            name of a ``height`` on whose object's top the probe lies.
+        texts: A kind, as many ``u,v`` as it needs, and ``key=value`` options each. In place of ``u,v`` may stand
+            ``@NAME``, a surveyed point with its pixel and height, or ``u,v@NAME``, a pixel with that point's height.
+            ``elevation`` is a number, one for each point (``0.03,0.48``), or the name of a ``height`` on whose object's
+            top the probe lies; ``elevation_std`` a number, or one for each point.
         stds: Of pixels and elevations.
         elevation_m: Of probes that have no ``elevation``.
+        points: Surveyed points by name.
 
     Raises:
         UsageError: An unknown kind, option or name, a name twice, a malformed pixel, or too many or too few of them.
     """
     from aerodft.app.measure import requests_of
 
-    probes = [_parse_probe(text, stds, elevation_m) for text in texts]
+    probes = [_parse_probe(text, stds, elevation_m, points or {}) for text in texts]
     try:
         return requests_of(probes)
     except UsageError as error:
         raise UsageError(f"--probe: {error.what}", got=error.got, expected=error.expected) from None
 
 
-def _parse_probe(text: str, stds: Stds, elevation_m: float) -> "ImageProbe":
+def _parse_probe(text: str, stds: Stds, elevation_m: float, points: "Mapping[str, KnownPoint]") -> "ImageProbe":
     from aerodft.app.measure import probe
     from aerodft.dft import PROBE_KINDS
 
@@ -349,23 +356,40 @@ def _parse_probe(text: str, stds: Stds, elevation_m: float) -> "ImageProbe":
         expected = f"one of {', '.join(PROBE_KINDS)}"
         raise UsageError(f'--probe "{text}"', got=f"kind {kind!r}", expected=expected)
     options = _options(words, text)
-    pixels = [_pixel(word, text) for word in words if "=" not in word]
-    elevation = options.get("elevation", "")
-    named = elevation != "" and not _is_number(elevation)
-    if elevation and not named:
-        elevation_m = _finite(elevation, text)
+    ends = [_end(word, text, points) for word in words if "=" not in word]
+    elevation, std = options.get("elevation", ""), options.get("elevation_std", "")
+    named = elevation != "" and "," not in elevation and not _is_number(elevation)
+    several = elevation_m if named or not elevation else _numbers(elevation, text)
+    several_std = _numbers(std, text) if std else stds.elevation_m
+    pixels, known = [pixel for pixel, _ in ends], [point for _, point in ends]
+    if any(known[: PROBE_KINDS[ProbeKind(kind)].on_ground(len(ends))]):
+        several, several_std = _of_points(known, kind, several, several_std, text)
     try:
         return probe(
             kind,
             pixels,
             name=options.get("name"),
             std_px=1.0 if stds.px is None else stds.px,
-            elevation_m=elevation_m,
-            elevation_std_m=stds.elevation_m,
+            elevation_m=several,
+            elevation_std_m=several_std,
             on_top_of=elevation if named else None,
         )
     except UsageError as error:
         raise UsageError(f'--probe "{text}"', got=error.got, expected=error.expected) from None
+
+
+def _of_points(
+    known: "list[KnownPoint | None]", kind: str, elevation: _Elevations, std: _Elevations, text: str
+) -> tuple[_Elevations, _Elevations]:
+    """Elevations and standard deviations of a probe's points, of which some are surveyed."""
+    from aerodft.dft import PROBE_KINDS
+
+    if isinstance(elevation, tuple) or isinstance(std, tuple):
+        expected = "elevation=Z for the other points, or all points as u,v with elevation=Z,Z"
+        raise UsageError(f'--probe "{text}"', got="several elevations beside @NAME", expected=expected)
+    on_ground = known[: PROBE_KINDS[ProbeKind(kind)].on_ground(len(known))]
+    heights = tuple(elevation if each is None else each.elevation_m for each in on_ground)
+    return heights, tuple(std if each is None else each.elevation_std_m for each in on_ground)
 
 
 def _options(words: list[str], text: str) -> dict[str, str]:
@@ -385,11 +409,37 @@ def _options(words: list[str], text: str) -> dict[str, str]:
     return options
 
 
+def _end(word: str, text: str, points: "Mapping[str, KnownPoint]") -> "tuple[tuple[float, float], KnownPoint | None]":
+    """The pixel of a word, and the surveyed point whose height it has; None for a pixel alone."""
+    pixel, at, name = word.partition("@")
+    if not at:
+        return _pixel(word, text), None
+    if name not in points:
+        got = f"@{name}" if points else f"@{name} without surveyed points"
+        expected = f"one of {_listed(points)}" if points else "--landmarks FILE, or a --calibration made from landmarks"
+        raise UsageError(f'--probe "{text}"', got=got, expected=expected)
+    return _pixel(pixel, text) if pixel else points[name].pixel, points[name]
+
+
+def _listed(points: "Mapping[str, KnownPoint]") -> str:
+    return ", ".join(list(points)[:_MOST_NAMES]) + (", ..." if len(points) > _MOST_NAMES else "")
+
+
 def _pixel(word: str, text: str) -> tuple[float, float]:
     parts = word.split(",")
     if len(parts) != 2:  # noqa: PLR2004 - u and v
         raise UsageError(f'--probe "{text}"', got=repr(word), expected="a pixel as u,v")
     return _finite(parts[0], text), _finite(parts[1], text)
+
+
+def _numbers(words: str, text: str) -> _Elevations:
+    """A number, or several between commas."""
+    parts = words.split(",")
+    if len(parts) > 1 and not all(map(_is_number, parts)):
+        expected = "a number, one for each point as 0.03,0.48, or the name of one height"
+        raise UsageError(f'--probe "{text}"', got=repr(words), expected=expected)
+    numbers = tuple(_finite(part, text) for part in parts)
+    return numbers if len(numbers) > 1 else numbers[0]
 
 
 def _is_number(word: str) -> bool:

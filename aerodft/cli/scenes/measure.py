@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -40,7 +40,14 @@ PhotoArgument: TypeAlias = Annotated[
 ]
 ProbeOption: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(help='"KIND u,v [u,v] [elevation=Z or name of a height] [name=N]"; may be repeated.'),
+    typer.Option(
+        help='"KIND u,v [u,v] [elevation=Z or Z,Z or name of a height] [elevation_std=S] [name=N]"; @NAME in place of'
+        " u,v is a surveyed point; may be repeated."
+    ),
+]
+LandmarksOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="Surveyed points of --probe, as calibrate takes them; --calibration has those it was made from."),
 ]
 
 
@@ -101,6 +108,14 @@ class DepthOptions:
 _NO_MAP: Final = DepthOptions()
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Probes as they are typed, and the file of the surveyed points that they name."""
+
+    probes: list[str] = field(default_factory=list)
+    landmarks: Path | None = None
+
+
 @grouped
 def measure(
     photo: PhotoArgument = None,
@@ -111,6 +126,7 @@ def measure(
     mapped: DepthOptions,
     model: ModelOption = None,
     probe: ProbeOption = None,
+    landmarks: LandmarksOption = None,
     compare: Annotated[bool, typer.Option("--compare", hidden=True, help="As explain --compare.")] = False,
     explain: Annotated[bool, typer.Option("--explain", hidden=True, help="As the command explain.")] = False,
     json: JsonOption = False,
@@ -125,7 +141,8 @@ def measure(
       aerodft measure --camera configs/cameras/canon-1000d.toml --height 10.48 --tilt 67 \
         --std height=0.1,tilt=0.2,px=1 --probe "range 1944,493" --json
     """
-    measure_image(photo, ground, scene, recorded, model, probe, mapped, compare=compare, explain=explain, as_json=json)
+    asked = Asked(probe or [], landmarks)
+    measure_image(photo, ground, scene, recorded, model, asked, mapped, compare=compare, explain=explain, as_json=json)
 
 
 @grouped
@@ -137,6 +154,7 @@ def explain(
     recorded: RecordedOptions,
     model: ModelOption = None,
     probe: ProbeOption = None,
+    landmarks: LandmarksOption = None,
     compare: Annotated[
         bool,
         typer.Option(
@@ -155,7 +173,8 @@ def explain(
         --probe "range 1944,493"
       aerodft explain --recording demo/recording --at 5 --probe "distance 200,300 500,300" --compare
     """
-    measure_image(photo, ground, scene, recorded, model, probe, compare=compare, explain=not compare, as_json=json)
+    asked = Asked(probe or [], landmarks)
+    measure_image(photo, ground, scene, recorded, model, asked, compare=compare, explain=not compare, as_json=json)
 
 
 @grouped
@@ -179,7 +198,7 @@ def depth_map(
         --lat 48.1 --lon 11.5 -o depth
     """
     mapped = DepthOptions(depth_map=output, image=image or photo, step=step)
-    measure_image(photo, ground, scene, recorded, model, None, mapped, compare=False, explain=False, as_json=json)
+    measure_image(photo, ground, scene, recorded, model, Asked(), mapped, compare=False, explain=False, as_json=json)
 
 
 def measure_image(
@@ -188,7 +207,7 @@ def measure_image(
     scene: SurfaceOptions,
     recorded: RecordedOptions,
     model: ProjectionModel | None,
-    probe: list[str] | None,
+    asked: Asked,
     mapped: DepthOptions = _NO_MAP,
     *,
     compare: bool,
@@ -204,14 +223,14 @@ def measure_image(
         Exit: With 3 for a pixel outside the image, with 4 where nothing was measured.
     """
     _check_together(
-        {"--probe": probe, "--compare": compare, "--explain": explain},
+        {"--probe": asked.probes, "--compare": compare, "--explain": explain},
         {"--depth-map": mapped.depth_map, "--image": mapped.image, "--step": mapped.step},
     )
     if recorded.recording is not None:
         refuse_beside(scene.stated_pose() | given_options(ground), "--recording")
         if photo is not None:
             raise UsageError("a photograph beside --recording", got=str(photo), expected="one of them")
-    from aerodft.app.measure import with_stds_noted
+    from aerodft.app.measure import known_points, with_stds_noted
 
     found = recorded.scene(scene)
     if found is not None:
@@ -226,7 +245,12 @@ def measure_image(
     if mapped.depth_map is not None:
         _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)
         return
-    requests = parse_probes(probe or [], scene.stds, scene.elevation)
+    points = known_points(asked.landmarks, scene.calibration)
+    if setup.ground is not None and any("@" in each for each in asked.probes):
+        raise UsageError(
+            "--probe with @NAME", got="ground that is not level", expected="level ground: heights of a plane"
+        )
+    requests = parse_probes(asked.probes, scene.stds, scene.elevation, points)
     from aerodft.cli.scenes.measured import show_measurements, show_models
 
     if compare:

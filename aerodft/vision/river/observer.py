@@ -60,7 +60,7 @@ class RiverObserver:
             )
         seen = []
         for probe in self._probes:
-            setup = Setup(camera=self._camera, elevation_m=probe.elevation_m, max_range_m=self._look.max_range_m)
+            setup = Setup(camera=self._camera, elevation_m=probe.mean_elevation_m, max_range_m=self._look.max_range_m)
             setup, sample = zoomed(setup, sample)
             assert sample.pose is not None  # noqa: S101 - as above, for the type checker
             hints = self._hints(WaterPlane.from_setup(setup, sample.pose))

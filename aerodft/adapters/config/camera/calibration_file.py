@@ -24,7 +24,7 @@ from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import SiAttribute, Table, Uncertain, si_value
 from aerodft.adapters.files import write_whole
 from aerodft.errors import located, os_errors_as
-from aerodft.model import BIASES, BiasValues, Calibration, Camera, PoseStd, ProjectionModel
+from aerodft.model import BIASES, BiasValues, Calibration, Camera, KnownPoint, PoseStd, ProjectionModel
 
 _IN_ORDER = ("height_m", "tilt_rad", "roll_rad", "heading_rad", "pan_rad", "east_m", "north_m", "time_s")
 """Attributes of ``BiasValues`` in the order of ``BIASES``."""
@@ -99,16 +99,28 @@ def bias_table(calibration: Calibration, kind: type[BiasTableT], **further: str)
     )
 
 
+class KnownPointTable(Table):
+    """A surveyed point of the calibration: where it is seen, and its height above the measured plane."""
+
+    name: keys.Text
+    pixel: keys.Pixel
+    elevation_m: keys.Real
+    elevation_std_m: keys.NonNegative = 0.0
+
+
 class CalibrationTable(Table):
     """A calibration file: biases for a moving camera, a pose for a fixed one, or both; the lens where it was found too.
 
-    ``provenance`` is for people.
+    ``landmark`` has the surveyed points, ``plane_elevation_m`` the measured plane in the heights of the landmarks'
+    file. ``provenance`` is for people.
     """
 
     model: Annotated[ProjectionModel, Field(strict=False)] = ProjectionModel.PINHOLE
     bias: BiasTable | None = None
     pose: CalibratedPoseTable | None = None
     camera: dict[str, Any] | None = None
+    plane_elevation_m: keys.Real | None = None
+    landmark: keys.Many[KnownPointTable] | None = None
     provenance: dict[str, Any] | None = None
 
     @model_validator(mode="after")
@@ -127,12 +139,16 @@ class CalibrationFile:
         pose: A fixed camera's, with its latitude and longitude; None without ``[pose]``.
         camera: With the lens that was found too; None where the lens was taken as it is.
         model: The projection model that all this is of.
+        points: Its surveyed points, by name.
+        plane_elevation_m: The measured plane in the heights of the landmarks' file; None where nobody said.
     """
 
     biases: Calibration
     pose: FixedPose | None
     camera: Camera | None
     model: ProjectionModel
+    points: dict[str, KnownPoint]
+    plane_elevation_m: float | None
 
 
 def load_calibration(path: Path) -> CalibrationFile:
@@ -156,6 +172,8 @@ def load_calibration(path: Path) -> CalibrationFile:
         pose=calibrated_pose_from(table.pose, identity) if table.pose else None,
         camera=camera,
         model=table.model,
+        points={each.name: si_value(KnownPoint, each) for each in table.landmark or ()},
+        plane_elevation_m=table.plane_elevation_m,
     )
 
 
@@ -165,6 +183,7 @@ def write_calibration(
     camera: Camera | None,
     model: ProjectionModel,
     provenance: dict[str, Any],
+    points: tuple[dict[str, KnownPoint], float] | None = None,
 ) -> None:
     """Write a calibration, as ``load_calibration`` reads it.
 
@@ -174,12 +193,17 @@ def write_calibration(
         camera: The camera where its lens was found too; None where it was taken as it is.
         model: The projection model that it is of, and for.
         provenance: Where all this comes from, for people; what is None is left out.
+        points: Surveyed points by name, and the measured plane in the heights of their file.
 
     Raises:
         InputError: The file cannot be written.
     """
+    known, plane_m = points or ({}, None)
+    landmarks = tuple(KnownPointTable.from_si(each, name=name) for name, each in known.items())
     table = CalibrationTable.model_construct(
         model=model,
+        plane_elevation_m=plane_m,
+        landmark=landmarks or None,
         provenance={key: value for key, value in provenance.items() if value is not None},
         bias=bias_table(found, BiasTable) if isinstance(found, Calibration) else None,
         pose=CalibratedPoseTable.from_si(found, stds=found.std) if isinstance(found, FixedPose) else None,

@@ -48,7 +48,7 @@ from aerodft.adapters.config.tables import LOCAL, si_value
 from aerodft.adapters.files import content_looks_like
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError, located
-from aerodft.model import Camera, Evidence, EvidenceSet, GeoOrigin, Prior
+from aerodft.model import Camera, Evidence, EvidenceSet, GeoOrigin, KnownPoint, Landmark, Prior
 from aerodft.service import ErrorStd, TelemetrySettings
 
 _POSE = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg", "position_m", "lat_deg", "velocity_mps", "rates_dps")
@@ -320,6 +320,15 @@ class EvidenceFile:
     flight: Flight | None = None
     notes: tuple[str, ...] = ()
     image_paths: tuple[Path, ...] = ()
+
+    @property
+    def points(self) -> dict[str, KnownPoint]:
+        """Landmarks of known height by name, with their heights above the zero of ``frame``."""
+        return {
+            each.name: KnownPoint(pixel=each.pixel, elevation_m=each.position_m[2], elevation_std_m=each.std_m[2])
+            for each in self.known.evidence
+            if isinstance(each, Landmark) and each.position_m[2] is not None
+        }
 
     def with_notes(self, *notes: str) -> "EvidenceFile":
         """The file with further notes."""

@@ -246,8 +246,8 @@ class ProbeTable(Table):
     tracked: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
     at: Annotated[Instant | None, SiAttribute("at_ns")] = None
     std_px: keys.NonNegative = 1.0
-    elevation_m: keys.Real = 0.0
-    elevation_std_m: keys.NonNegative = 0.0
+    elevation_m: keys.Elevations = 0.0
+    elevation_std_m: keys.ElevationStds = 0.0
     on_top_of: keys.Slug | None = None
 
     @model_validator(mode="after")
@@ -264,7 +264,16 @@ class ProbeTable(Table):
         if self.pixels is not None and not kind.takes_pixels(len(self.pixels)):
             expected = f"{kind.pixels_wanted} for {self.kind}"
             raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
+        count = self.elevation_count if self.pixels is None else len(self.pixels)
+        if wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, count):
+            raise impossible("elevation_m", got=wrong, expected=f"{kind.elevations_wanted(count)} of {self.kind}")
         return self
+
+    @property
+    def elevation_count(self) -> int:
+        """Number of elevations: of points that are observed, of which nobody knows yet how many there are."""
+        stated = (self.elevation_m, self.elevation_std_m)
+        return max(len(each) if isinstance(each, tuple) else 1 for each in stated)
 
 
 class StationCameraTable(FromFile):

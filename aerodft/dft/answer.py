@@ -131,6 +131,12 @@ class ProjectedPixels:
     rays: PixelRays
     scale_change: FloatArray
 
+    @property
+    def focal_px(self) -> FloatArray:
+        """Focal lengths fx, fy ``(n, 2)`` of the images, zoomed ones included."""
+        magnification = np.where(np.isnan(self.poses.zoom[:, :1]), 1.0, self.poses.zoom[:, :1])
+        return np.asarray(magnification * [self.setup.camera.fx_px, self.setup.camera.fy_px])
+
     @staticmethod
     def project(
         setup: Setup,
@@ -538,6 +544,7 @@ class Answers:
             shared_cov=view.shared_cov,
             heading_std_rad=view.poses.std[:, STD_NAMES.index("heading_rad")],
             rays=_select_rays(view.rays, images[:, None], self._pixel_index[requests]),
+            focal_px=view.focal_px,
             surface=view.setup.ground,
             image=images,
             elevation_m=view.elevation_m[images[:, None], self._pixel_index[requests]],

@@ -3,7 +3,8 @@
 The draws are a fixed Latin hypercube, so that the same input gives the same bytes. A scalar's interval is the central
 95 % of the draws; near the horizon it is skewed to the far side. Its ends are freed from most of the noise of so few
 draws by first order, whose own ends are known, over the same draws (a control variate). Only the pinhole model is
-drawn, with a lens that is linear over the errors of pixels and intrinsics.
+drawn, with a lens that is linear over the errors of pixels and intrinsics, but for focal lengths, which enter as their
+inverse.
 
 The heading is drawn apart from all other errors of the rotation and composed with them, ``Rz(heading) exp(others) R``:
 an unknown heading, however large its error, only moves points around the camera's foot, and an error about an inclined
@@ -21,7 +22,7 @@ import numpy as np
 
 from aerodft.dft.covariance import CHI2_2D_95, Z95
 from aerodft.dft.probe_kinds import PROBE_KINDS
-from aerodft.dft.projection import ELEVATION, INTRINSICS, ROTATION, PixelRays
+from aerodft.dft.projection import ELEVATION, FOCAL, INTRINSICS, ROTATION, PixelRays
 from aerodft.dft.quantities import RayGeometry
 from aerodft.geometry import UNKNOWN_HEADING_VAR, Ground, camera_angles, matrix
 from aerodft.jit import njit, njit_fused, njit_ieee
@@ -39,6 +40,7 @@ _RAYS_PER_CHUNK: Final = 32 * DRAWS
 _SAMPLE: Final = 32
 """Sixteen draws, one from each sixteenth of every error's distribution, and their mirror images."""
 
+_FOCAL: Final = FOCAL.start
 _VERTICAL_ROTATION: Final = ROTATION.stop - 1
 _MIN_PIVOT: Final = 1e-12
 """Fraction of an error's variance: a smaller pivot means that the errors before determine it."""
@@ -87,6 +89,7 @@ class DrawInput:
         shared_cov: ``(n, s, s)``, without the probes' own elevation errors.
         heading_std_rad: ``(n,)`` standard deviations of the headings, which ``shared_cov`` includes.
         rays: Of the probes' pixels, ``(p, q)``.
+        focal_px: ``(n, 2)`` focal lengths fx, fy of the images.
         surface: Ground that elevations are above; None for the level plane at 0.
         image: ``(p,)`` index of each probe's image, ascending.
         elevation_m: ``(p, q)`` of the measured surface.
@@ -100,6 +103,7 @@ class DrawInput:
     shared_cov: FloatArray
     heading_std_rad: FloatArray
     rays: PixelRays
+    focal_px: FloatArray
     surface: Ground | None
     image: IntArray
     elevation_m: FloatArray
@@ -328,13 +332,14 @@ def _draws(probes: DrawInput, roots: _Roots, size: int) -> Iterator[tuple[slice,
     jac_px = probes.std_px[:, None, None, None] * rays.jac_px
     jac_intrinsics = np.ascontiguousarray(rays.jac_intrinsics[..., slice(None if is_lens_uncertain else 0)])
     wxyz, cameras_m = probes.pose.wxyz[image], probes.pose.position_enu_m[image]
+    focal_px = probes.focal_px[image]
     batch = max(_RAYS_PER_CHUNK // (size * pixels), 1)
     # Chunks reuse one buffer: allocating takes longer than drawing.
     buffers = np.empty((batch, 3, size)), np.empty((batch, pixels, size)), *np.empty((2, batch, pixels, 3, size))
     for first in range(0, len(image), batch):
         chunk = slice(first, first + batch)
         pose, place = (
-            (poses[chunk], factors, wxyz[chunk]),
+            (poses[chunk], factors, wxyz[chunk], focal_px[chunk]),
             (cameras_m[chunk], probes.elevation_m[chunk], own_std_m[chunk]),
         )
         pixel_rays = rays.rays_cam[chunk], jac_px[chunk], jac_intrinsics[chunk]
@@ -348,7 +353,7 @@ def _draws(probes: DrawInput, roots: _Roots, size: int) -> Iterator[tuple[slice,
 
 @njit_fused
 def _draw_rays(
-    shared_by: tuple[IntArray, FloatArray, FloatArray],
+    shared_by: tuple[IntArray, FloatArray, FloatArray, FloatArray],
     places: tuple[FloatArray, FloatArray, FloatArray],
     rays: tuple[FloatArray, FloatArray, FloatArray],
     draws: FloatArray,
@@ -358,7 +363,7 @@ def _draw_rays(
 
     Args:
         shared_by: ``(m,)`` index of each probe's root; roots ``(u, s, s + 1)`` of covariances of the shared errors,
-            the heading last; rotations ``(m, 4)``.
+            the heading last; rotations ``(m, 4)``; focal lengths ``(m, 2)``.
         places: Cameras ``(m, 3)``, elevations ``(m, q)``, and standard deviations ``(m, e)`` of the elevations that the
             pixels have in turn.
         rays: ``(m, q, 3)`` in camera axes; by standard deviations of the pixels ``(m, q, 3, 2)``; by the intrinsics.
@@ -366,7 +371,7 @@ def _draw_rays(
         out: Receives cameras ``(m, 3, d)``, elevations ``(m, q, d)``, directions ``(m, q, 3, d)``, and points
             ``(m, q, 3, d)`` of the level planes at the elevations.
     """
-    (poses, roots, wxyz), (camera_m, elevation_m, own_std_m), (rays_cam, jac_px, jac_intrinsics) = (
+    (poses, roots, wxyz, focal_px), (camera_m, elevation_m, own_std_m), (rays_cam, jac_px, jac_intrinsics) = (
         shared_by,
         places,
         rays,
@@ -382,6 +387,8 @@ def _draw_rays(
             shared[:] = 0.0
             for i in range(errors):
                 _add_scaled(roots[last, i, :errors], draws, shared[i])
+            for axis in range(2 if jac_intrinsics.shape[3] else 0):
+                _as_ray_scale(focal_px[m, axis], shared[_FOCAL + axis])
             heading[:] = roots[last, _VERTICAL_ROTATION, errors] * draws[errors]
             _rotation_matrices(wxyz[m], shared[3:6], heading, rotation)
         for axis in range(3):
@@ -396,6 +403,19 @@ def _draw_rays(
                 _add_scaled(jac_px[m, k, axis], draws[errors + 1 + 2 * k :], ray[axis])
                 _add_scaled(jac_intrinsics[m, k, axis], shared[7:], ray[axis])
             _intersect_level(cameras[m], elevations[m, k], rotation, ray, directions[m, k], points[m, k])
+
+
+@njit_fused
+def _as_ray_scale(focal_px: float, errors_px: FloatArray) -> None:
+    """Replace errors ``e (d,)`` of a focal length ``f`` by ``e f / (f + e)``, over which rays are linear.
+
+    A pixel at the offset ``x`` from the principal point has the slope
+    ``x / (f + e) = x / f - (x / f**2) e f / (f + e)``.
+    NaN where no focal length is left.
+    """
+    for d in range(len(errors_px)):
+        actual_px = focal_px + errors_px[d]
+        errors_px[d] = errors_px[d] * focal_px / actual_px if actual_px > 0.0 else np.nan
 
 
 @njit_fused

@@ -47,7 +47,7 @@ LEAN_STDS: Final = 2.6
 """Tilt error of the camera towards an object that must leave its height defined: more than the draws' 1.96."""
 
 LEANING_STDS: Final = 6.0
-"""An object that leans by more than 45 degrees, and by more standard deviations than this, is not upright."""
+"""An object that leans by more than 45 degrees has no height; by more than so many stds it is not upright either."""
 
 _MAX_PIXELS: Final = 256
 
@@ -293,13 +293,21 @@ class _UprightHeight(_UnbiasedKind):
             uncertain |= _std_by_lean(first) > limit
         sentence = "the object is seen from above: its height may be anything"
         yield Refusal(uncertain, Status.ILL_CONDITIONED, sentence)
+        # Whether base and top fit together is decided without the errors, which say the status alone: what is refused
+        # stays refused when an error grows.
+        below, below_m = ~(first.value >= 0), -first.value
         sentence = "the top is seen {:.2f} m below the base; the base comes first, then the top"
-        yield Refusal(~(first.upper_limit >= 0), Status.NOT_UPRIGHT, sentence, -first.value)
+        yield Refusal(below & ~(first.upper_limit >= 0), Status.NOT_UPRIGHT, sentence, below_m)
+        sentence = "the top is seen {:.2f} m below the base, within the errors: mark a taller object, or more precisely"
+        yield Refusal(below, Status.ILL_CONDITIONED, sentence, below_m)
         if first.is_pinhole:  # Eq. 8 does not look at columns
             offset_m, by = lateral_offset(geometry)
-            limit_m = np.maximum(value, LEANING_STDS * first.std_of(by))
+            offset_m = np.abs(offset_m)
+            leans = offset_m > value
             sentence = "the top is seen {:.2f} m beside the vertical through the base: base and top of one object?"
-            yield Refusal(np.abs(offset_m) > limit_m, Status.NOT_UPRIGHT, sentence, np.abs(offset_m))
+            yield Refusal(leans & (offset_m > LEANING_STDS * first.std_of(by)), Status.NOT_UPRIGHT, sentence, offset_m)
+            sentence = "the top is seen {:.2f} m beside the base and less above it, by the errors: mark a taller object"
+            yield Refusal(leans, Status.ILL_CONDITIONED, sentence, offset_m)
 
     def by_paper(
         self, geometry: RayGeometry, heading_rad: FloatArray, elevation_m: FloatArray

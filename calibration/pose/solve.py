@@ -385,7 +385,8 @@ def goodness(chi2: float, dof: int) -> tuple[float | None, float]:
 
     Stated stds may be wrong by a common factor, whose square has an inverse chi-square prior around 1 and posterior
     (Gelman et al., "Bayesian Data Analysis", 3rd ed., section 3.3), but is at least the residuals' variance. 1.96
-    scaled stds are then Student's 95 %.
+    scaled stds are then Student's 95 %: of ``dof`` residuals that are as large as stated the factor is
+    ``t(dof + 2) / 1.96``, 1.62 for one, 1.42 for two, 1.14 for eight.
     """
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else None
     residual_variance = chi2 / dof if dof > 0 else 1.0

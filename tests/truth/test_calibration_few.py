@@ -10,9 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.integrate
+import scipy.stats
 
 from aerodft.model import Prior
-from calibration.pose import calibrate
+from calibration.pose import calibrate, goodness
 from tests.nights import at_night
 
 from .calibration_sets import POSE, Task, drawn, ground, landmarks, lengths, ranges, together
@@ -91,3 +93,27 @@ def test_intervals_of_few_observations_hold(scenes, capsys):
         assert low <= np.mean(held[way]) <= high, way
     everything = np.concatenate([held[way] for way in WRONG])
     assert (0.93 if is_full else 0.9) <= np.mean(everything) <= (0.97 if is_full else 1.0)
+
+
+def share_held(dof, factor):
+    """Share of normal errors that 1.96 scaled stds hold, whose true stds are ``factor`` times the stated ones.
+
+    Residuals and what is found are independent in a linear normal model (Cochran): an integral over their chi-square.
+    """
+
+    def held(chi2):
+        half = 1.96 * goodness(factor**2 * chi2, dof)[1] / factor
+        return math.erf(half / math.sqrt(2)) * float(scipy.stats.chi2.pdf(chi2, dof))
+
+    return scipy.integrate.quad(held, 0, 60 + 4 * dof, limit=400)[0]
+
+
+@pytest.mark.parametrize(("dof", "exact"), [(1, 0.996), (2, 0.986), (4, 0.969), (8, 0.960), (40, 0.951)])
+def test_what_few_residuals_cost_is_the_price_of_a_doubted_std(dof, exact):
+    """Stds that are right are held more often than 95 %, by Student's quantile; stds too small by up to 2 hold too."""
+    assert share_held(dof, 1.0) == pytest.approx(exact, abs=0.003)
+    assert np.mean([share_held(dof, factor) for factor in np.linspace(1, 2, 9)]) == pytest.approx(0.955, abs=0.015)
+
+
+def test_four_landmarks_and_a_focal_length_widen_a_right_std_by_students_three_degrees():
+    assert goodness(1.0, 1)[1] == pytest.approx(scipy.stats.t.ppf(0.975, 3) / scipy.stats.norm.ppf(0.975))

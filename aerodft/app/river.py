@@ -23,6 +23,7 @@ from aerodft.model import Camera, Event, Image, ImageArray, IntArray, PoseSample
 from aerodft.reports.river import (
     COLUMNS,
     RiverImages,
+    contradiction_refusal,
     reach_document,
     refusal_document,
     river_document,
@@ -177,6 +178,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
     hints: RiverHints | None = None,
     images: int = MOST_IMAGES,
     water_model: str | Path | None = None,
+    despite_contradiction: bool = False,
     progress: Progress = no_progress,
 ) -> RiverSurvey:
     """Measure a river's width at transects along it, with the banks found in the images.
@@ -198,6 +200,8 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         hints: What you say is water or land, in pixels of the image, or of the first one that is looked at.
         images: How many images of a recording or a video are looked at, evenly spread.
         water_model: A network of your own (ONNX) that says where water is.
+        despite_contradiction: Give the widths of images that contradict each other beyond their stated errors too;
+            their status stays ``CONTRADICTORY``.
         progress: Called with looks done, and how many there are.
 
     Returns:
@@ -228,7 +232,8 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
             raise UsageError("a camera or a pose beside a recording", expected="neither: the recording has them")
         own = None if config is None else Path(config)
         known = None if calibration is None else Path(calibration)
-        return survey_images(recorded_images(source, own, known, surface, images, settings), question, progress)
+        views = recorded_images(source, own, known, surface, images, settings)
+        return survey_images(views, question, progress, despite_contradiction=despite_contradiction)
     if settings:
         raise UsageError("`settings` without a recording", expected="them with a recording")
     if pose is None and calibration is None and source.suffix.lower() in STILLS:
@@ -236,7 +241,8 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
         camera, pose = taken.camera, taken.pose
     setup, sample = image_setup(camera, pose, calibration=calibration, surface=surface)
     if source.suffix.lower() in VIDEO_SUFFIXES:
-        return survey_images(filmed_images(source, setup, sample, images, no_progress), question, progress)
+        views = filmed_images(source, setup, sample, images, no_progress)
+        return survey_images(views, question, progress, despite_contradiction=despite_contradiction)
     return survey_still(source, setup, sample, question)
 
 
@@ -283,14 +289,24 @@ def survey_image(view: RiverView, question: RiverQuestion) -> RiverSurvey:
     return RiverSurvey(document, found, None, view)
 
 
-def survey_images(images: RiverImages, question: RiverQuestion, progress: Progress = no_progress) -> RiverSurvey:
+def survey_images(
+    images: RiverImages,
+    question: RiverQuestion,
+    progress: Progress = no_progress,
+    *,
+    despite_contradiction: bool = False,
+) -> RiverSurvey:
     """Measure a river over many images; ``progress`` is called with looks done and how many there are.
+
+    Images that contradict each other beyond their stated errors have no width, unless ``despite_contradiction``.
 
     Raises:
         InputError: An image cannot be read.
     """
     looks = 2 * len(images.views)
-    found = measure_reach(images.views, question, lambda done: progress(done, looks))
+    found: Reach | NoRiver = measure_reach(images.views, question, lambda done: progress(done, looks))
+    if isinstance(found, Reach) and not despite_contradiction:
+        found = contradiction_refusal(found, images) or found
     document = refusal_document(found, images) if isinstance(found, NoRiver) else reach_document(found, images)
     return RiverSurvey(document, found, images, images.views[0])
 

@@ -23,5 +23,5 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient, RayGeometry, upright_height
 from aerodft.dft.request import Request, Setup, link_requests, zoomed
-from aerodft.dft.river import BankPair, ImageWidths, ReachWidths, RiverWidths, fuse_widths, river_widths
+from aerodft.dft.river import BankPair, Contradiction, ImageWidths, ReachWidths, RiverWidths, fuse_widths, river_widths
 from aerodft.dft.silhouette import EDGE_STD_PX, Silhouette, down_in_image, locate_box, locate_outline, simplify_outline

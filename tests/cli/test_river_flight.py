@@ -91,14 +91,41 @@ def test_widths_of_a_flight_hold_the_truth_and_what_its_telemetry_is_off_by(flig
 
 
 def test_a_corrected_home_height_scales_the_widths(flight, measured, aerodft):
-    """Every width is the height times a function of the angles; the transects lie elsewhere, so to 2 %."""
+    """Every width is the height times a function of the angles."""
     asked = ("river", flight[1], "--images", 8, "--spacing", 2, "--flow", 90, "--json")
-    done = aerodft(*asked, "--home-above-plane", 4)
+    done = aerodft(*asked, "--home-above-plane", 1)
     assert done.code == 0, done.err
-    assert done.json["computed_from"]["settings"] == {"telemetry.height.home_above_plane_m": 4.0}
+    assert done.json["computed_from"]["settings"] == {"telemetry.height.home_above_plane_m": 1.0}
     assert measured[0]["computed_from"]["settings"] == {}
     ratio = done.json["width_m"]["median"] / measured[0]["width_m"]["median"]
-    assert ratio == pytest.approx((40 + HEIGHT_BIAS_M + 4) / (40 + HEIGHT_BIAS_M), rel=0.02)
+    assert ratio == pytest.approx((40 + HEIGHT_BIAS_M + 1) / (40 + HEIGHT_BIAS_M), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ("images.time_offset_s=1.0", "`aerodft sync` finds the video's clock"),
+        ("camera.file={short}", "a focal length that is too short, or a wrong height"),
+    ],
+)
+def test_a_reach_whose_images_contradict_each_other_is_refused(flight, aerodft, tmp_path, change, cause):
+    """A wrong clock and a wrong lens: no headline, exit 4; numbers on request, exit 5."""
+    camera = camera_document(flight[0].camera)
+    (tmp_path / "short.toml").write_text(tomli_w.dumps(camera | {key: 0.8 * camera[key] for key in ("fx_px", "fy_px")}))
+    setting = change.format(short=tmp_path / "short.toml")
+    asked = ("river", flight[1], "--images", 14, "--spacing", 2, "--set", setting)
+    refused = aerodft(*asked, "-o", tmp_path / "reach")
+    assert (refused.code, "CONTRADICTORY" in refused.last, cause in refused.last) == (4, True, True), refused.err
+    assert b"95 %" not in refused.out
+    assert not (tmp_path / "reach").exists()
+    wanted = aerodft(*asked, "--despite-contradiction", "--json")
+    assert wanted.code == 5, wanted.err
+    assert (wanted.json["status"], wanted.json["width_m"] is None) == ("CONTRADICTORY", False)
+    assert wanted.json["images"]["contradiction_stds"] > 3
+
+
+def test_images_that_agree_do_not_contradict_each_other(measured):
+    assert measured[0]["images"]["contradiction_stds"] < 1.5
 
 
 @pytest.mark.parametrize(("ratio", "remarks", "is_suspected"), [(1.2, 0, False), (4.2, 1, False), (85.0, 1, True)])

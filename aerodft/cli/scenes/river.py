@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from aerodft.cli.options import ConfigOption, JsonOption, SettingOptions, grouped
-from aerodft.cli.output import print_json, progress, say
+from aerodft.cli.output import LOSS, print_json, progress, say
 from aerodft.cli.scenes.image_options import SurfaceOptions, refuse_beside
 from aerodft.conventions import LARGEST
 from aerodft.errors import NoAnswerError, UsageError
@@ -16,6 +16,9 @@ from aerodft.errors import NoAnswerError, UsageError
 if TYPE_CHECKING:
     from aerodft.reports.river import RiverImages
     from aerodft.vision.river import RiverHints, RiverQuestion
+
+
+_CONTRADICTORY: Final = "CONTRADICTORY"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,13 +79,20 @@ def river(
         int | None,
         typer.Option(min=1, help="Of a recording or a video: how many images are looked at, evenly spread; else 60."),
     ] = None,
+    despite_contradiction: Annotated[
+        bool,
+        typer.Option(
+            "--despite-contradiction", help="Give widths of images that contradict their stated errors too (exit 5)."
+        ),
+    ] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write tables, maps and a plate here.")] = None,
     json: JsonOption = False,
 ) -> None:
     r"""Measure a river's width at transects along it, with the banks found in the images.
 
     Of a recording --config takes the place of the station file that it was made with, but for the clock that sync
-    found; --home-above-plane and --set change keys of either.
+    found; --home-above-plane and --set change keys of either. Images that contradict each other beyond their stated
+    errors give no width (exit 4).
 
     \b
     Examples:
@@ -105,13 +115,15 @@ def river(
         survey = survey_still(what, *scene.scene(photo=what, home_above_plane_m=changes.home_above_plane), question)
     else:
         with progress("looking at the river twice in each image") as advance:
-            survey = survey_images(views, question, advance)
+            survey = survey_images(views, question, advance, despite_contradiction=despite_contradiction)
     if output is not None:
         survey.save(output)
     if json:
         print_json(survey.document)
     else:
         _say(survey.document)
+    if survey.status == _CONTRADICTORY and survey.width_m is not None:
+        raise typer.Exit(LOSS)
     if survey.status != "ok":
         raise NoAnswerError("no river width", where=what, got=f"{survey.status}: {'; '.join(survey.reasons)}")
 
@@ -157,8 +169,9 @@ def _say(document: dict[str, Any]) -> None:
     used = [each for each in document["transects"] if each["status"] == "ok"]
     if width is not None:
         low, high = width["ci95"]
+        mark = "" if document["status"] == "ok" else f"{document['status']}: "
         say(
-            f"{width['median']:.3f} m in the median of {len(used)} transects, {low:.3f} to {high:.3f} m (95 %);"
+            f"{mark}{width['median']:.3f} m in the median of {len(used)} transects, {low:.3f} to {high:.3f} m (95 %);"
             f" {width['min']:.3f} to {width['max']:.3f} m along the river; confidence {document['confidence']:.2f}"
         )
         for reason in document["reasons"]:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.dft.river.contradiction import CAUSES, Contradiction, Residuals, image_contradiction
 from aerodft.dft.river.widths import RiverWidths
 from aerodft.model import FloatArray, IntArray
 
@@ -41,6 +42,7 @@ class ReachWidths:
         scatter_m: ``(n,)`` robust standard deviation of one image's width around it; NaN of fewer than three.
         scatter_ratio: Ratio of the images' scatter to their stated standard deviations, at least 1.
         drift: ``(images,)`` relative bias of all widths of an image; NaN where it has none.
+        contradiction: How far the images are apart beyond what their stated errors explain, and the likely cause.
     """
 
     widths: RiverWidths
@@ -48,6 +50,7 @@ class ReachWidths:
     scatter_m: FloatArray
     scatter_ratio: float
     drift: FloatArray
+    contradiction: Contradiction
 
 
 def fuse_widths(seen: Sequence[ImageWidths], count: int) -> ReachWidths:
@@ -76,7 +79,7 @@ def fuse_widths(seen: Sequence[ImageWidths], count: int) -> ReachWidths:
         relative_range_std=np.where(is_empty, np.inf, 0.0),
         points_enu_m=np.where(is_empty[:, None, None], np.nan, points),
     )
-    return ReachWidths(widths, images, table.scatter_m(mean), ratio, drift)
+    return ReachWidths(widths, images, table.scatter_m(mean), ratio, drift, table.contradiction(mean, weight, points))
 
 
 class _WidthTable:
@@ -93,6 +96,8 @@ class _WidthTable:
         shared = [np.pad(each.widths.shared, ((0, 0), (0, columns - each.widths.shared.shape[1]))) for each in seen]
         self.shared = np.concatenate([np.empty((0, columns)), *shared])
         self.points_enu_m = np.concatenate([np.empty((0, 2, 3)), *(each.widths.points_enu_m for each in seen)])
+        self._shift = _stacked(seen, "shift", columns)
+        self._by_cause = _stacked(seen, "by_cause", len(CAUSES))
 
     def sums(self, rows: FloatArray) -> FloatArray:
         """Sums of rows ``(r, ...)`` by transect ``(n, ...)``; 0 for a transect without rows."""
@@ -119,6 +124,34 @@ class _WidthTable:
         normalized_errors = np.abs(self.width_m - mean[self.transect])[is_sampled] / self.own_m[is_sampled]
         return max(1.0, float(np.median(normalized_errors)) / _NORMAL_MAD)
 
+    def contradiction(self, mean: FloatArray, weight: FloatArray, points_enu_m: FloatArray) -> Contradiction:
+        """How far the images are apart beyond what their stated errors explain.
+
+        A transect that lies elsewhere than computed has the width of there: a river that widens does not contradict.
+        """
+        images = np.bincount(self.transect, minlength=self._count)[self.transect]
+        rows = np.flatnonzero(images > 1)
+        if not len(rows):
+            return Contradiction(0.0)
+        slope, spacing_m = _slope(mean, points_enu_m)
+        at, share = self.transect[rows], images[rows] / (images[rows] - 1.0)
+        total = np.maximum(self.sums(weight), np.finfo(np.float64).tiny)
+        mean_by_cause = self.sums(weight[:, None] * self._by_cause) / total[:, None]
+        return image_contradiction(
+            Residuals(
+                image=self.image[rows],
+                transect=at,
+                width_m=self.width_m[rows],
+                fused_m=mean[at],
+                residual_m=(self.width_m[rows] - mean[at]) * np.sqrt(share),
+                own_m=self.own_m[rows],
+                shared=self.shared[rows] - slope[at, None] * self._shift[rows],
+                shift_m=np.linalg.norm(self._shift[rows], axis=-1),
+                spacing_m=spacing_m,
+                by_cause=self._by_cause[rows] - mean_by_cause[at],
+            )
+        )
+
     def scatter_m(self, mean: FloatArray) -> FloatArray:
         """Robust standard deviation ``(n,)`` of one image's width; NaN of fewer than ``_MIN_IMAGES``."""
         images = np.bincount(self.transect, minlength=self._count)
@@ -138,6 +171,28 @@ class _WidthTable:
         edges = np.searchsorted(self.transect[order], np.arange(self._count + 1))
         parts = (rows[order[start:stop]] for start, stop in pairwise(edges.tolist()))
         return np.array([float(np.median(part)) if len(part) else 0.0 for part in parts])
+
+
+def _stacked(seen: Sequence[ImageWidths], name: str, columns: int) -> FloatArray:
+    """Rows ``(r, columns)`` of all images' optional arrays; zeros where an image has none."""
+    parts = [np.empty((0, columns))]
+    for each in seen:
+        known = getattr(each.widths, name)
+        known = np.zeros((len(each.transects), columns)) if known is None else known
+        parts.append(np.pad(known, ((0, 0), (0, columns - known.shape[1]))))
+    return np.concatenate(parts)
+
+
+def _slope(width_m: FloatArray, points_enu_m: FloatArray) -> tuple[FloatArray, float]:
+    """Change ``(n,)`` of the width per metre downstream, 0 where unknown, and the transects' spacing, m."""
+    slope = np.zeros(len(width_m))
+    measured = np.flatnonzero(np.isfinite(points_enu_m).all(axis=(1, 2)) & (width_m > 0))
+    middle_m = points_enu_m[measured].mean(axis=1)
+    step_m = np.linalg.norm(np.diff(middle_m, axis=0), axis=-1)
+    if not len(step_m) or not np.all(step_m > 0):
+        return slope, 1.0
+    slope[measured] = np.gradient(width_m[measured], np.append(0.0, np.cumsum(step_m)))
+    return slope, float(np.median(step_m / np.diff(measured)))
 
 
 def _mean_drift_std(drift: FloatArray) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from aerodft.dft.covariance import Z95, shared_covariance
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD
-from aerodft.dft.projection import GroundPoints, project
+from aerodft.dft.projection import FOCAL, GroundPoints, project
 from aerodft.dft.request import Setup
 from aerodft.model import Batch, BoolArray, FloatArray, Pose
 
@@ -48,6 +48,10 @@ class RiverWidths(Batch):
         own_m: ``(n,)`` standard deviation of each width's independent error.
         relative_range_std: ``(n,)`` relative standard deviation of the less certain end's slant range.
         points_enu_m: ``(n, 2, 3)``.
+        shift: ``(n, s)`` displacement of each transect downstream by one standard deviation of each shared error, m;
+            None where places are exact.
+        by_cause: ``(n, 2)`` derivative of each width by an error of the stamp (s) and of the focal length (share);
+            None where unknown.
     """
 
     width_m: FloatArray
@@ -55,6 +59,8 @@ class RiverWidths(Batch):
     own_m: FloatArray
     relative_range_std: FloatArray
     points_enu_m: FloatArray
+    shift: FloatArray | None = None
+    by_cause: FloatArray | None = None
 
     @property
     def std_m(self) -> FloatArray:
@@ -108,7 +114,19 @@ def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
     root = _symmetric_root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
     common = banks.common_px * by_offset.sum(axis=-1)
     shared = np.concatenate([jac_shared @ root, common[:, None], banks.alternative_width_delta_m[:, None]], axis=-1)
-    return RiverWidths(width, shared, own, _relative_range_std(ground, pose, root), points.reshape(count, 2, 3))
+    downstream = np.stack([unit[:, 1], -unit[:, 0], np.zeros(count)], axis=-1)
+    moved = np.einsum("ni,nkis->ns", downstream, ground.jac_shared) / 2 @ root
+    by_stamp = jac_shared[:, :6] @ np.concatenate([pose.velocity_enu_mps, pose.rate_cam_radps])
+    by_focal = jac_shared[:, FOCAL] @ np.array([setup.camera.fx_px, setup.camera.fy_px])
+    return RiverWidths(
+        width_m=width,
+        shared=shared,
+        own_m=own,
+        relative_range_std=_relative_range_std(ground, pose, root),
+        points_enu_m=points.reshape(count, 2, 3),
+        shift=np.pad(moved, ((0, 0), (0, 2))),  # errors of the banks move no transect
+        by_cause=np.stack([by_stamp, by_focal], axis=-1),
+    )
 
 
 def _symmetric_root(covariance: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from aerodft.reports.river.document import (
     RiverImages,
+    contradiction_refusal,
     reach_document,
     refusal_document,
     river_document,

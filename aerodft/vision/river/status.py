@@ -26,6 +26,7 @@ class RiverStatus(StrEnum):
     UNLIKE_NEIGHBOURS = "UNLIKE_NEIGHBOURS"  # a bank stands out: something is in front of it, or the mask leaked
     AMBIGUOUS = "AMBIGUOUS"  # another outline, nearly as clear, has a bank elsewhere
     ILL_CONDITIONED = "ILL_CONDITIONED"  # too uncertain for a number
+    CONTRADICTORY = "CONTRADICTORY"  # images give other widths of one place than their stated errors explain
 
 
 WHY: Final = {

@@ -52,7 +52,7 @@ def find_cameras(wanted: str | Path | None = None) -> tuple[KnownCamera, ...]:
     if path.is_file() and path.suffix.lower() in STILLS:
         facts = facts_of_still(path)
         size_px, mode = facts.size_px, facts.mode
-        found = [each for each in cameras if each.shows(size_px, mode)]
+        found = [*_camera_in(path), *(each for each in cameras if each.shows(size_px, mode))]
         got = f'{size_px[0]} x {size_px[1]} px of "{mode.device or "no device"}"'
     elif path.is_file():
         info = video_info(path)
@@ -72,6 +72,20 @@ def find_cameras(wanted: str | Path | None = None) -> tuple[KnownCamera, ...]:
         hint = "calibrate the lens with `calibrate_lens`, or write a camera file with its field of view"
         raise NoAnswerError("no camera of the library", where=wanted if path.is_file() else "", got=got, hint=hint)
     return tuple(found)
+
+
+def _camera_in(photo: Path) -> Iterator[KnownCamera]:
+    """The camera that a photo's own XMP data describe, if they do."""
+    lens = lens_in_photograph(photo)
+    if lens is not None:
+        yield KnownCamera(
+            name=f"{lens.camera.name}, this photo",
+            kind="photo",
+            known_from="photo",
+            source=lens.source,
+            focal_35mm_mm=None,
+            camera=lens.camera,
+        )
 
 
 def write_camera(known: KnownCamera, path: Path, *, overwrite: bool = False) -> None:
@@ -94,8 +108,11 @@ def write_camera(known: KnownCamera, path: Path, *, overwrite: bool = False) -> 
     share = 100 * known.camera.std.focal_px / known.camera.fx_px
     about = (
         f"# {known.camera.name}. Focal length from: {known.source} ({known.known_from}), to {share:.1f} % (1 sigma).\n"
-        "# No distortion is stated. `aerodft calibrate-lens` finds both for your own copy, ten times as well.\n"
     )
+    if not known.camera.distortion:
+        about += (
+            "# No distortion is stated. `aerodft calibrate-lens` finds both for your own copy, ten times as well.\n"
+        )
     _write(path, about + tomli_w.dumps(camera_document(known.camera)), overwrite=overwrite)
 
 

@@ -1,13 +1,18 @@
 """A drone's photograph through every command: without camera, height and tilt; what is given by hand wins."""
 
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
 import orjson
 import pytest
 
+from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import load_station
+from aerodft.app.measure import Distance
+from aerodft.cli.scenes.image_options import PoseOptions
+from aerodft.cli.scenes.view import _fixed
 from replay.recordings import Recording
 from tests.commands import run_aerodft
 from tests.photo_writer import dji, dji_photo, exif, packet, write_photo
@@ -268,3 +273,22 @@ def test_a_river_in_the_sample():
     low, high = done.json["width_m"]["ci95"]
     assert low < 22.0 < high
     assert done.json["width_m"]["median"] == pytest.approx(22.0, abs=1.0)
+
+
+def test_the_page_shows_it_with_commands_that_give_the_same(photo):
+    view = _fixed(photo, PoseOptions(), 1.5)
+    shown = view.measure(0, [Distance([(10.0, 10.0), (50.0, 12.0)], name="a")])[0]
+    words = shlex.split(shown["command"])
+    assert words[:3] == ["aerodft", "measure", str(photo.absolute())]
+    done = run_aerodft(*words[1:], "--json")
+    assert done.json[0]["value"] == shown["value"]
+
+
+def test_a_photo_is_a_camera_file(photo, tmp_path):
+    dewarp = "2018-09-07;366.0,365.0,1.0,2.0,-0.26,0.11,0.0009,0.00009,-0.03"
+    own = dji_photo(tmp_path / "b.jpg", size_px=(547, 365), DewarpData=dewarp)
+    done = run_aerodft("cameras", own, "-o", tmp_path / "camera.toml")
+    assert done.code == 0, done.err
+    assert load_camera(tmp_path / "camera.toml") == load_camera(own)
+    assert load_camera(own).distortion[0] == -0.26
+    assert load_camera(photo).distortion == ()

@@ -112,8 +112,8 @@ def load_camera(path: str | Path) -> Camera:
     Args:
         path: A TOML file with ``name``, ``width_px``, ``height_px`` and either ``hfov_deg`` (and ``vfov_deg``; left
             out means square pixels) or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with ``distortion`` and
-            ``lens``; or a photo, of a camera of the library, or whose EXIF data tell its focal length to some percent,
-            which its std says.
+            ``lens``; or a photo: by the calibration in its XMP data, the camera of the library, or the focal length in
+            its EXIF data, to some percent, which its std says.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
@@ -127,8 +127,11 @@ def load_camera(path: str | Path) -> Camera:
     path = Path(path)
     if path.suffix.lower() in _PHOTOS:
         from aerodft.adapters.images import camera_of_still, facts_of_still  # noqa: PLC0415 - for photos alone
+        from aerodft.adapters.photographs import lens_of_tags, photo_tags  # noqa: PLC0415
 
         facts = facts_of_still(path)
+        if (stated := lens_of_tags(photo_tags(path), facts.mode)) is not None:
+            return stated.camera
         known = [each.camera for each in known_cameras() if each.shows(facts.size_px, facts.mode)]
         return known[0] if len(known) == 1 else camera_of_still(path)
     with located(path):

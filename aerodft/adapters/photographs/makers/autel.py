@@ -33,7 +33,8 @@ def _is_from_horizon(tags: PhotoTags) -> bool:
 
 def read(tags: PhotoTags) -> PhotoPose:
     """The pose by Autel's tags."""
-    if dji.is_written_so(tags) and "Camera:Pitch" not in tags.xmp:
+    is_older = "autel" in tags.xmp.get("rdf:about", "").casefold()
+    if dji.is_written_so(tags) and not (is_older and "Camera:Pitch" in tags.xmp):
         return dji.read(tags, "Autel (tags as of DJI)")
     reader = TagReader(tags)
     lat_rad, lon_rad = reader.place()

@@ -184,6 +184,18 @@ def test_a_folder_is_a_flight_each_with_its_own_pose(tmp_path):
     assert list(Recording(tmp_path / "again").measurements()) == list(Recording(tmp_path / "rec").measurements())
 
 
+def test_a_take_off_height_that_is_stated_later_ends_its_assumed_std(tmp_path):
+    photos = flight(tmp_path / "photos", count=2)
+    run_aerodft("init", photos, "-o", tmp_path / "mine", "--json")
+    run_aerodft("import", photos, "-c", tmp_path / "mine" / "station.toml", "-o", tmp_path / "rec", "--json")
+    done = run_aerodft("recompute", tmp_path / "rec", "--home-above-plane", "2", "-o", tmp_path / "later", "--json")
+    assert done.code == 0, done.err
+    for folder, height_m, std_m in (("rec", 40.0, math.hypot(1.5, 5.0)), ("later", 42.0, 1.5)):
+        pose = orjson.loads(next(iter(Recording(tmp_path / folder).measurements())))["pose"]
+        assert pose["height_agl_m"] == pytest.approx(height_m)
+        assert pose["std"]["height_agl_m"] == pytest.approx(std_m)
+
+
 def test_a_flight_agrees_with_its_photographs_one_by_one(tmp_path):
     photos = flight(tmp_path / "photos", count=3)
     run_aerodft("init", photos, "-o", tmp_path / "mine", "--json")

@@ -15,6 +15,7 @@ NO_SETTINGS: Final[Settings] = {}
 HOME_ABOVE_PLANE: Final = "telemetry.height.home_above_plane_m"
 """Key of the take-off point's height above the measured plane."""
 
+_HOME_STD: Final = "telemetry.height.home_above_plane_std_m"
 _FILE_KEYS: Final = ("camera.file", "telemetry.calibration", "pose.calibration", "ground.terrain")
 _CLOCK_KEYS: Final = ("time_offset_s", "time_drift", "time_reference")
 _INPUT_KEYS: Final = ("video", "stills", "stream", "device")
@@ -25,7 +26,7 @@ def with_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, 
     """A station's document with some of its keys replaced.
 
     A probe, landmark or other entry of a list is addressed by its name: ``probe.width-a.elevation_m``. Names of files
-    start from the current folder.
+    start from the current folder. A stated height of the take-off point ends the std of the one that it replaces.
 
     Args:
         document: The document; it is not changed.
@@ -49,6 +50,8 @@ def with_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, 
             raise ConfigError(key, got="a list", expected=f"{'.'.join(path[:-1])}.NAME.KEY, with an entry's name")
         if key == "camera.file":  # it replaces the contents of a camera file, which a recorded station has
             changed["camera"] = table = {each: table[each] for each in ("model",) if each in table}
+        if key == HOME_ABOVE_PLANE and _HOME_STD not in settings:  # it was that of the value that is replaced
+            table.pop(_HOME_STD.rpartition(".")[2], None)
         table[path[-1]] = str(Path(value).absolute()) if key in _FILE_KEYS else value
     return changed
 

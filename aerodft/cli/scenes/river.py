@@ -101,6 +101,7 @@ def river(
       aerodft river demo/recording --spacing 2 -o reach
       aerodft river demo/recording --home-above-plane 1.2 -o reach
     """
+    from aerodft.adapters.images import STILLS
     from aerodft.app.river import is_recording, survey_images, survey_still
     from aerodft.reports.river import check_folder
 
@@ -109,8 +110,9 @@ def river(
     if is_recording(what):
         views = _recorded(what, scene, config, changes.settings(), images)
     else:
-        changes.refuse("a recording: an image and a video take --height", but_height=True)
-        views = _filmed(what, scene, config, images, changes.home_above_plane)
+        is_photo = what.suffix.lower() in STILLS
+        changes.refuse("a recording: an image and a video take --height", but_height=is_photo)
+        views = _filmed(what, scene, config, images)
     if views is None:
         survey = survey_still(what, *scene.scene(photo=what, home_above_plane_m=changes.home_above_plane), question)
     else:
@@ -137,16 +139,14 @@ def _recorded(
     return recorded_images(folder, config, scene.calibration, scene.surface, images or MOST_IMAGES, settings)
 
 
-def _filmed(
-    path: Path, scene: SurfaceOptions, config: Path | None, images: int | None, home_above_plane_m: float | None
-) -> "RiverImages | None":
+def _filmed(path: Path, scene: SurfaceOptions, config: Path | None, images: int | None) -> "RiverImages | None":
     """A video's images; None for one image."""
     from aerodft.app.river import MOST_IMAGES, VIDEO_SUFFIXES, filmed_images
 
     if config is not None:
         raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        setup, sample = scene.scene(home_above_plane_m=home_above_plane_m)
+        setup, sample = scene.scene()
         with progress("reading the video twice") as advance:
             return filmed_images(path, setup, sample, images or MOST_IMAGES, advance)
     if images is not None:

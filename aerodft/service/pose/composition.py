@@ -324,6 +324,7 @@ def missing_poses(
         has_begun: ``(n,)`` whether there was any telemetry by the stamp.
     """
     dropped, limits = clock.broken_off(), settings.attitude
+    reporting = tuple(source for source in limits.order if not source.is_own_statement) or limits.order
     samples = []
     for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
         height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])
@@ -335,7 +336,7 @@ def missing_poses(
         if attitude is Missing.REFUSED:
             reasons.append(inputs.attitudes.refusals[row])
         elif attitude is not Missing.NOTHING:
-            reasons.append(missing_reason("camera attitude", attitude, limits.order, limits.max_gap_ns))
+            reasons.append(missing_reason("camera attitude", attitude, reporting, limits.max_gap_ns))
         if dropped is not None:
             status, reasons = Status.CLOCK_JUMPED, [dropped, *reasons]
         elif not has_begun[row]:

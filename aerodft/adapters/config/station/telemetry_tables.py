@@ -9,7 +9,16 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import BiasTable
 from aerodft.adapters.config.keys import impossible
-from aerodft.adapters.config.tables import AS_SHARE, NOT_IN_CONFIG_ID, SiAttribute, Table, si_value, to_percent, to_s
+from aerodft.adapters.config.tables import (
+    AS_SHARE,
+    NOT_IN_CONFIG_ID,
+    UNLESS_ZERO,
+    SiAttribute,
+    Table,
+    si_value,
+    to_percent,
+    to_s,
+)
 from aerodft.adapters.telemetry import COLUMN_KEYS
 from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, AngleScale, HeightSettings, TelemetrySettings
@@ -52,7 +61,7 @@ class HeightTable(Table):
 
     order: keys.Order[HeightName] | None = None
     home_above_plane_m: keys.Real = 0.0
-    home_above_plane_std_m: keys.NonNegative = 0.0
+    home_above_plane_std_m: Annotated[keys.NonNegative, UNLESS_ZERO] = 0.0
     manual_m: keys.Positive | None = None
     min_m: keys.NonNegative = 1.0
     max_gap_s: keys.Gap = 2.0
@@ -124,17 +133,26 @@ def _scales_table(scales: tuple[tuple[GimbalSource, AngleScale], ...]) -> Gimbal
     return GimbalScalesTable(**tables) if tables else None
 
 
+_GIMBALS: Final = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
+_OWN_STATEMENTS: Final = tuple(str(source) for source in GimbalSource if source.is_own_statement)
+
+
+def _with_own_statements(order: tuple[str, ...]) -> tuple[GimbalSource, ...]:
+    """Sources of an order; all gimbals' are followed by what cameras state themselves, which comes in no such log."""
+    return tuple(map(GimbalSource, (*order, *_OWN_STATEMENTS) if order == _GIMBALS else order))
+
+
+def _without_own_statements(order: tuple[GimbalSource, ...]) -> tuple[str, ...]:
+    """The order as files have it: ids of configurations that were written before photographs stay as they are."""
+    names = tuple(map(str, order))
+    return _GIMBALS if names == (*_GIMBALS, *_OWN_STATEMENTS) else names
+
+
 class AttitudeTable(Table):
     """Which attitude is believed, how a gimbal's reports are read, and how well they are known."""
 
-    order: keys.Order[AttitudeName] = (
-        "GIMBAL_DEVICE_ATTITUDE_STATUS",
-        "MOUNT_ORIENTATION",
-        "MOUNT_STATUS",
-        "MNT",
-        "photograph",
-        "subtitles",
-        "table",
+    order: Annotated[keys.Order[AttitudeName], SiAttribute(into=_with_own_statements, out=_without_own_statements)] = (
+        _GIMBALS
     )
     scale: Annotated[GimbalScalesTable, SiAttribute(into=_scales_from, out=_scales_table)] = GimbalScalesTable()
     fixed_mount: FixedMountTable | None = None

@@ -1,7 +1,7 @@
 """Importing a recorded flight: its sources on one axis of arrival times, through the pipeline into a recording."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,11 +28,12 @@ from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.app.align import aligned_station
 from aerodft.app.subtitled import subtitled_flight, with_own_videos, with_tilt
+from aerodft.app.triggered import RestampedPhotos, TriggeredPhotos, triggered_photos
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image
 from aerodft.service import MergedFeed, ObservedImages, ObserverSchedule, Source, TelemetrySettings
-from aerodft.service.clocks import LogSpan, MappedToUtc, survey_span
+from aerodft.service.clocks import ImageClock, LogSpan, MappedToUtc, survey_span
 from replay.foreign import ForeignImages, ForeignRecording
 from replay.recordings import LeftOut, is_mcap
 
@@ -81,7 +82,8 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         rate_hz: Without images: evaluations per second, at most 1000.
         observations: JSON-lines files of observed pixels, beside those of the station.
         calibration: Calibration file, in place of the station's.
-        sync: Whether the video's clock is found as by ``align``; None as the station says.
+        sync: Whether the video's clock is found as by ``align``; None as the station says. False keeps photos' own
+            stamps, where the log holds triggers.
         tilt_deg: Tilt of the camera from straight down where no gimbal reports it; None for the station's.
         topics: Which topic of another tool's recording is what; None for the station's.
         progress: Called between batches with nanoseconds of the flight; what it raises ends the import there, and
@@ -122,7 +124,17 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
                 _with_start_std(replace(station, images=replace(station.images, is_auto=False)))
             )
     files = (*station.observations.files, *map(Path, observations))
-    return _recorded(station, log if flight is None else flight, files, Path(output), where, progress)
+    inputs = _Inputs(log if flight is None else flight, files, by_triggers=sync is not False)
+    return _recorded(station, inputs, Path(output), where, progress)
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """Files of an import, beside those that the station names, and whether triggers stamp its photos."""
+
+    log: Path | SubtitleLog | None
+    observations: Sequence[Path]
+    by_triggers: bool
 
 
 def _checked_log(station: StationConfig, log: Path | None, where: str) -> Path | None:
@@ -134,19 +146,15 @@ def _checked_log(station: StationConfig, log: Path | None, where: str) -> Path |
 
 
 def _recorded(
-    station: StationConfig,
-    log: Path | SubtitleLog | None,
-    files: Sequence[Path],
-    output: Path,
-    where: str,
-    progress: Progress,
+    station: StationConfig, inputs: _Inputs, output: Path, where: str, progress: Progress
 ) -> assembly.RunResult:
     """Run a station over its log and images into a recording; ``where`` names its file."""
+    log = inputs.log
     with named_in(Path(where)):
         statistics, pipeline = assembly.RunStatistics(), assembly.build_pipeline(station)
         may_record = isinstance(log, Path) and is_mcap(log)
         observers = assembly.build_observers(station, pipeline, where, may_record=may_record)
-        flight = open_flight(station, log, files, observers.schedules)
+        flight = open_flight(station, log, inputs.observations, observers.schedules, by_triggers=inputs.by_triggers)
     recorder = assembly.build_recorder(station, output, started_ns=flight.first_ns, lossless=True)
     run_outputs = open_outputs(station.outputs, assembly.outputs_run(station, pipeline))
     with assembly.closing_recorder(recorder, output), run_outputs as outputs:
@@ -163,7 +171,7 @@ def _recorded(
         counts=pipeline.counts,
         observers=observers.report(flight.observed.counts),
         unmeasured=recorder.unmeasured,
-        warnings=() if flight.log is None else flight.log.warnings(),
+        warnings=(*(() if flight.log is None else flight.log.warnings()), *flight.remarks),
         left_out=flight.log.left_out() if isinstance(flight.log, assembly.RecordedTelemetry) else LeftOut(),
     )
 
@@ -224,6 +232,7 @@ class Flight:
         observed: The images among them, and what is seen in them.
         stamped: How many images there are with a stamp, damaged ones too; 0 where stamps come at a rate.
         log: The log among them; None for a fixed camera.
+        remarks: What became of photos that are stamped by the log's triggers.
     """
 
     sources: tuple[Source, ...]
@@ -232,6 +241,7 @@ class Flight:
     observed: ObservedImages
     stamped: int
     log: LogSource | None = None
+    remarks: tuple[str, ...] = ()
 
 
 def open_flight(
@@ -239,6 +249,8 @@ def open_flight(
     log: Path | SubtitleLog | None,
     observation_files: Sequence[Path] = (),
     schedules: Sequence[ObserverSchedule] = (),
+    *,
+    by_triggers: bool = True,
 ) -> Flight:
     """Open and check all sources of a station's recorded flight.
 
@@ -248,6 +260,8 @@ def open_flight(
             recording of its images.
         observation_files: What others have seen in the images.
         schedules: What looks at the images on the way.
+        by_triggers: Whether photos are stamped by the log's triggers, where it has some and the station states nothing
+            of the camera's clock.
 
     Raises:
         InputError: A source cannot be read, or images and log do not overlap in time.
@@ -266,7 +280,12 @@ def open_flight(
         with _quiet():
             span = survey_span(source, decoder_of(telemetry))
         _check_sources(log, span, telemetry)
-    images, stamps = _images(station, span, recording, source, decode=station.record.image_hz > 0 or bool(schedules))
+    photos = TriggeredPhotos()
+    if by_triggers and isinstance(station.images.source, Stills) and station.image_clock == ImageClock():
+        photos = _triggered(station.images.source, span)
+    images, stamps = _images(
+        station, span, recording, source, photos.stamps_ns, decode=station.record.image_hz > 0 or bool(schedules)
+    )
     if schedules and isinstance(images, RateSource) and recording is not None:
         raise recording.refusal_without("images")
     _check_overlap(span, stamps, log, station)
@@ -281,7 +300,7 @@ def open_flight(
     ends = [n for n in (span.first_arrival_ns, span.last_arrival_ns) if n is not None]
     if stamps:
         ends += [stamp_ns + span.lateness_at(stamp_ns) for stamp_ns in (min(stamps.values()), max(stamps.values()))]
-    return Flight(tuple(sources), min(ends), max(ends), observed, len(stamps), source)
+    return Flight(tuple(sources), min(ends), max(ends), observed, len(stamps), source, photos.remarks)
 
 
 def _are_own_photos(log: PhotographLog, configured: ImageInput | None) -> bool:
@@ -309,6 +328,7 @@ def _images(
     span: LogSpan,
     recording: ForeignRecording | None,
     log: LogSource | None,
+    triggered_ns: Mapping[int, int] | None,
     *,
     decode: bool,
 ) -> tuple[Source, dict[int, int]]:
@@ -331,9 +351,26 @@ def _images(
     else:
         rate_hz = configured.rate_hz if isinstance(configured, Rate) else assembly.DEFAULT_RATE_HZ
         return RateSource(span.arrivals_ns, rate_hz), {}
-    images = assembly.size_checked(MappedToUtc(open_images(decode=decode), clock), camera, where)
+
+    def opened(*, decode: bool) -> Source:
+        source = open_images(decode=decode)
+        return MappedToUtc(source, clock) if triggered_ns is None else RestampedPhotos(source, triggered_ns)
+
+    images = assembly.size_checked(opened(decode=decode), camera, where)
     with _quiet():
-        return images, _stamps(MappedToUtc(open_images(decode=False), clock), camera, where)
+        return images, _stamps(opened(decode=False), camera, where)
+
+
+def _triggered(stills: Stills, span: LogSpan) -> TriggeredPhotos:
+    """Stamps of a folder's photos by the triggers of the log."""
+    if not span.triggers:
+        return TriggeredPhotos()
+    with _quiet():
+        source = StillsFolderSource(stills.folder, pattern=stills.pattern, utc_offset=stills.utc_offset, decode=False)
+    photos = triggered_photos(source.stamped, span.triggers)
+    for remark in photos.remarks:
+        _log.warning("%s: %s", stills.folder, remark)
+    return photos
 
 
 def _stamps(source: Source, camera: Camera, where: Path) -> dict[int, int]:

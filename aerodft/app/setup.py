@@ -14,6 +14,7 @@ from aerodft.adapters.config.camera import KnownCamera, camera_document, known_c
 from aerodft.adapters.config.station import load_station
 from aerodft.adapters.files import whole_file
 from aerodft.adapters.images import STILLS, camera_of_still, facts_of_still, video_info
+from aerodft.adapters.telemetry import SubtitleLog, hfov_deg
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
@@ -24,6 +25,7 @@ from aerodft.model import Camera, CameraStd
 
 _ASSUMED_HFOV_DEG: Final = 70.0  # most drones' wide cameras: 60 to 80
 _ASSUMED_STD: Final = 0.15
+_EQUIVALENT_STD: Final = 0.08  # of a focal length equivalent to 35 mm film: between a 4:3 and a 16:9 picture's diagonal
 _ASSUMED_FLIGHT_M: Final = 40.0  # low flights over rivers: 20 to 80 m
 _ASSUMED_SIZE_PX: Final = (1920, 1080)
 _STREAMS: Final = ("rtsp://", "rtmp://", "udp://", "tcp://", "http://", "https://", "srt://")
@@ -154,6 +156,7 @@ class _Sources:
     link: str | None = None
     images: Path | None = None
     stream: str | None = None
+    subtitles: SubtitleLog | None = None
 
     @property
     def telemetry(self) -> str | None:
@@ -207,7 +210,7 @@ def draft_station(
     found, folder = _sorted(sources), Path(folder)
     station, own_camera = folder / "station.toml", folder / "camera.toml"
     draft = _Draft()
-    size_px = _write_camera(draft, found.images, camera, own_camera, overwrite=overwrite)
+    size_px = _write_camera(draft, found, camera, own_camera, overwrite=overwrite)
     used = Path(camera) if camera is not None and Path(camera).is_file() else own_camera
     report = None if found.telemetry is None else diagnose(found.telemetry).report
     draft.lines += [
@@ -265,9 +268,20 @@ def _sorted(sources: Sequence[str | Path]) -> _Sources:
     photo = _photo(found.images)
     if found.telemetry is None and found.images is not None and photo is not None and carries_pose(photo):
         found.log = found.images
+    if found.telemetry is None and found.images is not None and photo is None:
+        found.subtitles = _subtitles_of(found.images)
+        found.log = None if found.subtitles is None else found.images
     if None not in (found.log, found.link) or None not in (found.images, found.stream):
         raise UsageError("two sources of one kind", got="a file and a live one", expected="one of them")
     return found
+
+
+def _subtitles_of(video: Path) -> SubtitleLog | None:
+    """The subtitles of a drone beside a video or inside it; None where it has none."""
+    try:
+        return SubtitleLog([video])
+    except InputError:
+        return None
 
 
 def _is_images(path: Path) -> bool:
@@ -284,9 +298,10 @@ def _is_images(path: Path) -> bool:
 
 
 def _write_camera(
-    draft: _Draft, images: Path | None, wanted: str | Path | None, path: Path, *, overwrite: bool
+    draft: _Draft, found: _Sources, wanted: str | Path | None, path: Path, *, overwrite: bool
 ) -> tuple[int, int]:
     """Write the camera file, unless one is given, and return its image size in pixels."""
+    images = found.images
     if wanted is not None and (Path(wanted).is_file() or Path(wanted).suffix == ".toml"):
         camera = load_camera(wanted)
         draft.taken.append(f"camera: {camera.name}, from {wanted}")
@@ -310,7 +325,27 @@ def _write_camera(
         if share > 2:  # noqa: PLR2004 - percent, of a calibration
             draft.to_do.append(f"Calibrate the lens (`calibrate_lens`): widths are uncertain by {share:.1f} %")
         return known.camera.width_px, known.camera.height_px
+    if found.subtitles is not None and found.subtitles.focal_mm is not None and images is not None:
+        return _subtitled_camera(draft, images, found.subtitles.focal_mm, path, overwrite=overwrite)
     return _unknown_camera(draft, images, photo, path, overwrite=overwrite)
+
+
+def _subtitled_camera(draft: _Draft, video: Path, focal_mm: float, path: Path, *, overwrite: bool) -> tuple[int, int]:
+    """A camera file of the 35 mm-equivalent focal length by a video's subtitles; and its image size in pixels."""
+    width_px, height_px = _size_px(video)
+    focal_px = width_px / 2 / math.tan(math.radians(hfov_deg(focal_mm)) / 2)
+    std = CameraStd(focal_px=_EQUIVALENT_STD * focal_px, principal_point_px=0.005 * width_px)
+    name = _slug(path.absolute().parent.name)
+    camera = Camera.of_focal(name=name, width_px=width_px, height_px=height_px, focal_px=focal_px, std=std)
+    said = f"{focal_mm:g} mm equivalent to 35 mm film, by the subtitles of {video}"
+    draft.taken.append(f"camera: {said}; its focal length is known to {100 * _EQUIVALENT_STD:.0f} % (1 sigma)")
+    draft.to_do.append(
+        "Name your camera (`camera`; `find_cameras` lists them) or calibrate its lens: which part of the sensor a "
+        f"video shows is not stated, widths are uncertain by {100 * _EQUIVALENT_STD:.0f} %"
+    )
+    about = f"# Focal length: {said}. `aerodft calibrate-lens` finds it, with the distortion.\n"
+    _write(path, about + tomli_w.dumps(camera_document(camera)), overwrite=overwrite)
+    return width_px, height_px
 
 
 def _photo(images: Path | None) -> Path | None:
@@ -394,9 +429,9 @@ def _telemetry(
     if found.link is not None:
         yield f"connection = {_quoted(found.link)}"
     yield "\n[telemetry.height]"
-    if report.photographs and not heights:
+    if (report.photographs or found.subtitles is not None) and not heights:
         yield from _stated_height(draft)
-        yield from _stated_attitude(draft, attitudes)
+        yield from _stated_attitude(draft, attitudes, is_subtitled=found.subtitles is not None)
         return
     order = [name for name in _HEIGHTS if name in heights] or ["home"]
     yield f"order = [{', '.join(map(_quoted, order))}]   # the first that has a value counts"
@@ -408,28 +443,34 @@ def _telemetry(
         if name in heights:
             each = heights[name]
             draft.taken.append(f"height: {name}, {each.count} values from {each.low:.1f} to {each.high:.1f} m")
-    yield from _stated_attitude(draft, attitudes)
+    yield from _stated_attitude(draft, attitudes, is_subtitled=found.subtitles is not None)
 
 
 def _stated_height(draft: _Draft) -> Iterator[str]:
-    """Keys of a height that nobody has stated yet, of photographs that say none."""
+    """Keys of a height that nobody has stated yet, of photographs or subtitles that say none."""
     draft.to_do[:] = [each for each in draft.to_do if "home_above_plane_m" not in each]
-    draft.to_do.insert(0, "State the camera's height above the water (manual_m): the photographs do not say it")
-    yield 'order = ["manual"]          # the photographs say no height'
+    draft.to_do.insert(0, "State the camera's height above the water (manual_m): no height is stated")
+    yield 'order = ["manual"]          # no height is stated'
     yield f"manual_m = {_ASSUMED_FLIGHT_M}             # ASSUMED: the camera above the water, m: MEASURE THIS"
     yield f"std_m = {{ manual = {_ASSUMED_FLIGHT_M / 2} }}   # 1 sigma"
 
 
-def _stated_attitude(draft: _Draft, attitudes: list[str]) -> Iterator[str]:
+def _stated_attitude(draft: _Draft, attitudes: list[str], *, is_subtitled: bool) -> Iterator[str]:
     """The table of attitudes: those of a log, else of a camera that is fixed to the vehicle."""
     yield "\n[telemetry.attitude]"
     if attitudes:
         yield f"order = [{', '.join(map(_quoted, attitudes))}]"
         draft.taken.append(f"camera's attitude: {', '.join(attitudes)}")
-    else:
-        yield 'order = ["fixed"]           # no gimbal speaks: a camera bolted to the vehicle, looking down'
-        yield "fixed_mount = { yaw_deg = 0.0, pitch_deg = -90.0, roll_deg = 0.0 }"
-        draft.to_do.append("State how the camera is mounted (fixed_mount): no gimbal speaks, straight down is assumed")
+        return
+    levelled = " levelled by its gimbal" if is_subtitled else " bolted to the vehicle"
+    yield f'order = ["fixed"]           # no angles of the camera are stated: it is taken to be{levelled}, looking down'
+    yield "fixed_mount = { yaw_deg = 0.0, pitch_deg = -90.0, roll_deg = 0.0 }"
+    what = (
+        "State the camera's tilt (fixed_mount, or `tilt_deg` of `import_flight`)"
+        if is_subtitled
+        else ("State how the camera is mounted (fixed_mount)")
+    )
+    draft.to_do.append(f"{what}: no gimbal speaks, straight down is assumed")
 
 
 def _fixed(draft: _Draft) -> Iterator[str]:
@@ -449,7 +490,7 @@ def _fixed(draft: _Draft) -> Iterator[str]:
 def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, folder: Path) -> Iterator[str]:
     """The table of where images come from."""
     yield "[images]"
-    if found.log is not None and found.log == found.images:
+    if found.log is not None and found.log == found.images and found.subtitles is None:
         yield "# the photographs that say the poses"
         draft.taken.append(f"images: the photographs of {found.images}, each with its own pose")
     elif found.stream is not None:
@@ -462,6 +503,9 @@ def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, fold
         draft.taken.append(f"images: those of {photo.parent}, stamped by their EXIF data")
     else:
         yield f"video = {_from(folder, found.images)}"
+        if found.subtitles is not None:
+            draft.taken.append("video's start: by its subtitles, on one time line")
+            return
         yield from _video_start(draft, found.images, report)
 
 

@@ -84,6 +84,8 @@ from aerodft.model.telemetry import (
     ReportFrame,
     SyncTrack,
     Track,
+    TriggerSource,
+    TriggerTrack,
     VehicleTrack,
     WireProtocol,
     concatenate_tracks,

@@ -195,6 +195,31 @@ class HeightTrack(Track):
     lat_lon_rad: FloatArray | None = None
 
 
+class TriggerSource(StrEnum):
+    """Message that says when the camera was triggered; what is nearest to the exposure first."""
+
+    IMAGE_CAPTURED = "CAMERA_IMAGE_CAPTURED"
+    ULOG_CAPTURE = "camera_capture"
+    DATAFLASH_CAM = "CAM"
+    CAMERA_FEEDBACK = "CAMERA_FEEDBACK"
+    CAMERA_TRIGGER = "CAMERA_TRIGGER"
+    ULOG_TRIGGER = "camera_trigger"
+    DATAFLASH_TRIG = "TRIG"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TriggerTrack(Track):
+    """Triggers of the camera, or its reports of having taken an image.
+
+    Attributes:
+        source: The message.
+        unix_ns: ``(n,)`` UTC of the trigger by the message itself; 0 where it states none.
+    """
+
+    source: TriggerSource
+    unix_ns: IntArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraTrack(Track):
     """Reports of one message about the camera; no row is all unknown.

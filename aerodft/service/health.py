@@ -37,6 +37,7 @@ from aerodft.model import (
     PositionTrack,
     Status,
     Track,
+    TriggerTrack,
     VehicleTrack,
 )
 from aerodft.service.settings import HealthSettings
@@ -490,7 +491,7 @@ def _ages_ns(stream: Stream, stamps_ns: IntArray, ticks: IntArray) -> IntArray:
 
 
 def _name(track: Track) -> str:
-    if isinstance(track, GimbalTrack | HeightTrack | CameraTrack):
+    if isinstance(track, GimbalTrack | HeightTrack | CameraTrack | TriggerTrack):
         return str(track.source)
     return _TRACK_NAMES.get(type(track), type(track).__name__)
 

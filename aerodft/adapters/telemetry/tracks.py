@@ -33,6 +33,8 @@ from aerodft.model import (
     PositionTrack,
     SyncTrack,
     Track,
+    TriggerSource,
+    TriggerTrack,
     VehicleTrack,
     ZoomSource,
 )
@@ -440,6 +442,33 @@ def settings_track(rows: Rows, rejected: Counter[str]) -> Track:
 
 def _zeros(rows: Rows) -> IntArray:
     return np.zeros(len(rows.arrival_ns), dtype=np.int64)
+
+
+def camera_trigger_track(rows: Rows, rejected: Counter[str]) -> Track:
+    """CAMERA_TRIGGER: a command to the camera."""
+    return _trigger_track(TriggerSource.CAMERA_TRIGGER, rows, rejected, "time_usec")
+
+
+def camera_feedback_track(rows: Rows, rejected: Counter[str]) -> Track:
+    """CAMERA_FEEDBACK: ArduPilot's geotag of an image."""
+    return _trigger_track(TriggerSource.CAMERA_FEEDBACK, rows, rejected, "time_usec")
+
+
+def image_captured_track(rows: Rows, rejected: Counter[str]) -> Track:
+    """CAMERA_IMAGE_CAPTURED: the camera's own report of an image; failed ones are left out.
+
+    Its time since boot is the camera's, which may be a component of its own.
+    """
+    good = rows.accepted(rejected, {"no image was captured": rows.payload["capture_result"] != 1})
+    good = replace(good, boot_ns=np.full(len(good.payload), NO_BOOT_TIME, dtype=np.int64))
+    return _trigger_track(TriggerSource.IMAGE_CAPTURED, good, rejected, "time_utc")
+
+
+def _trigger_track(source: TriggerSource, rows: Rows, _rejected: Counter[str], field: str) -> Track:
+    unix_us = rows.payload[field]
+    is_unix = (unix_us >= MIN_UNIX_NS // 1000) & (unix_us < MAX_UNIX_NS // 1000)
+    unix_ns = np.where(is_unix, unix_us, 0).astype(np.int64) * 1000
+    return TriggerTrack(source=source, unix_ns=unix_ns, **rows.stamps())
 
 
 def heartbeat_track(rows: Rows, _rejected: Counter[str]) -> Track:

@@ -5,7 +5,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import GimbalSource, GimbalTrack, HeightSource, Track, VehicleTrack
+from aerodft.model import (
+    NO_BOOT_TIME,
+    GimbalSource,
+    GimbalTrack,
+    HeightSource,
+    Track,
+    TriggerSource,
+    TriggerTrack,
+    VehicleTrack,
+)
 from aerodft.service.clocks.clock_map import ClockMap
 from aerodft.service.clocks.tracks_by_tick import Ticks
 from aerodft.service.feed import MergedFeed
@@ -33,6 +42,7 @@ class LogSpan:
             long.
         heights: Height sources with at least one sample.
         attitudes: Attitude sources with at least one sample.
+        triggers: UTC (ns) of the camera's triggers by message, in order of arrival.
     """
 
     arrivals_ns: list[tuple[int, int]] = field(default_factory=list)
@@ -43,6 +53,7 @@ class LogSpan:
     jitter_ns: int = 0
     heights: set[HeightSource] = field(default_factory=set)
     attitudes: set[GimbalSource] = field(default_factory=set)
+    triggers: dict[TriggerSource, list[int]] = field(default_factory=dict)
 
     def lateness_at(self, stamp_ns: int) -> int:
         """Time (ns) after its UTC at which an image must arrive to meet its telemetry.
@@ -84,6 +95,10 @@ def survey_span(log: Source, decoder: TelemetryDecoder) -> LogSpan:
         for track in update.ticks.tracks:
             _add_source(span, track)
             stamps = clock.to_utc(track, LAST)
+            if isinstance(track, TriggerTrack):
+                stated = (track.boot_ns == NO_BOOT_TIME) & (track.unix_ns > 0)
+                span.triggers.setdefault(track.source, []).extend(np.where(stated, track.unix_ns, stamps).tolist())
+                continue  # what is late about them holds nothing up
             if not lateness_ns:
                 since_ns = int(track.arrival_ns.min()) if span.stretches else 0
                 span.stretches.append((int(stamps.min()), since_ns, 0))

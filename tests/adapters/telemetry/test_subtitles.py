@@ -458,3 +458,21 @@ def test_a_video_without_subtitles_says_what_to_do(desk: Path) -> None:
     clip = _video(desk / "clip.mp4", 3)
     with pytest.raises(InputError, match=r"put the \.SRT beside it"):
         open_log(clip)
+
+
+@pytest.mark.parametrize("dialect", ["m3t", "mavic3", "m2zoom"])
+def test_init_writes_a_station_for_a_clip(desk: Path, dialect: str) -> None:
+    clip = _video(desk / "DJI_0001.MP4", 30)
+    (desk / "DJI_0001.SRT").write_bytes(w.srt_file(dialect, w.moments(30)))
+    done = run_aerodft("init", clip, "-o", desk / "mine", "--json")
+    assert done.code == 0, done.err
+    said = " ".join([*done.json["taken"], *done.json["to_do"]])
+    assert "equivalent to 35 mm film, by the subtitles" in said
+    assert ("tilt" in said) == (dialect != "m3t")
+    assert ("manual_m" in said) == (dialect == "m2zoom")
+    assert "photographs" not in said
+    imported = run_aerodft("import", clip, "-c", desk / "mine/station.toml", "-o", desk / "out", "--json")
+    assert imported.code == 0, imported.err
+    values = [orjson.loads(each) for each in Recording(desk / "out").measurements()]
+    statuses = Counter(each["status"] for each in values)
+    assert statuses["ILL_CONDITIONED" if dialect == "m2zoom" else "ok"] >= 28  # a height of 40 m is known to 20 m

@@ -31,6 +31,8 @@ from aerodft.model import (
     IntArray,
     RawBlock,
     Track,
+    TriggerSource,
+    TriggerTrack,
     WireProtocol,
 )
 from aerodft.service import AngleScale
@@ -259,6 +261,11 @@ def _terr(rows: Rows, rejected: Counter[str]) -> Track:
     return height_track(HeightSource.TERRAIN, good, good.column("CHeight"), slant=False)
 
 
+def _trigger(source: TriggerSource, rows: Rows, rejected: Counter[str]) -> Track:
+    good = rows.accepted(rejected, _another_instance(rows))
+    return TriggerTrack(source=source, unix_ns=np.zeros(len(good.payload), dtype=np.int64), **good.stamps())
+
+
 _Maker = Callable[[Rows, Counter[str]], Track | None]
 _PARAMETER: Final = "PARM"
 _Makers = tuple[tuple[tuple[str, ...], _Maker], ...]
@@ -274,6 +281,8 @@ _MAKERS: Final[dict[str, _Makers]] = {
     "TERR": ((("Status", "Spacing", "CHeight"), _terr),),
     "XKF1": ((("VD",), _estimator),),
     "NKF1": ((("VD",), _estimator),),
+    "CAM": (((), partial(_trigger, TriggerSource.DATAFLASH_CAM)),),
+    "TRIG": (((), partial(_trigger, TriggerSource.DATAFLASH_TRIG)),),
 }
 """By message the fields that it must have, and what makes a track of them; a message makes all tracks that it can."""
 _BOOT_TIMES: Final = (("TimeUS", 1), ("T", 1000), ("TimeMS", 1000))

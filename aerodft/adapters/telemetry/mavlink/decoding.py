@@ -22,6 +22,8 @@ from aerodft.adapters.telemetry.tracks import (
     Rows,
     altitude_track,
     boot_ns_of,
+    camera_feedback_track,
+    camera_trigger_track,
     clock_track,
     distance_sensor_track,
     ekf_track,
@@ -32,6 +34,7 @@ from aerodft.adapters.telemetry.tracks import (
     gimbal_type_track,
     gps_track,
     heartbeat_track,
+    image_captured_track,
     landed_track,
     mount_orientation_track,
     mount_status_track,
@@ -54,6 +57,8 @@ ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_S
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
 EXTENDED_SYS_STATE = 245
+CAMERA_TRIGGER, CAMERA_FEEDBACK, CAMERA_IMAGE_CAPTURED = 112, 180, 263
+OF_TRIGGERS: Final = (CAMERA_TRIGGER, CAMERA_FEEDBACK, CAMERA_IMAGE_CAPTURED)
 TIMESYNC, GIMBAL_MANAGER_INFORMATION, GIMBAL_DEVICE_INFORMATION = 111, 280, 283
 _OF_HEALTH: Final = (GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS, EXTENDED_SYS_STATE)
 OF_AUTOPILOT: Final = (HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, *_OF_HEALTH, TIMESYNC)
@@ -80,13 +85,18 @@ _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
     GIMBAL_MANAGER_INFORMATION: gimbal_type_track,
     GIMBAL_DEVICE_INFORMATION: gimbal_type_track,
     EXTENDED_SYS_STATE: landed_track,
+    CAMERA_TRIGGER: camera_trigger_track,
+    CAMERA_FEEDBACK: camera_feedback_track,
+    CAMERA_IMAGE_CAPTURED: image_captured_track,
 }
 """What makes a track of each message that is decoded; to decode another one, it gets an entry here."""
 
 WANTED: Final = tuple(_MAKERS)
 _DESCRIPTIONS: Final = (GIMBAL_MANAGER_INFORMATION, GIMBAL_DEVICE_INFORMATION)
 OF_POSES: Final = tuple(
-    each for each in _MAKERS if each not in {HEARTBEAT, TIMESYNC, *_DESCRIPTIONS, *_OF_HEALTH, *OF_CAMERAS}
+    each
+    for each in _MAKERS
+    if each not in {HEARTBEAT, TIMESYNC, *_DESCRIPTIONS, *_OF_HEALTH, *OF_CAMERAS, *OF_TRIGGERS}
 )
 
 ORIENTATION_DOWN = 25

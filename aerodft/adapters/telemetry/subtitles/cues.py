@@ -37,7 +37,7 @@ _GPS: Final = re.compile(r"(?<![A-Za-z])GPS(?:" + _BRACKET + ")?")
 _HOME: Final = re.compile(r"(?<![A-Za-z])HOME" + _BRACKET)
 _GIMBAL: Final = re.compile(r"(?<![A-Za-z])G\.PRY(?:" + _BRACKET + ")?")
 _HEIGHTS: Final = {
-    "BAROMETER": re.compile(rf"(?<![A-Za-z])BAROMETER[ \t]*:(?:[ \t]*({_NUMBER})M?(?=\s))?"),
+    "BAROMETER": re.compile(rf"(?<![A-Za-z])BAROMETER[ \t]*:(?:[ \t]*({_NUMBER})(?:M(?=\s|\Z)|(?=\s)))?"),
     "Hb": re.compile(rf"(?<![A-Za-z])Hb[ \t]*:(?:[ \t]*({_NUMBER})(?=\s))?"),
     "H": re.compile(rf"(?<![A-Za-z.])H[ \t]+(?:({_NUMBER})m(?=[,\s]))?"),
 }

@@ -36,6 +36,8 @@ from aerodft.model import (
     PositionTrack,
     RawBlock,
     Track,
+    TriggerSource,
+    TriggerTrack,
     VehicleTrack,
 )
 from aerodft.service import HEIGHT_SOURCES, AngleScale
@@ -51,6 +53,8 @@ _GPS: Final = "vehicle_gps_position"
 _RECEIVER: Final = "sensor_gps"  # of a log without the topic that PX4 selects a receiver for
 _GIMBAL: Final = "gimbal_device_attitude_status"
 _ESTIMATOR: Final = "estimator_status"
+_CAPTURE: Final = "camera_capture"
+_TRIGGER: Final = "camera_trigger"
 _COLUMNS: Final[dict[str, tuple[str, ...]]] = {
     _ATTITUDE: ("q",),
     _HOME: ("z",),
@@ -60,6 +64,8 @@ _COLUMNS: Final[dict[str, tuple[str, ...]]] = {
     _GPS: ("time_utc_usec", "fix_type", "satellites_used", "eph", "epv"),
     _RECEIVER: ("time_utc_usec", "fix_type", "satellites_used", "eph", "epv"),
     _GIMBAL: ("q", "device_flags", "failure_flags"),
+    _CAPTURE: ("result",),
+    _TRIGGER: (),
     _ESTIMATOR: ("vel_test_ratio", "pos_test_ratio", "hgt_test_ratio", "mag_test_ratio", "solution_status_flags"),
 }
 """Topics that are decoded, and the fields that each must have."""
@@ -171,6 +177,8 @@ class UlogDecoder:
             *heights,
             *self._gimbals(messages.get(_GIMBAL)),
             *self._estimators(messages.get(_ESTIMATOR)),
+            *self._captures(messages.get(_CAPTURE)),
+            *self._triggers(messages.get(_TRIGGER)),
         ]
         return tuple(track for track in tracks if len(track.arrival_ns))
 
@@ -425,6 +433,24 @@ class UlogDecoder:
         count = sum(topic.name == _ESTIMATOR for topic in self._definitions.topics.values())
         if messages is not None and count == 1:
             yield estimator_track(_renamed(messages.rows, _ESTIMATOR_NAMES), self.rejected)
+
+    def _captures(self, messages: _Messages | None) -> Iterable[Track]:
+        """The camera's own reports of images."""
+        if messages is not None:
+            failed = messages.rows.payload["result"] != 1
+            good = messages.rows.accepted(self.rejected, {"no image was captured": failed})
+            yield _trigger_track(TriggerSource.ULOG_CAPTURE, good)
+
+    def _triggers(self, messages: _Messages | None) -> Iterable[Track]:
+        """Commands to the camera; a row with feedback repeats one when the camera's flash shoe says so."""
+        if messages is not None:
+            is_command = messages.rows.payload["feedback"] == 0 if _has(messages.rows, "feedback") else None
+            rows = messages.rows if is_command is None else messages.rows.rows(is_command)
+            yield _trigger_track(TriggerSource.ULOG_TRIGGER, rows)
+
+
+def _trigger_track(source: TriggerSource, rows: Rows) -> Track:
+    return TriggerTrack(source=source, unix_ns=np.zeros(len(rows.payload), dtype=np.int64), **rows.stamps())
 
 
 def _numbers(block: RawBlock) -> IntArray:

@@ -1,7 +1,7 @@
 """Why evidence does not fit: every likely mistake is tried by solving with it."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -13,6 +13,9 @@ from aerodft.errors import AerodftError, InputError, NotDetermined
 from aerodft.model import Camera, EvidenceSet, FloatArray, Landmark, Prior, ProjectionModel
 from calibration.diagnosis.readings import (
     FOOT_M,
+    MIRROR,
+    MIRRORED_IMAGE,
+    OWN_PLACE,
     POSE,
     CompleteLandmarks,
     Reading,
@@ -23,8 +26,10 @@ from calibration.diagnosis.strays import common_error, unseen_error
 from calibration.pose import OUT_OF_SIGHT, Result, angles_deg, calibrate, display_unit, expand_groups
 
 _DOUBT: Final = 3.0  # how many times as large as stated residuals may be without a look for the cause
-_BETTER: Final = 4.0  # by how much another reading must fit better
-_ROUGH: Final = 10.0  # what a reading that fits may leave, in stated stds, which people state too small
+_BETTER: Final = 14.0
+"""Twice the log odds (e^7 = 1,100) by which a cause must be likelier than the file as it is, and than others."""
+_UNKNOWN_PENALTY: Final = 10.0
+"""Twice the log odds of a parameter that a cause leaves open: its std is about 1/150 of what it might have been."""
 _MIN_DOF: Final = 2  # degrees of freedom: with none, anything fits
 _MAX_REJECTED: Final = 0.2
 _MAX_UNSEEN: Final = 0.4  # share of rejected observations, above which it is the camera that is wrong
@@ -38,6 +43,7 @@ _SIMILAR: Final = 0.05
 _DATUM_M: Final = (10.0, 120.0)  # by how much heights above the ellipsoid and above the sea differ
 _NEAR_M: Final = 2000.0
 _ANGLES: Final = {"tilt", "roll", "heading"}
+_LENS: Final = "lens"
 _FULL_TURN: Final = {"roll", "heading"}
 _MILLIMETRES: Final = 0.1  # of the focal length in pixels, below which a number is in millimetres
 
@@ -60,21 +66,46 @@ class Attempt:
     model: ProjectionModel
     result: Result
 
-    def variant(self, known: EvidenceSet, names: tuple[str, ...]) -> Result | None:
-        """A calibration of other evidence; None where there is none, or none with a camera that hangs well."""
+    def variant(self, known: EvidenceSet, names: tuple[str, ...], camera: Camera | None = None) -> Result | None:
+        """A calibration of other evidence; None where there is none, or none with a camera that hangs well.
+
+        Args:
+            known: The evidence.
+            names: The unknowns.
+            camera: Another camera than the file's.
+        """
         try:
-            result = calibrate(known, self.camera, tuple(dict.fromkeys(names)), self.model)
+            unique = tuple(dict.fromkeys(names))
+            result = calibrate(known, camera or self.camera, unique, self.model, is_quick=True)
         except ValueError:
             return None
         tilt_deg, roll_deg, _ = angles_deg(result.solution.state)
         is_sound = result.weakest.is_determined and result.solution.dof >= _MIN_DOF
         is_upright = abs(roll_deg) <= _MAX_ROLL_DEG and tilt_deg <= _MAX_TILT_DEG
         is_one = np.count_nonzero(~result.solution.kept) <= _MAX_REJECTED * len(result.solution.kept)
-        return result if is_sound and is_upright and is_one and misfit(result) <= _ROUGH else None
+        return result if is_sound and is_upright and is_one and result.is_consistent else None
 
-    def is_better(self, variant: Result) -> bool:
-        """Whether a variant fits so much better than what was found that it cannot be chance."""
-        return _BETTER * max(misfit(variant), 1.0) <= misfit(self.result)
+    @property
+    def surprise(self) -> float:
+        """Twice the negative log likelihood of the file as it is."""
+        return self.result.solution.neg_log_likelihood
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cause:
+    """A likely mistake.
+
+    Attributes:
+        kind: Causes of one kind may fit alike.
+        error: What it is.
+        surprise: Twice the negative log likelihood of the observations without the mistake.
+        min_odds: Twice the log odds by which it must be likelier than the file as it is.
+    """
+
+    kind: str
+    error: AerodftError
+    surprise: float
+    min_odds: float = _BETTER
 
 
 def misfit(result: Result) -> float:
@@ -86,6 +117,8 @@ def misfit(result: Result) -> float:
 def likely_mistake(attempt: Attempt) -> AerodftError | None:
     """The likely mistake in evidence that does not fit; None where it fits, or where nothing explains it.
 
+    A cause is named where everything fits without it, far better than with any other cause.
+
     Returns:
         An :class:`InputError` that names it; :class:`NotDetermined` where unknowns are missing that nobody stated.
     """
@@ -95,20 +128,38 @@ def likely_mistake(attempt: Attempt) -> AerodftError | None:
     solution = attempt.result.solution
     priors = solution.residuals.values[solution.residuals.owner < 0]
     is_pulled = bool(np.any(np.abs(priors) > _PRIOR_STDS))
-    if solution.misfit <= _DOUBT and np.all(solution.kept) and not is_pulled:
+    if solution.misfit <= _DOUBT and np.all(solution.kept) and not is_pulled and attempt.result.is_consistent:
         return None
-    searches: tuple[Callable[[Attempt], AerodftError | None], ...] = (
-        _missing_unknowns,
-        _wrong_prior,
-        _landmark_group,
-        _other_reading,
-        _other_zoom,
-    )
-    for search in searches:
-        if error := search(attempt):
-            return error
+    if error := _missing_unknowns(attempt):
+        return error
+    causes = [cause for search in _SEARCHES for cause in search(attempt)]
+    if error := _named(attempt, causes):
+        return error
     rejected = np.count_nonzero(~solution.kept)
     return unseen_error(attempt.evidence, attempt.result) if rejected <= _MAX_UNSEEN * len(solution.kept) else None
+
+
+def _named(attempt: Attempt, causes: Sequence[Cause]) -> AerodftError | None:
+    """The error of the cause that is far likelier than all others and than none; None where there is no such cause."""
+    causes = [cause for cause in causes if cause.surprise + cause.min_odds <= attempt.surprise]
+    least = min((cause.surprise for cause in causes), default=math.inf)
+    likely = [cause for cause in causes if cause.surprise < least + _BETTER]
+    if len({cause.kind for cause in likely}) != 1:
+        return None
+    if likely[0].kind == MIRROR and len(likely) > 1 and not _is_said_by_first(likely):
+        return InputError(
+            "the landmarks are seen as in a mirror",
+            where=attempt.evidence.path,
+            got="; ".join(cause.error.what for cause in likely),
+            expected="the image as the camera took it, and u, v and places in their order",
+            hint="check which of these it is: each fits",
+        )
+    return likely[0].error
+
+
+def _is_said_by_first(mirrored: Sequence[Cause]) -> bool:
+    """Whether the first of several mirror images says what the others are: a mirrored image itself."""
+    return all(cause.error.what == MIRRORED_IMAGE for cause in mirrored[1:])
 
 
 def _swapped_columns(attempt: Attempt) -> InputError | None:
@@ -135,7 +186,7 @@ def _missing_unknowns(attempt: Attempt) -> NotDetermined | None:
     if not missing or not any(isinstance(each, Landmark) for each in known.evidence):
         return None
     variant = attempt.variant(known, (*attempt.names, *missing))
-    if variant is None or not attempt.is_better(variant):
+    if variant is None or _surprise(variant, len(missing)) + _BETTER > attempt.surprise:
         return None
     more = list(dict.fromkeys(_GROUP_OF.get(name, name) for name in missing))
     every = ",".join(dict.fromkeys((*attempt.names, *more)))
@@ -147,18 +198,17 @@ def _missing_unknowns(attempt: Attempt) -> NotDetermined | None:
     )
 
 
-def _wrong_prior(attempt: Attempt) -> InputError | None:
-    """A stated number of the camera that all observations contradict."""
-    known, worst = attempt.evidence.known, None
+def _wrong_priors(attempt: Attempt) -> Iterator[Cause]:
+    """Stated numbers of the camera that all observations contradict."""
+    known = attempt.evidence.known
     for names in _prior_groups(known, attempt.names):
         others = {name: prior for name, prior in known.priors.items() if name not in names}
         variant = attempt.variant(EvidenceSet(evidence=known.evidence, priors=others), (*attempt.names, *names))
-        if variant is None or (worst is not None and misfit(variant) >= misfit(worst.variant)):
+        if variant is None:
             continue
         suspect = _SuspectPrior(attempt.evidence, {name: known.priors[name] for name in names}, variant)
         if suspect.stds_off() > _PRIOR_STDS:
-            worst = suspect
-    return None if worst is None else worst.error()
+            yield Cause(names[0], suspect.error(), _surprise(variant, len(names)))
 
 
 def _prior_groups(known: EvidenceSet, unknowns: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
@@ -170,16 +220,17 @@ def _prior_groups(known: EvidenceSet, unknowns: tuple[str, ...]) -> Iterator[tup
     yield from ((name,) for name in stated if name not in place)
 
 
-def _landmark_group(attempt: Attempt) -> InputError | None:
+def _landmark_group(attempt: Attempt) -> Iterator[Cause]:
     """Rejected landmarks that agree among themselves, or of which those at other heights agree without the rest."""
     if error := common_error(attempt.evidence, attempt.result):
-        return error
+        yield Cause(error.what, error, _surprise_of_kept(attempt.result), min_odds=0.0)  # the fit has left them out
+        return
     known = attempt.evidence.known
     ups_m = np.array([each.position_m[2] if isinstance(each, Landmark) else None for each in known.evidence], float)
     heights_m = np.sort(ups_m[np.isfinite(ups_m)])
     gaps_m = np.diff(heights_m)
     if not len(gaps_m) or np.max(gaps_m) < _GAP_M:
-        return None
+        return
     is_low = np.isnan(ups_m) | (ups_m <= heights_m[int(np.argmax(gaps_m))])
     for used in (is_low, np.isnan(ups_m) | ~is_low):
         evidence = tuple(each for each, is_used in zip(known.evidence, used, strict=True) if is_used)
@@ -190,36 +241,65 @@ def _landmark_group(attempt: Attempt) -> InputError | None:
         kept[used] = variant.solution.kept
         whole = replace(variant, solution=replace(variant.solution, kept=kept))
         if error := common_error(attempt.evidence, whole):
-            return error
-    return None
+            yield Cause(error.what, error, _surprise_of_kept(variant))
+            return
 
 
-def _other_reading(attempt: Attempt) -> InputError | None:
+def _other_readings(attempt: Attempt) -> Iterator[Cause]:
+    """Other readings of the file that fit.
+
+    A reading of the places leaves out what the file says of the camera's own place. It explains nothing where the
+    file's own reading fits as well without that.
+    """
+    own_surprise = _surprise_without_place(attempt)
     for reading in alternative_readings(attempt.evidence, attempt.camera, attempt.names):
         variant = attempt.variant(reading.known, reading.names)
-        if variant is not None and attempt.is_better(variant):
-            return _reading_error(attempt, reading, variant)
-    return None
+        leaves_out_place = len(reading.known.priors) < len(attempt.evidence.known.priors)
+        is_explained = leaves_out_place and variant is not None and own_surprise < _surprise(variant) + _BETTER
+        if variant is not None and not is_explained:
+            yield Cause(reading.kind, _reading_error(attempt, reading, variant), _surprise(variant))
 
 
-def _other_zoom(attempt: Attempt) -> InputError | None:
-    """Error where another focal length than the camera file's fits; None where none does."""
+def _surprise_without_place(attempt: Attempt) -> float:
+    """Twice the negative log likelihood without what is stated of the camera's place; infinite where nothing fits."""
+    known = attempt.evidence.known
+    others = {name: prior for name, prior in known.priors.items() if name not in OWN_PLACE}
+    if len(others) == len(known.priors):
+        return math.inf
+    variant = attempt.variant(replace(known, priors=others), (*attempt.names, *known.priors.keys() - others.keys()))
+    return math.inf if variant is None else _surprise(variant)
+
+
+def _other_zoom(attempt: Attempt) -> Iterator[Cause]:
+    """Another focal length than the camera file's that fits."""
     if {"focal", "fx", "fy"} & {*attempt.names, *attempt.evidence.known.priors}:
-        return None
+        return
     variant = attempt.variant(attempt.evidence.known, (*attempt.names, "focal"))
-    if variant is None or not attempt.is_better(variant):
-        return None
+    if variant is None:
+        return
     index = variant.names.index("focal")
     std_px = math.sqrt(variant.named_covariance[index, index])
     if abs(variant.camera.fx_px - attempt.camera.fx_px) <= _PRIOR_STDS * std_px:
-        return None
-    return InputError(
+        return
+    error = InputError(
         "the image is not of this camera's mode",
         where=attempt.evidence.path,
         got=f"a focal length of {variant.camera.fx_px:.0f} px, with which all fits{_fit(variant)}",
         expected=f'{attempt.camera.fx_px:.0f} px, as camera "{attempt.camera.name}" has',
         hint="take the camera file of the zoom and crop that the image was taken with, or add focal to `unknowns`",
     )
+    yield Cause(_LENS, error, _surprise(variant, 1))
+
+
+def _surprise(variant: Result, more: int = 0) -> float:
+    """Twice the negative log likelihood of a calibration with so many unknowns more than were asked for."""
+    return variant.solution.neg_log_likelihood + _UNKNOWN_PENALTY * more
+
+
+def _surprise_of_kept(result: Result) -> float:
+    """Twice the negative log likelihood of the observations used, where the others are one mistake of one number."""
+    solution = result.solution
+    return solution.neg_log_likelihood_of_kept + _UNKNOWN_PENALTY
 
 
 def _reading_error(attempt: Attempt, reading: Reading, variant: Result) -> InputError:
@@ -298,6 +378,14 @@ class _SuspectPrior:
             (name in _GROUP_OF and is_map and off_m <= _NEAR_M, "are places of two datums or projections mixed?"),
         )
         return next((advice for is_so, advice in cases if is_so), "correct it, or state a larger std")
+
+
+_SEARCHES: Final[tuple[Callable[[Attempt], Iterator[Cause]], ...]] = (
+    _wrong_priors,
+    _landmark_group,
+    _other_readings,
+    _other_zoom,
+)
 
 
 def _is_close(value: float, other: float) -> bool:

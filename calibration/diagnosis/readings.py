@@ -15,12 +15,17 @@ from calibration.pose import expand_groups
 _MAX_LANDMARKS: Final = 60  # that a reading is tried with
 FOOT_M: Final = 0.3048
 _SMALLER: Final = (1.5, 2.0, 3.0, 4.0)
+MIRROR: Final = "mirror"
+"""Kind of readings that are mirror images: apart from turns of the camera they are one."""
+MIRRORED_IMAGE: Final = "the image looks mirrored"
+ORDER: Final = "order"
+"""Kind of readings in which pixels belong to other landmarks."""
 _MAX_LAT, _MAX_LON, _SITE_DEG = 90.0, 180.0, 1.0
 _LARGE_M: Final = 1e5
 _WEB_MERCATOR: Final = "EPSG:3857"
 _PLACE: Final = ("east", "north", "heading")
 POSE: Final = ("east", "north", "height", "tilt", "roll", "heading")
-_OWN_PLACE: Final = {"east", "north", "height", "heading", "elevation"}
+OWN_PLACE: Final = {"east", "north", "height", "heading", "elevation"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +33,14 @@ class Reading:
     """Another reading of an evidence file.
 
     Attributes:
+        kind: Readings of a kind may fit alike, as they differ by a turn of the camera alone.
         what: What is wrong with it then.
         hint: What to do.
         known: The evidence, read so.
         names: The unknowns to solve for.
     """
 
+    kind: str
     what: str
     hint: str
     known: EvidenceSet
@@ -90,17 +97,17 @@ def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, 
     if not points.landmarks:
         return
     priors = found.known.priors
-    others = {name: prior for name, prior in priors.items() if name not in _OWN_PLACE}
+    others = {name: prior for name, prior in priors.items() if name not in OWN_PLACE}
     unknowns = tuple(dict.fromkeys((*expand_groups(names), *(name for name in _PLACE if name in priors))))
-    for what, hint, places_m in _other_places(found.frame, points.places):
+    for kind, what, hint, places_m in _other_places(found.frame, points.places):
         if np.all(np.isfinite(places_m)):
-            evidence = (*points.at(points.pixels, places_m), *points.others)
-            yield Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence, priors=others), names=unknowns)
+            known = EvidenceSet(evidence=(*points.at(points.pixels, places_m), *points.others), priors=others)
+            yield Reading(kind=kind, what=what, hint=hint, known=known, names=unknowns)
     here_m = found.frame.local_m(points.places)
-    for what, hint, pixels in _other_pixels(points.pixels, camera):
+    for kind, what, hint, pixels in _other_pixels(points.pixels, camera):
         if in_image(camera, pixels).all():
             known = EvidenceSet(evidence=points.at(pixels, here_m), priors=priors)
-            yield Reading(what=what, hint=hint, known=known, names=names)
+            yield Reading(kind=kind, what=what, hint=hint, known=known, names=names)
 
 
 def columns_swapped(points: CompleteLandmarks, camera: Camera) -> Reading | None:
@@ -109,11 +116,11 @@ def columns_swapped(points: CompleteLandmarks, camera: Camera) -> Reading | None
         return None
     evidence = points.at(points.places[:, :2], np.column_stack([points.pixels, points.places[:, 2]]))
     what, hint = "pixels and places look interchanged", "swap their columns"
-    return Reading(what=what, hint=hint, known=EvidenceSet(evidence=evidence), names=POSE)
+    return Reading(kind="columns", what=what, hint=hint, known=EvidenceSet(evidence=evidence), names=POSE)
 
 
-def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, FloatArray]]:
-    """Other readings of places: what is wrong, what to do, and places in metres ``(n, 3)``."""
+def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, str, FloatArray]]:
+    """Other readings of places: kind, what is wrong, what to do, and places in metres ``(n, 3)``."""
     _, second, height = places.T
     swapped, in_degrees = places[:, [1, 0, 2]], takes_degrees(frame.crs)
     x, y = ("latitude", "longitude") if in_degrees else ("x" if frame.crs == LOCAL else "easting", "northing")
@@ -121,6 +128,7 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
     if not in_degrees or np.all(np.abs(second) <= _MAX_LAT):
         mirrored = replace(frame, origin=(frame.origin[1], frame.origin[0], frame.origin[2]))
         yield (
+            MIRROR,
             f"{x} and {y} of the landmarks look interchanged",
             f"swap {x} and {y}, if the image is not mirrored",
             mirrored.local_m(swapped),
@@ -131,33 +139,37 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
             if np.all(np.abs(lat_lon) <= (_MAX_LAT, _MAX_LON)) and np.any(np.abs(lat_lon) > 1):
                 origin = (float(lat_lon[0, 0]), float(lat_lon[0, 1]), float(np.median(height)))
                 hint = 'write lat_deg, lon_deg and alt_m, with crs = "geo"'
-                yield f"the landmarks' places look like {label}", hint, LocalFrame(GEO, origin).local_m(read)
+                in_metres = LocalFrame(GEO, origin).local_m(read)
+                yield "degrees", f"the landmarks' places look like {label}", hint, in_metres
     if frame.crs == LOCAL and np.all(np.abs(places[0, :2]) > _LARGE_M):
         mercator = replace(frame, crs=_WEB_MERCATOR)
         hint = f'write crs = "{_WEB_MERCATOR}"'
-        yield "the landmarks' places look like those of a web map", hint, mercator.local_m(places)
+        yield "crs", "the landmarks' places look like those of a web map", hint, mercator.local_m(places)
     elif frame.crs != LOCAL and not in_degrees:
-        hint = "check crs"
-        yield f"the landmarks' places do not look like {frame.crs}", hint, replace(frame, crs=LOCAL).local_m(places)
+        local_m = replace(frame, crs=LOCAL).local_m(places)
+        yield "crs", f"the landmarks' places do not look like {frame.crs}", "check crs", local_m
     for label, hint, scale in (
         ("depths, counted downwards", "change their signs", -1.0),
         ("feet", "convert them to metres", FOOT_M),
     ):
-        yield f"the landmarks' heights look like {label}", hint, frame.local_m(places * [1.0, 1.0, scale])
+        heights_m = frame.local_m(places * [1.0, 1.0, scale])
+        yield label, f"the landmarks' heights look like {label}", hint, heights_m
 
 
-def _other_pixels(pixels: FloatArray, camera: Camera) -> Iterator[tuple[str, str, FloatArray]]:
-    """Other readings of pixels: what is wrong, what to do, pixels ``(n, 2)``, maybe outside of the image."""
-    yield "u and v look interchanged", "give u (across) before v (down)", pixels[:, ::-1]
+def _other_pixels(pixels: FloatArray, camera: Camera) -> Iterator[tuple[str, str, str, FloatArray]]:
+    """Other readings of pixels: kind, what is wrong, what to do, pixels ``(n, 2)``, maybe outside of the image."""
+    yield MIRROR, "u and v look interchanged", "give u (across) before v (down)", pixels[:, ::-1]
     u, v = pixels.T
     flipped = np.column_stack([u, camera.height_px - 1 - v])
-    yield "v looks as if counted from the bottom of the image", "count v from the top", flipped
+    yield MIRROR, "v looks as if counted from the bottom of the image", "count v from the top", flipped
+    mirrored = np.column_stack([camera.width_px - 1 - u, v])
+    yield MIRROR, MIRRORED_IMAGE, "read the pixels in the image as the camera took it", mirrored
     for step, where in ((1, "next"), (-1, "previous")):
         if len(pixels) > 1:
             what = f"each pixel looks as if it belonged to the {where} landmark"
-            yield what, "check that the rows of pixels and places match", np.roll(pixels, step, axis=0)
+            yield ORDER, what, "check that the rows of pixels and places match", np.roll(pixels, step, axis=0)
     for share in _SMALLER:
         width_px, height_px = round(camera.width_px / share), round(camera.height_px / share)
         what = f"the pixels look like those of an image of {width_px} x {height_px}"
         hint = f"read them in an image of {camera.width_px} x {camera.height_px}, or take that mode's camera file"
-        yield what, hint, share * (pixels + 0.5) - 0.5
+        yield f"{width_px} x {height_px}", what, hint, share * (pixels + 0.5) - 0.5

@@ -88,7 +88,9 @@ def _raised(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inpu
         where=found.path,
         got=f"{abs(typical_m):.1f} m {'above' if typical_m > 0 else 'below'} where the other landmarks' camera sees it",
         expected="heights of one datum",
-        hint="are they of two datums, above the ellipsoid and above the sea?",
+        hint="are they of two datums, above the ellipsoid and above the sea?"
+        if len(strays) > 1
+        else "correct its height, or its place along the line of sight",
     )
 
 

@@ -49,6 +49,9 @@ _PRIOR_DOF: Final = 2.0
 _MIN_SCALE: Final = 0.7
 """Smallest scale of stds: small residuals do not show errors that all observations share."""
 
+_USUAL_SCALE, _UNUSUAL_P_VALUE = 1.5, 1e-3
+"""Factor by which people state stds too small without a look for the cause; the chance of a larger residual then."""
+
 _COST_TOLERANCE = 1e-6  # relative and absolute
 _HEAD_DOWN: Final = 0.5  # nearer to straight down a camera merely looks back
 _MAX_CHI2_INCREASE, _MIN_DISTANCE_STDS = 14.0, 6.0  # odds of one to a thousand; standard deviations
@@ -202,6 +205,22 @@ class Fit(Generic[StateT]):
         """Root mean square of the normalised residuals per degree of freedom; 1 without degrees of freedom."""
         return math.sqrt(self.chi2 / self.dof) if self.dof > 0 else 1.0
 
+    @property
+    def is_explained(self) -> bool:
+        """Whether stds that are half as large again as stated explain the residuals, one time in a thousand."""
+        return self.dof <= 0 or self.chi2 <= _USUAL_SCALE**2 * float(chdtri(self.dof, _UNUSUAL_P_VALUE))
+
+    @property
+    def neg_log_likelihood(self) -> float:
+        """Twice the negative log likelihood of all observations, outliers too, but for a constant."""
+        return _neg_log_likelihood(self.residuals, self.kept)
+
+    @property
+    def neg_log_likelihood_of_kept(self) -> float:
+        """Twice the negative log likelihood of the observations used alone."""
+        rejected = len(self.residuals.values) - int(np.count_nonzero(used_rows(self.residuals.owner, self.kept)))
+        return self.neg_log_likelihood - _OUTLIER_PENALTY * rejected
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution(Fit[State]):
@@ -216,18 +235,20 @@ class Solution(Fit[State]):
     alternative: State | None = None
 
 
-def solve(problem: Problem, known: State, *, guess_is_good: bool = False) -> Solution:
+def solve(problem: Problem, known: State, *, guess_is_good: bool = False, is_quick: bool = False) -> Solution:
     """Fit the unknowns.
 
     Args:
         problem: Evidence and unknowns.
         known: Known values, and first values of the unknowns.
         guess_is_good: Whether ``known`` is near the truth in every unknown: then it is one of the starts.
+        is_quick: Start from the closed forms of all landmarks alone, where there are any: for evidence that fits as a
+            whole or not at all.
 
     Returns:
         The best of all minima. ``result.observability`` says whether it is determined.
     """
-    minima = _descend_from_starts(problem, known, guess_is_good=guess_is_good)
+    minima = _descend_from_starts(problem, known, guess_is_good=guess_is_good, is_quick=is_quick)
     best = _best_minimum(minima)
     best, kept = without_outliers(problem, best, len(problem.known.evidence), len(problem.unknowns.names))
     solution = _solution(problem, best, kept)
@@ -283,7 +304,7 @@ def _is_overdetermined(unknowns: int, residuals: Residuals, kept: np.ndarray) ->
     return int(np.count_nonzero(used_rows(residuals.owner, kept))) > unknowns
 
 
-def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool) -> list[Minimum]:
+def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool, is_quick: bool) -> list[Minimum]:
     """Ends of descents from as many starts as it takes until one fits."""
     minima = [descend(problem, known, ROBUST)] if guess_is_good else []
     for zoom in zooms(problem):
@@ -293,6 +314,8 @@ def _descend_from_starts(problem: Problem, known: State, *, guess_is_good: bool)
                 minima.append(descend(problem, start, ROBUST, known=residuals))
         if _has_fit(minima):
             return minima
+    if is_quick and minima:
+        return minima
     candidates = [known, *grid_states(problem, known), *_states_from_subsets(problem, known)]
     loss = None
     scored = []

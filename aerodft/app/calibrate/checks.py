@@ -123,14 +123,16 @@ def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_mi
     is_told = share <= LIMIT * solution.sigma_scale  # if the stated stds were true
     if not is_told or (not result.weakest.is_determined and solution.misfit <= _DOUBT):
         return f"{result.weakest.sentence}{_in_line(result)}"
-    contradicts = solution.misfit > _MAX_MISFIT and not accept_misfit
+    is_elsewhere = isinstance(result, Result) and not result.is_in_view
+    contradicts = is_elsewhere or (not _is_consistent(result) and not accept_misfit)
     if contradicts or share > (_ACCEPTED if accept_misfit else LIMIT):
-        worst = max(result.left, key=lambda left: left.sigma if math.isfinite(left.sigma) else 0.0)
+        worst = max(result.left, key=lambda left: 0.0 if left.is_outlier else left.px)
+        residual = f"{worst.px:.3g} px from its pixel" if math.isfinite(worst.px) else "out of sight"
         far = (
-            f"residuals are {solution.misfit:.3g} times as large as the stated stds ({worst.name} is {worst.px:.3g} px"
-            " off); check the coordinates, the pixels and the stds"
+            f"residuals are {solution.misfit:.3g} times as large as the stated stds ({worst.name} is {residual}); check"
+            " the camera file, the coordinates, the pixels and the stds"
         )
-        far += ", or take it with stds scaled up by `accept_misfit`" if share <= _ACCEPTED else ""
+        far += ", or take it with stds scaled up by `accept_misfit`" if share <= _ACCEPTED and not is_elsewhere else ""
         if contradicts:
             return f"the observations contradict each other: {far}"
         return f"{result.weakest.sentence}; by the stated stds they could, but {far}"
@@ -148,6 +150,12 @@ def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_mi
         f"{outliers} of {len(kept)} observations disagree with the rest: check"
         " what is unknown (heading, position), the camera file, the coordinates and their stds"
     )
+
+
+def _is_consistent(result: Result | ImagesResult) -> bool:
+    """Whether observations agree as well as their stds say, or as well as those of careless people do."""
+    is_rough = result.solution.misfit > _MAX_MISFIT
+    return not is_rough and (not isinstance(result, Result) or result.is_consistent)
 
 
 def _in_line(result: Result | ImagesResult) -> str:

@@ -362,14 +362,23 @@ def _log_sum(a: float, b: float) -> float:
 def _log_sums(
     predicted_s: FloatArray, times_s: FloatArray, half_s: float, jitter_s: float, span_s: float
 ) -> FloatArray:
-    """Log likelihood ``(p + 1, t + 1)`` of all alignments of the first photos with the first triggers."""
+    """Log likelihood ``(p + 1, t + 1)`` of all alignments of the first photos with the first triggers.
+
+    Between two photos only triggers from those that the one may match to those that the other may count: elsewhere the
+    order of lost triggers and extra photos makes no difference.
+    """
     photos, triggers = len(predicted_s), len(times_s)
+    reach_s = half_s + _REACH * jitter_s
+    first = np.searchsorted(times_s, predicted_s - reach_s)
+    stop = np.searchsorted(times_s, predicted_s + reach_s)
     sums = np.full((photos + 1, triggers + 1), _IMPOSSIBLE)
     sums[0, 0] = 0.0
     extra, extra_at_end = math.log(_EXTRA / span_s), math.log(_EXTRA_AT_END / span_s)
     lost, lost_at_end, kept = math.log(_LOST), math.log(_LOST_AT_END), math.log(1 - _LOST)
     for i in range(photos + 1):
-        for j in range(triggers + 1):
+        begin = max(first[i - 1] - 2, 0) if i > 0 else 0
+        end = min(stop[i] + 2, triggers) if i < photos else triggers
+        for j in range(begin, end + 1):
             total = sums[i, j]
             if i > 0:
                 total = _log_sum(total, sums[i - 1, j] + (extra_at_end if j % triggers == 0 else extra))
@@ -395,8 +404,10 @@ def _posterior(
     photos, triggers = len(predicted_s), len(times_s)
     posterior = np.zeros((photos, triggers))
     kept, total = math.log(1 - _LOST), forward[photos, triggers]
+    first = np.searchsorted(times_s, predicted_s - half_s - _REACH * jitter_s)
+    stop = np.searchsorted(times_s, predicted_s + half_s + _REACH * jitter_s)
     for i in range(photos):
-        for j in range(triggers):
+        for j in range(first[i], stop[i]):
             match = _log_match(times_s[j] - predicted_s[i], half_s, jitter_s)
             if match > _IMPOSSIBLE:
                 rest = backward[photos - i - 1, triggers - j - 1]

@@ -1,8 +1,9 @@
 """Follows one vehicle's time since boot through wraps and reboots, and drops rows of other vehicles.
 
-Rows are processed in order of arrival. A row is of the followed clock if it continues it: not far back (a late message)
-and not farther ahead than time has passed. Other rows may be of a reboot, or of a second autopilot with the same ids:
-they are dropped until they continue by themselves while the followed clock is silent.
+Rows are processed in order of arrival. A row is of the followed clock if it continues it: not far back (a late
+message), not farther ahead than time has passed, and not the same time for seconds. Other rows may be of a reboot, or
+of a second autopilot with the same ids: they are dropped until they continue by themselves while the followed clock is
+silent. Rows of a clock that stands still are dropped.
 """
 
 from dataclasses import dataclass, replace
@@ -31,19 +32,32 @@ _NEVER_NS: Final = -(1 << 61)
 
 @dataclass(slots=True)
 class _ClockTrack:
-    """A clock that continues from row to row; ``lead_ns`` is the smallest arrival minus boot."""
+    """A clock that continues from row to row.
+
+    Attributes:
+        boot_ns: Newest time since boot.
+        arrival_ns: Newest arrival.
+        lead_ns: Smallest arrival minus time since boot.
+        advanced_ns: Arrival of the row with which ``boot_ns`` last advanced.
+        rows: Number of rows.
+    """
 
     boot_ns: int
     arrival_ns: int
     lead_ns: int
+    advanced_ns: int
     rows: int = 1
 
     def continues(self, boot_ns: int, arrival_ns: int) -> bool:
+        if boot_ns <= self.boot_ns and arrival_ns - self.advanced_ns > STEP_NS:
+            return False  # it stands still
         passed_ns = max(arrival_ns - self.arrival_ns, 0)
         latest_ns = max(self.boot_ns + passed_ns, arrival_ns - self.lead_ns)
         return self.boot_ns - STEP_NS <= boot_ns <= latest_ns + STEP_NS
 
     def advance(self, boot_ns: int, arrival_ns: int) -> None:
+        if boot_ns > self.boot_ns:
+            self.advanced_ns = max(self.advanced_ns, arrival_ns)
         self.boot_ns, self.arrival_ns = max(self.boot_ns, boot_ns), max(self.arrival_ns, arrival_ns)
         self.lead_ns = min(self.lead_ns, arrival_ns - boot_ns)
         self.rows += 1
@@ -59,7 +73,7 @@ class _StampedRow:
 
 
 def _new_clock(boot_ns: int, arrival_ns: int) -> _ClockTrack:
-    return _ClockTrack(boot_ns, arrival_ns, arrival_ns - boot_ns)
+    return _ClockTrack(boot_ns, arrival_ns, arrival_ns - boot_ns, arrival_ns)
 
 
 class BootClock:
@@ -213,6 +227,11 @@ class BootClock:
         passed = np.maximum(np.diff(arrivals, prepend=run.arrival_ns), 0)
         if np.any(newest[1:] - boots > STEP_NS) or np.any(np.diff(newest) - passed > STEP_NS):
             return False
+        advances = np.where(np.diff(newest) > 0, arrivals, run.advanced_ns)
+        advanced = np.maximum.accumulate(np.concatenate([[run.advanced_ns], advances]))
+        if np.any(arrivals - advanced[1:] > STEP_NS):
+            return False  # it stands still
+        run.advanced_ns = int(advanced[-1])
         run.boot_ns, run.arrival_ns = int(newest[-1]), max(run.arrival_ns, int(arrivals[-1]))
         run.lead_ns = min(run.lead_ns, int(np.min(arrivals - boots)))
         return True
@@ -233,5 +252,7 @@ class BootClock:
         """Whether the other clock has continued long enough while the followed one was silent."""
         if self._other is None or self._followed is None or self._other.rows < _CONFIRMATIONS:
             return False
+        if 0 <= self._followed.boot_ns - self._other.boot_ns <= STEP_NS:
+            return False  # it is the followed one, which stands still
         silence_ns = _SILENCE_OF_TWO_NS if self.has_other_clock else _SILENCE_NS
         return arrival_ns - self._followed.arrival_ns >= silence_ns

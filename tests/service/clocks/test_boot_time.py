@@ -134,3 +134,31 @@ def test_how_ticks_are_cut_does_not_matter(cuts, jump_s):
     for part in np.split(np.arange(len(at)), sorted({min(cut, len(at) - 1) for cut in cuts})):
         parts.follow((track(at[part], boots[part]),)) if len(part) else None
     assert (whole.last_boot_ns, whole.restarts, whole.wraps) == (parts.last_boot_ns, parts.restarts, parts.wraps)
+
+
+def test_a_clock_that_stands_still_is_dropped_until_it_goes_on():
+    """Not for its first two seconds: what is late, or of the same millisecond, is no reason."""
+    clock = BootClock()
+    followed(clock, track(steps(0.0, 5.0), 100 + steps(0.0, 5.0)))
+    stuck, restarted = followed(clock, track(steps(5.0, 20.0), 104.9))
+    assert not restarted
+    assert len(stuck) <= 20
+    again, restarted = followed(clock, track(steps(20.0, 21.0), 100 + steps(20.0, 21.0)))
+    assert not restarted
+    assert len(again) == 10
+
+
+def test_standing_still_is_found_however_the_rows_are_cut():
+    arrivals, boots = steps(0.0, 12.0), np.minimum(100 + steps(0.0, 12.0), 105.0)
+    whole, _ = followed(BootClock(), track(arrivals, boots))
+    clock, cut = BootClock(), []
+    for part in np.array_split(np.arange(len(arrivals)), 17):
+        cut += followed(clock, track(arrivals[part], boots[part]))[0]
+    assert cut == whole
+
+
+def test_a_silent_link_does_not_stand_still():
+    clock = BootClock()
+    followed(clock, track(steps(0.0, 2.0), 100 + steps(0.0, 2.0)))
+    again, restarted = followed(clock, track([9.0, 9.1], [109.0, 109.1]))
+    assert (len(again), restarted) == (2, False)

@@ -288,6 +288,30 @@ class GpsTrack(Track):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeadingTrack(Track):
+    """The vehicle's heading by another message than its attitude (GLOBAL_POSITION_INT).
+
+    Attributes:
+        heading_rad: ``(n,)`` clockwise from true north.
+    """
+
+    heading_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReceiverTrack(Track):
+    """The receiver's own positions (GPS_RAW_INT), which the estimator's are held against; only those with a 3D fix.
+
+    Attributes:
+        lat_lon_rad: ``(n, 2)`` WGS84.
+        std_m: ``(n,)`` horizontal standard deviation, NaN where not known.
+    """
+
+    lat_lon_rad: FloatArray
+    std_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorTrack(Track):
     """Status of the autopilot's EKF (EKF_STATUS_REPORT, ESTIMATOR_STATUS).
 

@@ -25,6 +25,7 @@ from aerodft.model import (
     GimbalSource,
     GimbalTrack,
     GpsTrack,
+    HeadingTrack,
     Health,
     HeartbeatTrack,
     HeightTrack,
@@ -35,6 +36,7 @@ from aerodft.model import (
     PoseBatch,
     PoseSample,
     PositionTrack,
+    ReceiverTrack,
     Status,
     Track,
     TriggerTrack,
@@ -246,6 +248,7 @@ class _RecentWarnings:
 
 _FAILURE_NS: Final = SECOND_NS  # for which a reported failure of the gimbal counts
 _NEVER: Final = np.iinfo(np.int64).max
+_OF_OTHER_TRACKS: Final = (HeadingTrack, ReceiverTrack)  # their messages have a track of their own
 _TRACK_NAMES: Final = {
     ClockTrack: "clock",
     VehicleTrack: "vehicle attitude",
@@ -278,6 +281,8 @@ class HealthSources:
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append a track of any kind, as ``Stream.append``."""
+        if isinstance(track, _OF_OTHER_TRACKS):
+            return
         if isinstance(track, OtherSenderTrack | GimbalFailureTrack):
             warnings = self._rivals if isinstance(track, OtherSenderTrack) else self._failures
             warnings.append(track.what, stamps_ns, row_end_by_tick)
@@ -306,7 +311,7 @@ class HealthSources:
 
     def may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once: its kind has been heard since clocks were set."""
-        if isinstance(track, LinkTrack):
+        if isinstance(track, (LinkTrack, *_OF_OTHER_TRACKS)):
             return True
         return _name(track) in self._kinds and not self._kinds[_name(track)].is_empty
 

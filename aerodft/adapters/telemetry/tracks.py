@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from aerodft.geometry import from_yaw_pitch_roll, yaw_pitch_roll
 from aerodft.model import (
+    FIX_3D,
     NO_BOOT_TIME,
     Batch,
     BoolArray,
@@ -25,12 +26,14 @@ from aerodft.model import (
     GimbalTrack,
     GimbalTypeTrack,
     GpsTrack,
+    HeadingTrack,
     HeartbeatTrack,
     HeightSource,
     HeightTrack,
     IntArray,
     LandedTrack,
     PositionTrack,
+    ReceiverTrack,
     SyncTrack,
     Track,
     TriggerSource,
@@ -77,6 +80,10 @@ _MIN_FOV_DEG, _MAX_FOV_DEG = 0.1, 180.0  # a lens of ten metres sees a tenth of 
 _FULL_LEVEL: Final = 100.0
 _SATELLITES_UNKNOWN: Final = 255
 _MAX_FIX: Final = 8
+_FULL_TURN_CDEG: Final = 36_000
+_MIN_TURN_RADPS: Final = 0.05  # chosen: 0.3 deg a row at 10 Hz, far above a gyroscope's drift
+_MAX_RATE_RADPS: Final = 100.0  # more than gyroscopes measure (2000 deg/s are 35 rad/s)
+_MAX_EULER_PITCH_RAD: Final = 1.4  # nearer to the vertical yaw and roll are one
 _MOST_MM: Final = 10**8  # what says that it is off by 100 km says nothing
 _HAS_ATTITUDE: Final = 1  # of EKF_STATUS_FLAGS and of ESTIMATOR_STATUS_FLAGS
 _UNINITIALIZED: Final = 1024
@@ -169,6 +176,47 @@ def vehicle_track(
     """ATTITUDE, radians; or another message with yaw, pitch and roll in such fields and unit."""
     good = rows.accepted(rejected, no_angle(rows, *reversed(fields), unit_rad=unit_rad))
     return VehicleTrack(wxyz=good.wxyz(fields, unit_rad), **good.stamps())
+
+
+class StuckAngles:
+    """Finds rows of ATTITUDE of which an angle stands still, to the last bit, while their own rates say that it turns.
+
+    An angle that stands still is not believed until it changes, also where the vehicle happens not to turn.
+    """
+
+    def __init__(self) -> None:
+        self._last: npt.NDArray[np.float64] | None = None  # boot time, roll, pitch, yaw
+        self._is_stuck = np.zeros(3, dtype=np.bool_)
+
+    def mask(self, rows: Rows) -> BoolArray:
+        """Rows ``(n,)``, after those of the last call, that are stuck."""
+        count = len(rows.payload)
+        if not count:
+            return np.zeros(0, dtype=np.bool_)
+        angles = np.stack([rows.column(field) for field in ("roll", "pitch", "yaw")], axis=-1)
+        boot_ms = rows.column(_BOOT_FIELD)[:, None]
+        own = np.concatenate([boot_ms, angles], axis=-1)
+        before = np.concatenate([own[:1] + 1 if self._last is None else self._last, own[:-1]])
+        is_same = own[:, 1:] == before[:, 1:]
+        turns = np.abs(_euler_rates(rows, angles)) > _MIN_TURN_RADPS
+        is_found = is_same & turns & (own[:, :1] > before[:, :1])
+        found = np.cumsum(is_found, axis=0)
+        # How many had been found when each run of equal angles began; -1 in a run that was stuck in the last call.
+        begun = np.maximum.accumulate(np.where(is_same, -1, found), axis=0)
+        begun = np.where(begun < 0, np.where(self._is_stuck, -1, 0), begun)
+        is_stuck = found > begun
+        self._last, self._is_stuck = own[-1:], is_stuck[-1]
+        return np.asarray(np.any(is_stuck, axis=-1))
+
+
+def _euler_rates(rows: Rows, angles: FloatArray) -> FloatArray:
+    """Rates ``(n, 3)`` of roll, pitch and yaw, of body rates at ``angles (n, 3)`` of these; 0 where unknown."""
+    body_rates = (rows.column(field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
+    p, q, r = (np.where(is_beyond(rate, _MAX_RATE_RADPS), 0.0, rate) for rate in body_rates)
+    roll, pitch = np.where(is_beyond(angles, MAX_ANGLE_RAD), 0.0, angles)[:, :2].T
+    pitch = np.clip(pitch, -_MAX_EULER_PITCH_RAD, _MAX_EULER_PITCH_RAD)
+    yaw_rate = (q * np.sin(roll) + r * np.cos(roll)) / np.cos(pitch)
+    return np.stack([p + yaw_rate * np.sin(pitch), q * np.cos(roll) - r * np.sin(roll), yaw_rate], axis=-1)
 
 
 def position_track(
@@ -490,6 +538,23 @@ def gps_track(rows: Rows, rejected: Counter[str]) -> Track:
         alt_msl_m=good.column("alt") / 1000,
         **sent,
     )
+
+
+def heading_track(rows: Rows) -> Track:
+    """Headings of GLOBAL_POSITION_INT, centidegrees: 65535 where unknown, by some senders 0."""
+    good = rows.rows((rows.payload["hdg"] > 0) & (rows.payload["hdg"] < _FULL_TURN_CDEG))
+    return HeadingTrack(heading_rad=np.radians(good.column("hdg") / 100), **good.stamps())
+
+
+def receiver_track(rows: Rows) -> Track:
+    """Places of GPS_RAW_INT with a 3D fix, degE7; their stamps are arrivals, as those of ``gps_track``."""
+    lat_deg, lon_deg = rows.column("lat") / 1e7, rows.column("lon") / 1e7
+    is_fix = (rows.payload["fix_type"] >= FIX_3D) & (rows.payload["fix_type"] <= _MAX_FIX)
+    is_place = ~is_beyond(lat_deg, _MAX_LAT_DEG) & ~is_beyond(lon_deg, _MAX_LON_DEG) & ((lat_deg != 0) | (lon_deg != 0))
+    good = rows.rows(is_fix & is_place)
+    lat_lon_rad = np.radians(np.stack([good.column("lat"), good.column("lon")], axis=-1) / 1e7)
+    sent = {**good.stamps(), "boot_ns": np.full(len(lat_lon_rad), NO_BOOT_TIME, dtype=np.int64)}
+    return ReceiverTrack(lat_lon_rad=lat_lon_rad, std_m=_accuracy_m(good, "h_acc"), **sent)
 
 
 def _accuracy_m(rows: Rows, field: str) -> FloatArray:

@@ -154,6 +154,7 @@ class AttitudeBatch(Batch):
         notes: Sources and remarks.
         missing: ``(n,)`` as ``Missing``.
         refusals: By row, a sentence on why reports are rejected.
+        heading_std_rad: ``(n,)`` of the heading, in addition to the settings': the vehicle's messages differ.
     """
 
     wxyz: FloatArray
@@ -165,6 +166,7 @@ class AttitudeBatch(Batch):
     notes: tuple[AttitudeNote, ...]
     missing: IntArray
     refusals: dict[int, str]
+    heading_std_rad: FloatArray
 
     @staticmethod
     def missing_all(count: int) -> "AttitudeBatch":
@@ -172,7 +174,7 @@ class AttitudeBatch(Batch):
         wxyz, rate, std = np.full((count, 4), np.nan), np.full((count, 3), np.nan), np.full((count, 3), np.nan)
         note, missing = np.full(count, -1), np.full(count, int(Missing.NEVER))
         age_s, stated = np.full(count, np.nan), np.full((count, 4), np.nan)
-        return AttitudeBatch(wxyz, rate, age_s, std, stated, note, (), missing, {})
+        return AttitudeBatch(wxyz, rate, age_s, std, stated, note, (), missing, {}, np.zeros(count))
 
     @staticmethod
     def complete(
@@ -185,8 +187,8 @@ class AttitudeBatch(Batch):
     ) -> "AttitudeBatch":
         """A batch with attitudes at all ``n`` stamps."""
         missing = np.full(len(wxyz), int(Missing.NOTHING))
-        stated = np.full((len(wxyz), 4), np.nan)
-        return AttitudeBatch(wxyz, rate, age_s, std, stated, note, tuple(notes), missing, {})
+        stated, heading_std = np.full((len(wxyz), 4), np.nan), np.zeros(len(wxyz))
+        return AttitudeBatch(wxyz, rate, age_s, std, stated, note, tuple(notes), missing, {}, heading_std)
 
     def put(self, rows: IntArray, others: "AttitudeBatch") -> "AttitudeBatch":
         """Write ``others`` into rows ``(m,)`` of these arrays; returns the batch with their notes."""

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry import slerp
+from aerodft.geometry import slerp, yaw_pitch_roll
 from aerodft.model import (
     Batch,
     BoolArray,
@@ -18,12 +18,14 @@ from aerodft.model import (
     GimbalSource,
     GimbalTrack,
     GimbalTypeTrack,
+    HeadingTrack,
     IntArray,
     MountAxes,
     ReportFrame,
     Track,
     VehicleTrack,
 )
+from aerodft.service.attitude.cross_check import heading_doubts, source_difference
 from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples, mounted_wxyz
 from aerodft.service.attitude.readings import AttitudeBatch, AttitudeBrackets, Readings, Resolver
 from aerodft.service.attitude.slew import Demands, demands_before
@@ -33,6 +35,7 @@ from aerodft.service.streams import LAST, Brackets, Missing, Stream
 
 _MAX_PENDING_NS: Final = 10 * SECOND_NS  # of reports that wait for a query of their frame
 _MIN_REPORTS: Final = 100
+_MIN_REPORTS_TO_CONTRADICT: Final = 10  # chosen: a second of a usual stream; a stray report contradicts nobody
 _MAX_REPEAT_FRACTION: Final = 0.1  # no two measurements are equal to the last bit
 
 
@@ -299,6 +302,7 @@ class AttitudeSources:
     def __init__(self, settings: AttitudeSettings) -> None:
         self._settings = settings
         self._vehicle = Stream(settings.max_gap_ns)
+        self._heading = Stream(settings.max_gap_ns)
         self._gimbals: dict[GimbalSource, Gimbal] = {
             source: Gimbal(_settings_of(source, settings))
             for source in settings.order
@@ -317,6 +321,7 @@ class AttitudeSources:
         for gimbal in self._gimbals.values():
             gimbal.clear()
         self._vehicle.clear()
+        self._heading.clear()
         self._axes = self._settings.axes
 
     def shift(self, by_ns: int) -> None:
@@ -324,6 +329,7 @@ class AttitudeSources:
         for gimbal in self._gimbals.values():
             gimbal.shift(by_ns, self._vehicle)
         self._vehicle.shift(by_ns)
+        self._heading.shift(by_ns)
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append a track of attitudes, as ``Stream.append``; other tracks are ignored."""
@@ -332,6 +338,8 @@ class AttitudeSources:
             self._vehicle.append(stamps_ns, row_end_by_tick, wxyz=track.wxyz, heading_std_rad=heading_rad)
         elif isinstance(track, GimbalTrack) and track.source in self._gimbals:
             self._gimbals[track.source].append(track, stamps_ns, row_end_by_tick)
+        elif isinstance(track, HeadingTrack):
+            self._heading.append(stamps_ns, row_end_by_tick, heading_rad=track.heading_rad)
         elif isinstance(track, GimbalTypeTrack):
             self._follow_type(track)
 
@@ -352,6 +360,7 @@ class AttitudeSources:
     def commit(self) -> None:
         """End the step."""
         self._vehicle.commit()
+        self._heading.commit()
         for gimbal in self._gimbals.values():
             gimbal.commit(self._vehicle)
 
@@ -399,7 +408,82 @@ class AttitudeSources:
             keeps = (missing == Missing.NEVER) & (batch.missing[left] == Missing.STALE)
             batch.missing[left] = np.where(keeps, Missing.STALE, missing)
             left = left[np.isin(missing, (Missing.STALE, Missing.NEVER))]
+        self._hold_against_others(batch, stamps_ns, ticks, watermark_ns)
+        batch.heading_std_rad[:] = self._heading_doubts(stamps_ns, ticks, watermark_ns)
         return batch
+
+    def _heading_doubts(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> FloatArray:
+        """Standard deviations ``(n,)`` that cover the vehicle's heading by its attitude and by another message."""
+        last = self._heading.last_before(stamps_ns, ticks)
+        if not np.any(last >= 0):
+            return np.zeros(len(stamps_ns))
+        at_ns = self._heading.stamps_ns[np.maximum(last, 0)]
+        wxyz, missing = self.vehicle_at(at_ns, ticks, watermark_ns)
+        is_both = (last >= 0) & (stamps_ns - at_ns <= self._settings.max_gap_ns) & (missing == Missing.NOTHING)
+        heading_rad = self._heading.column("heading_rad")[np.maximum(last, 0)]
+        difference_rad = np.zeros(len(stamps_ns))
+        difference_rad[is_both] = yaw_pitch_roll(wxyz[is_both])[0] - heading_rad[is_both]
+        return heading_doubts(difference_rad, self._settings)
+
+    def _hold_against_others(
+        self, batch: AttitudeBatch, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray
+    ) -> None:
+        """Refuse attitudes that another gimbal source contradicts; widen those from which it differs by less.
+
+        The two are compared at the other source's last sample up to the stamp, so that none is waited for.
+        """
+        reporting = [source for source, gimbal in self._gimbals.items() if not gimbal.stream.is_empty]
+        if len(reporting) < 2 or not len(batch.notes):  # noqa: PLR2004 - a source and another one
+            return
+        used = np.array([reporting.index(note.source) if note.source in reporting else -1 for note in batch.notes])
+        used_index = np.where(batch.missing == Missing.NOTHING, used[batch.note], -1)
+        for number, source in enumerate(reporting):
+            for other in (each for each in reporting if each is not source):
+                stream = self._gimbals[other].stream
+                last = stream.last_before(stamps_ns, ticks)
+                at_ns = stream.stamps_ns[np.maximum(last, 0)]
+                is_fresh = (last >= 0) & (stamps_ns - at_ns <= self._settings.max_gap_ns)
+                is_fresh &= last - stream.rows_known_at(ticks)[0] >= _MIN_REPORTS_TO_CONTRADICT
+                rows = np.flatnonzero((used_index == number) & is_fresh & (batch.missing == Missing.NOTHING))
+                if len(rows):
+                    query = at_ns[rows], ticks[rows], watermark_ns[rows]
+                    self._compare(
+                        batch, rows, (source, self._of_source(source, *query)), (other, self._of_source(other, *query))
+                    )
+
+    def _of_source(
+        self, source: GimbalSource, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray
+    ) -> AttitudeBatch:
+        """Attitudes of one source at stamps ``(n,)``."""
+        batch = AttitudeBatch.missing_all(len(stamps_ns))
+        missing, attitudes = self._source_at(source, batch, np.arange(len(stamps_ns)), stamps_ns, ticks, watermark_ns)
+        for rows, values in attitudes:
+            batch = batch.put(rows, values)
+        batch.missing[:] = missing
+        return batch
+
+    def _compare(
+        self,
+        batch: AttitudeBatch,
+        rows: IntArray,
+        first: tuple[GimbalSource, AttitudeBatch],
+        second: tuple[GimbalSource, AttitudeBatch],
+    ) -> None:
+        """Refuse or widen rows ``(m,)`` by two sources' attitudes ``(m,)``, the first of which the batch has."""
+        both = np.flatnonzero((first[1].missing == Missing.NOTHING) & (second[1].missing == Missing.NOTHING))
+        if not len(both):
+            return
+        found = source_difference(first[1].rows(both), second[1].rows(both), self._settings)
+        own = rows[both]
+        angle_deg = np.degrees(np.linalg.norm(found.rotation_rad, axis=-1))
+        for row, degrees in zip(own[found.is_contradiction], angle_deg[found.is_contradiction], strict=True):
+            batch.missing[row] = Missing.REFUSED
+            batch.refusals[int(row)] = (
+                f"{first[0]} and {second[0]} contradict each other: the camera's attitudes are {degrees:.0f} deg "
+                "apart; name the right one alone in telemetry.attitude.order"
+            )
+        wider = found.is_notable & ~found.is_contradiction
+        batch.report_std_rad[own[wider]] = np.hypot(batch.report_std_rad[own[wider]], found.rotation_rad[wider])
 
     def _source_at(
         self,

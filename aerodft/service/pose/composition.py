@@ -82,6 +82,15 @@ REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
 HOME_MOVED: Final = "the vehicle rebooted: home may be elsewhere since, and heights above it count from there"
 
 
+RECEIVER_CONTRADICTS: Final = (
+    "the positions of the receiver (GPS_RAW_INT) and of the estimator (GLOBAL_POSITION_INT) contradict each other: the "
+    "place is not stated"
+)
+HEADINGS_DIFFER: Final = (
+    "the vehicle's headings in ATTITUDE and in GLOBAL_POSITION_INT differ: the heading's std covers both"
+)
+
+
 BY_GUESS: Final = "the vehicle has not said what UTC is: the receiving machine's clock is taken for it"
 BY_HOST: Final = "the vehicle has not said what UTC is: the stamp is the receiving machine's clock"
 
@@ -179,8 +188,7 @@ class PoseComposer:
     def _compose(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
         """Poses with heights as reported, before the ground below is added."""
         heights, attitudes, vehicle_position = inputs.heights, inputs.attitudes, inputs.vehicle_position
-        std, has_place = self._stds(heights.std_m, attitudes), vehicle_position.missing == Missing.NOTHING
-        std[:, 1] = np.where(np.isnan(vehicle_position.std_m), std[:, 1], vehicle_position.std_m)
+        std, has_place = self._stds(inputs), vehicle_position.missing == Missing.NOTHING
         east_north_m = np.where(has_place[:, None], vehicle_position.east_north_m, 0.0)
         pose = Pose(
             position_enu_m=np.column_stack([east_north_m, heights.height_agl_m]),
@@ -221,17 +229,20 @@ class PoseComposer:
             variants=tuple(variants),
         )
 
-    def _stds(self, height_m: FloatArray, attitudes: AttitudeBatch) -> FloatArray:
+    def _stds(self, inputs: PoseInputs) -> FloatArray:
         """Standard deviations ``(n, 7)`` as in ``PoseStd``."""
-        stated = self._settings.attitude.std
+        stated, height_m, attitudes = self._settings.attitude.std, inputs.heights.std_m, inputs.attitudes
         demanded_rad = max(stated.tilt_rad, DEMAND_TILT_STD_RAD)
         tilt_rad = np.array([demanded_rad if note.is_demand else stated.tilt_rad for note in attitudes.notes])
         std = np.empty((len(height_m), 7))
-        std[:, 0], std[:, 1] = height_m, stated.horizontal_m
+        position = inputs.vehicle_position
+        own_m = np.where(np.isnan(position.std_m), stated.horizontal_m, position.std_m)
+        std[:, 0], std[:, 1] = height_m, np.hypot(own_m, position.horizontal_std_m)
         std[:, 2], std[:, 3], std[:, 4] = tilt_rad[attitudes.note], stated.pan_rad, stated.roll_rad
         std[:, 5], std[:, 6] = stated.heading_rad, self._time_std_s
         std[:, 2:6] = np.where(np.isnan(attitudes.stated_std_rad), std[:, 2:6], attitudes.stated_std_rad)
         std[:, 2:5] = np.hypot(std[:, 2:5], attitudes.report_std_rad)
+        std[:, 5] = np.hypot(std[:, 5], attitudes.heading_std_rad)
         return std
 
     def _with_remarks(self, poses: PoseBatch, inputs: PoseInputs, clock: ClockMap) -> PoseBatch:
@@ -239,15 +250,17 @@ class PoseComposer:
         is_home = inputs.heights.is_above_home & clock.has_restarted
         is_stale = inputs.vehicle_position.missing == Missing.STALE
         no_utc = not clock.is_utc_known
-        columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc
+        is_contradicted, has_doubt = inputs.vehicle_position.is_contradicted, inputs.attitudes.heading_std_rad > 0
+        columns = clock.repeats(inputs.stamps_ns), is_home, is_stale, inputs.by_utc & no_utc, is_contradicted, has_doubt
         no_position = f"{no_position_reason(self._settings.height)}: the place is not stated"
 
         def with_remarks(sample: PoseSample, key: tuple[bool, ...]) -> PoseSample:
-            is_repeated, has_home, has_no_place, is_guess = key
+            is_repeated, has_home, has_no_place, is_guess, is_contradicted, has_doubt = key
             remarks = (
                 *clock.remarks(is_repeated=is_repeated),
                 *((HOME_MOVED,) if has_home else ()),
-                *((no_position,) if has_no_place else ()),
+                *(((RECEIVER_CONTRADICTS if is_contradicted else no_position),) if has_no_place else ()),
+                *((HEADINGS_DIFFER,) if has_doubt else ()),
                 *(((BY_GUESS if is_guess else BY_HOST),) if no_utc else ()),
             )
             return replace(sample, reasons=(*sample.reasons, *remarks))

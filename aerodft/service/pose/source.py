@@ -19,6 +19,7 @@ from aerodft.model import (
     PoseBatch,
     PoseSample,
     PositionTrack,
+    ReceiverTrack,
     Status,
     Track,
 )
@@ -68,7 +69,7 @@ class PoseSource:
         self._maker = PoseComposer(settings, time_std_s, ground)
         self._attitude = AttitudeSources(settings.attitude)
         self._height = HeightSources(settings.height)
-        self._vehicle_position = VehiclePositions(settings.height, origin)
+        self._vehicle_position = VehiclePositions(settings.height, origin, settings.attitude.std.horizontal_m)
         self._health = HealthSources(settings.health)
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
 
@@ -200,6 +201,8 @@ class PoseSource:
         self._health.append(track, stamps_ns, row_end_by_tick)
         if isinstance(track, PositionTrack) and len(stamps_ns):
             self._vehicle_position.append(track, stamps_ns, row_end_by_tick)
+        if isinstance(track, ReceiverTrack):
+            self._vehicle_position.append_receiver(track, stamps_ns, row_end_by_tick)
         if self._zoom is not None:
             self._zoom.append(track, stamps_ns, row_end_by_tick)
 
@@ -223,7 +226,8 @@ class PoseSource:
 
     def _check_streams(self) -> tuple[Stream, ...]:
         """Streams that poses are checked against, not computed from."""
-        return (*self._height.checks(), *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
+        checks = (*self._height.checks(), self._vehicle_position.receiver)
+        return (*checks, *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
 
     def _streams(self) -> tuple[Stream, ...]:
         return (self._vehicle_position.stream, *self._attitude.streams(), *self._height.streams())

@@ -398,3 +398,23 @@ def test_a_mount_without_a_roll_servo_rolls_with_the_vehicle(cannot_roll, stated
         attitude.all.append(track, track.boot_ns)
     servos = ("Y", [-0.9]) if stated is not MountAxes.ROLL_OUTER else ("XY", [-0.3, -0.9])
     assert_same(attitude.at(50 * MS, 100 * MS), camera(body * Rotation.from_euler(*servos)))
+
+
+def test_two_gimbal_messages_that_contradict_each_other_give_no_attitude():
+    stamps = list(range(0, 2 * SECOND, 100 * MS))
+    for apart_deg, is_refused in ((40.0, True), (10.0, True), (4.0, False), (0.5, False)):
+        pitches = {GimbalSource.GIMBAL_DEVICE: -1.0, GimbalSource.MOUNT_ORIENTATION: -1.0 + math.radians(apart_deg)}
+        tracks = (gimbal(stamps, [ypr(0.0, p, 0.0)] * len(stamps), earth=True, source=s) for s, p in pitches.items())
+        found = sources(*tracks, frame=ReportFrame.EARTH).at(1900 * MS, 1900 * MS)
+        assert (isinstance(found, str) and "contradict each other" in found) is is_refused, apart_deg
+        if not is_refused:
+            grown_rad = math.radians(apart_deg) if apart_deg > math.sqrt(2) else 0.0
+            assert_allclose(found.report_std_rad[0], grown_rad, atol=math.radians(0.05))
+
+
+def test_a_message_outside_the_order_contradicts_nobody():
+    stamps = list(range(0, 2 * SECOND, 100 * MS))
+    right = gimbal(stamps, [ypr(0.0, -1.0, 0.0)] * len(stamps), earth=True)
+    wrong = gimbal(stamps, [ypr(0.0, 1.0, 0.0)] * len(stamps), earth=True, source=GimbalSource.MOUNT_ORIENTATION)
+    found = sources(right, wrong, order=(GimbalSource.GIMBAL_DEVICE,)).at(1900 * MS, 1900 * MS)
+    assert found.source is GimbalSource.GIMBAL_DEVICE

@@ -20,6 +20,7 @@ from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
 from aerodft.adapters.telemetry.tracks import (
     NO_SCALE,
     Rows,
+    StuckAngles,
     altitude_track,
     boot_ns_of,
     camera_feedback_track,
@@ -33,6 +34,7 @@ from aerodft.adapters.telemetry.tracks import (
     gimbal_failure_tracks,
     gimbal_type_track,
     gps_track,
+    heading_track,
     heartbeat_track,
     image_captured_track,
     landed_track,
@@ -41,6 +43,7 @@ from aerodft.adapters.telemetry.tracks import (
     number_cameras,
     position_track,
     rangefinder_track,
+    receiver_track,
     settings_track,
     sync_track,
     terrain_track,
@@ -523,6 +526,7 @@ class MavlinkDecoder:
         self.rejected: Counter[str] = Counter()
         self._address = SharedAddress()
         self._sequence = SequenceWatch()
+        self._stuck = StuckAngles()
 
     @property
     def system(self) -> int | None:
@@ -590,6 +594,13 @@ class MavlinkDecoder:
         name = message_name(message_id)
         scale = self._angle_scales.get(name, NO_SCALE)
         rows = Rows(name, payload, block.arrival_ns[index], boot_ns, {}, scale)
+        if message_id == ATTITUDE:
+            stuck = {"stands still while its rates say that it turns": self._stuck.mask(rows)}
+            rows = rows.accepted(self.rejected, stuck)
         yield _MAKERS[message_id](rows, self.rejected)
         if message_id == GIMBAL_DEVICE_ATTITUDE_STATUS:
             yield from gimbal_failure_tracks(rows)
+        elif message_id == GLOBAL_POSITION_INT:
+            yield heading_track(rows)
+        elif message_id == GPS_RAW_INT:
+            yield receiver_track(rows)

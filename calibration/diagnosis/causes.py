@@ -130,8 +130,8 @@ def likely_mistake(attempt: Attempt) -> AerodftError | None:
     is_pulled = bool(np.any(np.abs(priors) > _PRIOR_STDS))
     if solution.misfit <= _DOUBT and np.all(solution.kept) and not is_pulled and attempt.result.is_consistent:
         return None
-    if error := _missing_unknowns(attempt):
-        return error
+    if missing := _missing_unknowns(attempt):
+        return missing
     causes = [cause for search in _SEARCHES for cause in search(attempt)]
     if error := _named(attempt, causes):
         return error

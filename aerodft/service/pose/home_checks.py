@@ -34,7 +34,8 @@ MAX_CLIMB_MPS: Final = 12.0
 climbs are steps, at twice of it a step of 4 m at 5 Hz is a climb."""
 
 _SPEED_BIAS_MPS: Final = 0.15  # of an EKF's vertical speed: 0.1 to 0.2; half refuses honest drifts, twice hides 0.3 m/s
-_ACCELERATION_MPS2: Final = 1.5  # between two samples a second apart, where the speeds at both do not show it
+_ACCELERATION_MPS2: Final = 3.0  # that the speeds of two samples do not show, in turns
+_ACCELERATION_S: Final = 0.5  # of each turn, between samples at most a second apart
 MIN_STD_M: Final = 0.5  # of a height against integrated speed; recorded flights differ by 0.1 to 0.3 m within 10 s
 WIDENED_STDS: Final = 1.5
 REFUSED_STDS: Final = 5.0
@@ -92,7 +93,7 @@ def _accumulate(
         moved_m = (before_mps + after_mps) / 2 * dt_s
         # The speed may have changed early or late, and in between.
         tolerance_m = abs(after_mps - before_mps) * dt_s / 4
-        tolerance_m += _ACCELERATION_MPS2 * dt_s * dt_s * max(dt_s, 1.0) / 16
+        tolerance_m += _ACCELERATION_MPS2 * dt_s * min(dt_s, _ACCELERATION_S) * max(dt_s, 1.0) ** 2 / 16
         state[_WITH] += shrink(step_m - moved_m, tolerance_m)
         state[_AGAINST] += shrink(step_m + moved_m, tolerance_m)
         state[_MOVED_M] += moved_m

@@ -127,7 +127,7 @@ def test_the_refusal_names_both_heights_and_their_std():
     batch = made.all.at(where, np.array([-1]), where + END_OF_TIME // 2, lambda *_: None, np.full((1, 2), np.nan))
     (sentence,) = batch.refusals[0]
     assert sentence == (
-        "home is not believed: it says 70.00 m where the vehicle's own vertical motion makes it 40.00 m, 30.00 m apart,"
+        "home is not believed: it says 70.00 m where the vehicle's own vertical motion makes it 40.01 m, 29.99 m apart,"
         " its std is 1.00 m"
     )
 

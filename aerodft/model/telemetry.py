@@ -122,12 +122,15 @@ class GimbalTrack(Track):
             reference's x axis is north, or the vehicle's nose.
         yaw_in_earth: ``(n,)`` true where the reference's x axis is north, false where it is the vehicle's heading.
         std_rad: ``(n, 4)`` standard deviations of tilt, pan, roll and heading; None where the reports have none.
+        is_scaled: Whether the decoder has applied the configured factors of the angles, as those of messages whose
+            angles are no angles without; else ``CompositeDecoder`` applies them.
     """
 
     source: GimbalSource
     wxyz: FloatArray
     yaw_in_earth: BoolArray
     std_rad: FloatArray | None = None
+    is_scaled: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,10 +6,17 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 import aerodft as ad
+from aerodft.adapters.telemetry import CompositeDecoder, log_formats
+from aerodft.adapters.telemetry.mavlink import FollowedIds
+from aerodft.geometry import yaw_pitch_roll
+from aerodft.model import GimbalTrack
+from aerodft.service import AngleScale, block_of
+from tests.adapters.telemetry import height_table
 from tests.commands import Run, run_aerodft
 
 UTC_NS = 1_795_221_168_000_000_000
@@ -155,3 +162,14 @@ def test_an_impossible_factor_is_refused(tmp_path: Path, factor: str, says: str)
     assert done.code == 3
     assert "telemetry.attitude.scale.MOUNT_STATUS.pitch" in done.err
     assert says in done.err
+
+
+def test_the_angles_of_a_format_that_knows_nothing_of_factors_are_scaled_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_formats, "LOG_FORMATS", [*log_formats.LOG_FORMATS, height_table])
+    line = b"1795221168.0,50.0,50.0\n"  # a tilt of 50 deg
+    block = block_of(height_table.PROTOCOL, "a", [UTC_NS], [line])
+    scale = {"MOUNT_ORIENTATION": AngleScale(pitch=-1.0)}
+    for scales, pitch_deg in (({}, -40.0), (scale, 40.0)):
+        tracks = CompositeDecoder(FollowedIds(angle_scales=scales)).decode(block)
+        (gimbal,) = (track for track in tracks if isinstance(track, GimbalTrack))
+        assert np.degrees(yaw_pitch_roll(gimbal.wxyz)[1]) == pytest.approx([pitch_deg])

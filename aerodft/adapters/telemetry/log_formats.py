@@ -22,8 +22,9 @@ from aerodft.adapters.telemetry.log_file import (
     NamesFrames,
 )
 from aerodft.adapters.telemetry.mavlink import FollowedIds
+from aerodft.adapters.telemetry.tracks import scaled
 from aerodft.errors import InputError, os_errors_as
-from aerodft.model import RawBlock, Track
+from aerodft.model import GimbalTrack, RawBlock, Track
 from aerodft.service import TelemetryDecoder, TelemetrySettings
 
 LOG_FORMATS: Final[list[LogFormat]] = [
@@ -50,8 +51,10 @@ class CompositeDecoder:
     """
 
     def __init__(self, followed: FollowedIds | None = None) -> None:
+        followed = followed or FollowedIds()
+        self._angle_scales = followed.angle_scales
         self._decoders: dict[str, TelemetryDecoder] = {
-            each.PROTOCOL: each.new_decoder(followed or FollowedIds()) for each in LOG_FORMATS
+            each.PROTOCOL: each.new_decoder(followed) for each in LOG_FORMATS
         }
 
     @property
@@ -68,7 +71,13 @@ class CompositeDecoder:
         Raises:
             InputError: No format of this protocol is known here.
         """
-        return self._decoder_of(block).decode(block)
+        tracks = self._decoder_of(block).decode(block)
+        return tuple(map(self._scaled, tracks)) if self._angle_scales else tracks
+
+    def _scaled(self, track: Track) -> Track:
+        """A gimbal's track with the configured factors of its angles, whatever the format; others as they are."""
+        scale = self._angle_scales.get(track.source) if isinstance(track, GimbalTrack) else None
+        return track if scale is None or not isinstance(track, GimbalTrack) else scaled(track, scale)
 
     def _decoder_of(self, block: RawBlock) -> TelemetryDecoder:
         decoder = self._decoders.get(block.protocol)

@@ -285,18 +285,19 @@ def gimbal_device_track(rows: Rows, rejected: Counter[str]) -> Track:
     earth = np.where(framed, (flags & _YAW_IN_VEHICLE) == 0, (flags & (_YAW_LOCK | _NEUTRAL)) == _YAW_LOCK)
     return GimbalTrack(
         source=GimbalSource.GIMBAL_DEVICE,
-        wxyz=_scaled_wxyz(q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)), good.angle_scale),
+        wxyz=q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True)),
         yaw_in_earth=earth,
         **good.stamps(),
     )
 
 
-def _scaled_wxyz(wxyz: FloatArray, scale: AngleScale) -> FloatArray:
-    """Attitudes ``(n, 4)`` whose yaw, pitch and roll are multiplied by the factors."""
-    if scale == NO_SCALE:
-        return wxyz
-    yaw_rad, pitch_rad, roll_rad = yaw_pitch_roll(wxyz)
-    return from_yaw_pitch_roll(yaw_rad * scale.yaw, pitch_rad * scale.pitch, roll_rad * scale.roll)
+def scaled(track: GimbalTrack, scale: AngleScale) -> GimbalTrack:
+    """The track with its yaw, pitch and roll multiplied by the factors, unless its decoder has done so."""
+    if track.is_scaled:
+        return track
+    yaw_rad, pitch_rad, roll_rad = yaw_pitch_roll(track.wxyz)
+    wxyz = from_yaw_pitch_roll(yaw_rad * scale.yaw, pitch_rad * scale.pitch, roll_rad * scale.roll)
+    return replace(track, wxyz=wxyz, is_scaled=True)
 
 
 def mount_orientation_track(rows: Rows, rejected: Counter[str]) -> Track:
@@ -333,10 +334,10 @@ def _angles_track(
     factors = dict(zip(fields, (scale.yaw, scale.pitch, scale.roll), strict=True))
     rows = replace(rows, scale={**rows.scale, **{name: rows.scale.get(name, 1.0) * k for name, k in factors.items()}})
     good = rows.accepted(rejected, {**faults, **no_angle(rows, *reversed(fields), unit_rad=unit_rad)})
-    return vehicle_yaw_track(source, good, good.wxyz(fields, unit_rad))
+    return replace(vehicle_yaw_track(source, good, good.wxyz(fields, unit_rad)), is_scaled=True)
 
 
-def vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> Track:
+def vehicle_yaw_track(source: GimbalSource, rows: Rows, wxyz: FloatArray) -> GimbalTrack:
     """Attitudes ``(n, 4)`` of a gimbal whose yaw is against the vehicle."""
     return GimbalTrack(source=source, wxyz=wxyz, yaw_in_earth=np.zeros(len(wxyz), dtype=np.bool_), **rows.stamps())
 

@@ -115,13 +115,16 @@ class AngleScaleTable(Table):
     roll: Factor = 1.0
 
 
-class GimbalScalesTable(Table):
-    """Gimbal sources whose reported angles have a wrong sign or unit."""
-
-    GIMBAL_DEVICE_ATTITUDE_STATUS: AngleScaleTable | None = None
-    MOUNT_ORIENTATION: AngleScaleTable | None = None
-    MOUNT_STATUS: AngleScaleTable | None = None
-    MNT: AngleScaleTable | None = None
+if TYPE_CHECKING:
+    GimbalScalesTable = Table
+else:
+    _SCALED = [str(each) for each in GimbalSource if each not in (GimbalSource.FIXED_MOUNT, GimbalSource.MANUAL)]
+    GimbalScalesTable = create_model(
+        "GimbalScalesTable",
+        __base__=Table,
+        __doc__="Sources whose reported angles have a wrong sign or unit.",
+        **dict.fromkeys(_SCALED, (AngleScaleTable | None, None)),
+    )
 
 
 def _scales_from(table: GimbalScalesTable) -> tuple[tuple[GimbalSource, AngleScale], ...]:

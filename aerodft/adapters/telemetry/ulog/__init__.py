@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.adapters.telemetry.mavlink import FollowedIds
-from aerodft.adapters.telemetry.tracks import NO_SCALE
 from aerodft.adapters.telemetry.ulog.decoding import PROTOCOL, USED_MESSAGES, UlogDecoder
 from aerodft.adapters.telemetry.ulog.framing import MAGIC
 from aerodft.adapters.telemetry.ulog.source import TITLE, UlogSource
-from aerodft.model import GimbalSource
 
 __all__ = [
     "PROTOCOL",
@@ -39,4 +37,4 @@ def open_source(path: Path) -> UlogSource:
 
 def new_decoder(followed: FollowedIds) -> UlogDecoder:
     """A decoder that learns the topics' layouts on the way, and follows one gimbal."""
-    return UlogDecoder(followed.gimbal, followed.angle_scales.get(GimbalSource.GIMBAL_DEVICE, NO_SCALE))
+    return UlogDecoder(followed.gimbal)

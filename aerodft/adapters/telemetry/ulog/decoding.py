@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,7 +13,6 @@ from aerodft.adapters.telemetry.tracks import (
     MAX_HEIGHT_M,
     MAX_UNIX_NS,
     MIN_UNIX_NS,
-    NO_SCALE,
     Rows,
     estimator_track,
     gimbal_device_track,
@@ -40,7 +39,7 @@ from aerodft.model import (
     TriggerTrack,
     VehicleTrack,
 )
-from aerodft.service import HEIGHT_SOURCES, AngleScale
+from aerodft.service import HEIGHT_SOURCES
 
 PROTOCOL: Final = "ulog"
 
@@ -134,15 +133,14 @@ class UlogDecoder:
 
     Args:
         gimbal: Number of the gimbal to follow; None for the first one that reports.
-        scale: Factors of the gimbal's angles.
     """
 
-    def __init__(self, gimbal: int | None = None, scale: AngleScale = NO_SCALE) -> None:
+    def __init__(self, gimbal: int | None = None) -> None:
         self.rejected: Counter[str] = Counter()
         self._definitions = Definitions()
         self._newest_us: dict[int, int] = {}
         self._since: dict[str, int] = {}  # by what has come: the message in the block, or _EARLIER
-        self._gimbal, self._scale = gimbal, scale
+        self._gimbal = gimbal
         self._sensor: int | None = None
         self._home_z_m = np.nan
         self._reset_m = self._reset_at_home_m = 0.0
@@ -424,7 +422,7 @@ class UlogDecoder:
         if self._gimbal is None:
             self._gimbal = int(number[0])
         rows = rows.accepted(self.rejected, {f"of another gimbal than number {self._gimbal}": number != self._gimbal})
-        rows = replace(_renamed(rows, _GIMBAL_NAMES), angle_scale=self._scale)
+        rows = _renamed(rows, _GIMBAL_NAMES)
         yield from gimbal_failure_tracks(rows)
         yield gimbal_device_track(rows, self.rejected)
 

@@ -100,6 +100,8 @@ def _by_pymavlink(path: Path, name: str) -> list[DFReader.DFMessage]:
     log, found = DFReader.DFReader_binary(str(path)), []
     while (message := log.recv_match(type=name)) is not None:
         found.append(message)
+    log.filehandle.close()
+    log.data_map.close()
     return found
 
 

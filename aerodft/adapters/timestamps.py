@@ -1,6 +1,7 @@
 """UTC as text to exact nanoseconds and back; Python's datetime stops at microseconds."""
 
 import re
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
@@ -61,15 +62,26 @@ def parse_offset(text: str) -> timedelta:
     return -size if sign == "-" else size
 
 
-def zone_hint(images_ns: tuple[int, int], telemetry_ns: tuple[int, int]) -> str:
+def offset_text(offset: timedelta) -> str:
+    """An offset from UTC as :func:`parse_offset` reads it, like ``+02:00``."""
+    minutes = abs(round(offset / timedelta(minutes=1)))
+    return f"{'-' if offset < timedelta() else '+'}{minutes // _HOUR_MIN:02d}:{minutes % _HOUR_MIN:02d}"
+
+
+def zone_hint(
+    images_ns: tuple[int, int],
+    telemetry_ns: tuple[int, int],
+    remedy: Callable[[timedelta], str] | None = None,
+) -> str:
     """Hint where images lie beside telemetry by as much as a clock does that tells local time as UTC.
 
     Args:
         images_ns: First and last stamp, UTC as it was stated.
         telemetry_ns: First and last stamp.
+        remedy: What to state, by how much the images' clock is ahead; None for the UTC of the first image.
 
     Returns:
-        How many hours it is, and when the images would begin then; "" where no whole or half hours explain it.
+        How many hours it is, and what would fit; "" where no whole or half hours explain it.
     """
     steps = _FARTHEST // timedelta(minutes=30)
     first_ns, last_ns = images_ns
@@ -84,8 +96,10 @@ def zone_hint(images_ns: tuple[int, int], telemetry_ns: tuple[int, int]) -> str:
         return ""
     shift_ns = min(found)[-1]
     hours, side = abs(shift_ns) / (2 * _HALF_HOUR_NS), "ahead of" if shift_ns < 0 else "behind"
-    begin = unix_ns_to_iso(first_ns + shift_ns)
-    return f"their clock is {hours:g} h {side} the telemetry's, as one of local time is: a start of {begin} would fit"
+    fitting = f"a start of {unix_ns_to_iso(first_ns + shift_ns)}"
+    if remedy is not None:
+        fitting = remedy(timedelta(seconds=-shift_ns / SECOND_NS))
+    return f"their clock is {hours:g} h {side} the telemetry's, as one of local time is: {fitting} would fit"
 
 
 def datetime_to_unix_ns(when: datetime) -> int:

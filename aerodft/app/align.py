@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,13 +21,14 @@ from aerodft.conventions import SECOND_NS
 from aerodft.errors import ConfigError, NoAnswerError, UsageError
 from aerodft.model import Camera
 from aerodft.service import TelemetrySettings
-from aerodft.service.attitude import attitude_history
+from aerodft.service.attitude import AttitudeHistory, attitude_histories
 from aerodft.version import SOFTWARE
 from aerodft.vision.camera_motion import ImagePair, PlaneTracker
 from calibration.sync import Alignment, check_overlap
 from calibration.sync import align as align_rotations
 
 MAX_OFFSET_LIMIT_S: Final = 600.0
+DEFAULT_MAX_OFFSET_S: Final = 20.0  # chosen: a camera's clock that was set by hand; twice takes twice as long to search
 _SIGMAS_95: Final = 1.96
 
 _log = logging.getLogger(__name__)
@@ -101,7 +103,8 @@ class VideoAlignment:
         if self.solution.time_constant_s > self.solution.lag_s / 2:
             sentence = (
                 "the camera sets off at once and catches up slowly (time constant"
-                f" {self.solution.time_constant_s:.2f} s): the delay is the mean, and `lag_s` allows for the rest"
+                f" {self.solution.time_constant_s:.2f} s): the delay is the mean, and telemetry.attitude.lag_s allows"
+                " for the rest"
             )
             return [sentence]
         return []
@@ -184,7 +187,7 @@ def align(  # noqa: PLR0913 - what a user may choose, by name
     station: str | Path | StationConfig | None = None,
     camera: str | Path | Camera | None = None,
     video_start_ns: int | None = None,
-    max_offset_s: float = 20.0,
+    max_offset_s: float = DEFAULT_MAX_OFFSET_S,
     topics: Topics | None = None,
     progress: Progress = no_progress,
 ) -> VideoAlignment:
@@ -237,7 +240,7 @@ def align(  # noqa: PLR0913 - what a user may choose, by name
 
 
 def aligned_station(
-    station: StationConfig, log: Path | None, where: str, progress: Progress = no_progress
+    station: StationConfig, log: Path | None, where: str, max_offset_s: float, progress: Progress = no_progress
 ) -> StationConfig:
     """The station with its video aligned with its log: offset, drift, delay, and how well they are known.
 
@@ -245,6 +248,7 @@ def aligned_station(
         station: The station.
         log: Its log.
         where: Its file, for messages; empty where it was not read from one.
+        max_offset_s: As in ``align``.
         progress: As in ``align``.
 
     Raises:
@@ -266,7 +270,14 @@ def aligned_station(
             expected="one of them",
             hint="leave out the calibration, or the search for the offset (`sync`)",
         )
-    found = align(source.path, log, station=station, video_start_ns=source.start_ns, progress=progress)
+    found = align(
+        source.path,
+        log,
+        station=station,
+        video_start_ns=source.start_ns,
+        max_offset_s=max_offset_s,
+        progress=progress,
+    )
     offset_s, drift, lag_s = found.solution.stds.tolist()
     _log.info(
         "%s: %+.3f s (std %.3f s) and %+.3f %% (std %.3f %%) off the log, the gimbal %.3f s late (std %.3f s)",
@@ -289,13 +300,15 @@ def _aligned(
 ) -> VideoAlignment:
     """The alignment of an open video; see ``align``."""
     source, _ = open_telemetry_log(log, topics, telemetry)
-    history = attitude_history(source, decoder_of(telemetry), telemetry.attitude)
+    histories = attitude_histories(source, decoder_of(telemetry), telemetry.attitude)
     start_ns, end_ns = video.span_ns or (video.start_ns, video.start_ns)
+    histories.sort(key=partial(_shared_ns, video_ns=(start_ns, end_ns), reach_ns=round(max_offset_s * SECOND_NS)))
     try:
         if end_ns > start_ns:
-            check_overlap(history, (start_ns, end_ns), max_offset_s + (end_ns - start_ns) / SECOND_NS)
+            check_overlap(histories[-1], (start_ns, end_ns), max_offset_s + (end_ns - start_ns) / SECOND_NS)
+        focal_std = camera.std.focal_px / camera.fx_px
         pairs = _image_pairs(video, camera, lambda stamp_ns: progress(stamp_ns - start_ns, end_ns - start_ns))
-        solution = align_rotations(pairs, history, telemetry.attitude, max_offset_s)
+        solution = _aligned_with_any(pairs, histories[::-1], telemetry, max_offset_s, focal_std)
     except NoAnswerError as error:
         where = f"{video.path} and {log}"
         raise NoAnswerError(error.what, where=where, got=error.got, expected=error.expected, hint=error.hint) from None
@@ -308,6 +321,34 @@ def _aligned(
         pairs=len(pairs),
         solution=solution,
     )
+
+
+def _shared_ns(history: AttitudeHistory, *, video_ns: tuple[int, int], reach_ns: int) -> int:
+    """How long attitudes and a video whose start may be wrong run together; negative where they are apart."""
+    first_ns, last_ns = history.span_ns or (0, 0)
+    return min(last_ns, video_ns[1] + reach_ns) - max(first_ns, video_ns[0] - reach_ns)
+
+
+def _aligned_with_any(
+    pairs: list[ImagePair],
+    histories: list[AttitudeHistory],
+    telemetry: TelemetrySettings,
+    max_offset_s: float,
+    focal_std: float,
+) -> Alignment:
+    """The alignment with the first stretch between reboots that has one.
+
+    Raises:
+        NoAnswerError: None has; why the first one has not.
+    """
+    refusal: NoAnswerError | None = None
+    for history in histories:
+        try:
+            return align_rotations(pairs, history, telemetry.attitude, max_offset_s, focal_std)
+        except NoAnswerError as error:
+            refusal = refusal or error
+    assert refusal is not None  # noqa: S101 - there is at least one history, for the type checker
+    raise refusal
 
 
 def _image_pairs(video: VideoFileSource, camera: Camera, reached: Callable[[int], None]) -> list[ImagePair]:

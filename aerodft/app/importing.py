@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -20,13 +21,20 @@ from aerodft.adapters.config.station import (
     with_calibration,
     with_derived_settings,
 )
-from aerodft.adapters.images import RateSource, StillsFolderSource, ThinnedPixels, VideoFilesSource, video_info
+from aerodft.adapters.images import (
+    RateSource,
+    StillsFolderSource,
+    ThinnedPixels,
+    VideoFilesSource,
+    depend_on_zone,
+    video_info,
+)
 from aerodft.adapters.outputs import open_outputs
 from aerodft.adapters.telemetry import LogSource, PhotographLog, SubtitleLog, decoder_of
-from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
+from aerodft.adapters.timestamps import offset_text, parse_offset, unix_ns_to_iso, zone_hint
 from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
-from aerodft.app.align import aligned_station
+from aerodft.app.align import DEFAULT_MAX_OFFSET_S, MAX_OFFSET_LIMIT_S, aligned_station
 from aerodft.app.subtitled import subtitled_flight, with_own_videos, with_tilt
 from aerodft.app.triggered import RestampedPhotos, TriggeredPhotos, triggered_photos
 from aerodft.conventions import SECOND_NS
@@ -61,10 +69,12 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     video: str | Path | None = None,
     video_start_ns: int | None = None,
     images: str | Path | None = None,
+    utc_offset: str | None = None,
     rate_hz: float | None = None,
     observations: Sequence[str | Path] = (),
     calibration: str | Path | None = None,
     sync: bool | None = None,
+    max_offset_s: float | None = None,
     tilt_deg: float | None = None,
     topics: Topics | None = None,
     progress: Progress = no_progress,
@@ -79,11 +89,14 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         video: Video file, in place of the station's images.
         video_start_ns: UTC of the video's first image in ns; None for the station's, or the file's.
         images: Folder of stills, in place of the station's images.
+        utc_offset: Whose time the stills tell where neither EXIF nor names say so, like ``+02:00``; None for the
+            station's.
         rate_hz: Without images: evaluations per second, at most 1000.
         observations: JSON-lines files of observed pixels, beside those of the station.
         calibration: Calibration file, in place of the station's.
         sync: Whether the video's clock is found as by ``align``; None as the station says. False keeps photos' own
             stamps, where the log holds triggers.
+        max_offset_s: With ``sync``: by how much the video's start may be wrong, either way; None for 20 s.
         tilt_deg: Tilt of the camera from straight down where no gimbal reports it; None for the station's.
         topics: Which topic of another tool's recording is what; None for the station's.
         progress: Called between batches with nanoseconds of the flight; what it raises ends the import there, and
@@ -93,8 +106,8 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         What was recorded and measured. Where no image had a usable pose, ``statistics.reasons`` say why.
 
     Raises:
-        UsageError: More than one of ``video``, ``images`` and ``rate_hz`` is given, the start of no video, or an
-            impossible rate.
+        UsageError: More than one of ``video``, ``images`` and ``rate_hz`` is given, the start of no video, the zone
+            of no stills, ``max_offset_s`` without ``sync``, or an impossible value.
         InputError: A file cannot be read, the folder cannot be written, or images and log do not overlap in time.
         NoAnswerError: The log holds no height or no camera attitude that the station could use.
 
@@ -107,6 +120,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     where = "" if isinstance(station, StationConfig) else str(station)
     station = station if isinstance(station, StationConfig) else load_station(Path(station))
     source = _image_input(station.images.source, video, video_start_ns, images, rate_hz)
+    source = source if utc_offset is None else _in_zone(source, utc_offset)
     station = replace(station, images=replace(station.images, source=source), topics=topics or station.topics)
     station = with_derived_settings(station) if calibration is None else with_calibration(station, Path(calibration))
     logs = [] if log is None else [Path(log)] if isinstance(log, str | Path) else list(map(Path, log))
@@ -118,7 +132,13 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         station, flight = with_own_videos(station, flight)
     with named_in(Path(where)):
         if sync or (sync is None and station.images.is_auto):
-            station = with_derived_settings(aligned_station(station, log, where, progress))
+            reach_s = DEFAULT_MAX_OFFSET_S if max_offset_s is None else max_offset_s
+            if not 0 < reach_s <= MAX_OFFSET_LIMIT_S:
+                expected = f"above 0, at most {MAX_OFFSET_LIMIT_S:g} s"
+                raise UsageError("`max_offset_s`", got=f"{reach_s:g}", expected=expected)
+            station = with_derived_settings(aligned_station(station, log, where, reach_s, progress))
+        elif max_offset_s is not None:
+            raise UsageError("`max_offset_s` without `sync`", expected="both")
         else:
             station = with_derived_settings(
                 _with_start_std(replace(station, images=replace(station.images, is_auto=False)))
@@ -203,6 +223,21 @@ def _image_input(
         return configured
     start_ns = stated_start_ns(configured, Path(video)) if video_start_ns is None else video_start_ns
     return VideoFile(path=Path(video), start_ns=start_ns)
+
+
+def _in_zone(source: ImageInput | None, utc_offset: str) -> Stills:
+    """Stills whose silent times are of a zone.
+
+    Raises:
+        UsageError: The images are no stills, or the text is no offset.
+    """
+    if not isinstance(source, Stills):
+        raise UsageError("`utc_offset` without stills", expected="`images`, a folder of stills")
+    try:
+        parse_offset(utc_offset)
+    except ValueError:
+        raise UsageError("`utc_offset`", got=utc_offset, expected="an offset from UTC like +02:00") from None
+    return replace(source, utc_offset=utc_offset)
 
 
 def _with_start_std(station: StationConfig) -> StationConfig:
@@ -417,9 +452,29 @@ def _check_overlap(span: LogSpan, stamps: dict[int, int], log: Path | None, stat
         where=where,
         got=f"images {unix_ns_to_iso(first_ns)} to {unix_ns_to_iso(last_ns)}",
         expected=f"within {unix_ns_to_iso(span.first_ns)} to {unix_ns_to_iso(span.last_ns)}",
-        hint=zone_hint((first_ns, last_ns), (span.first_ns, span.last_ns))
-        or "check `video_start_ns` and images.time_offset_s, or have `sync` find it",
+        hint=zone_hint((first_ns, last_ns), (span.first_ns, span.last_ns), _zone_remedy(source))
+        or _other_clock_hint(source),
     )
+
+
+def _zone_remedy(source: ImageInput | None) -> Callable[[timedelta], str] | None:
+    """What corrects a clock of local time, by how much it is ahead; None for a video, whose start does."""
+    if isinstance(source, VideoFile):
+        return None
+    if isinstance(source, Stills):
+        with _quiet():
+            is_silent = depend_on_zone(source.folder, source.pattern)
+        if is_silent:
+            stated = timedelta() if source.utc_offset is None else parse_offset(source.utc_offset)
+            return lambda ahead: f"`utc_offset` {offset_text(stated + ahead)}"
+    return lambda ahead: f"images.time_offset_s = {-ahead.total_seconds():g}"
+
+
+def _other_clock_hint(source: ImageInput | None) -> str:
+    """What to do about a clock that is off by no whole hours."""
+    if isinstance(source, VideoFile):
+        return "check `video_start_ns` and images.time_offset_s, or have `sync` find it"
+    return "is this the flight's log? state in images.time_offset_s by how much the camera's clock is off"
 
 
 @contextmanager

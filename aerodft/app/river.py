@@ -12,7 +12,7 @@ import numpy as np
 
 from aerodft.adapters.config.station import NO_SETTINGS, Settings, StationConfig
 from aerodft.adapters.files import looks_like
-from aerodft.adapters.images import STILLS, VideoFileSource, read_camera_image, video_info
+from aerodft.adapters.images import STILLS, VIDEO_SUFFIXES, VideoFileSource, read_camera_image, video_info
 from aerodft.app import Progress, no_progress
 from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_of
 from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup, in_range, read_photograph
@@ -54,7 +54,6 @@ from replay.recordings import Recording, RecordingSource
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
 
-VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
 MOST_IMAGES: Final = 60
 """Images of a recording or a video that are looked at by default."""
 

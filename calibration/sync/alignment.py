@@ -17,6 +17,7 @@ from aerodft.model import FloatArray, GimbalSource, IntArray
 from aerodft.service import AttitudeSettings
 from aerodft.service.attitude import AttitudeHistory
 from aerodft.vision.camera_motion import ImagePair, PlaneMotion, layered_motion, plane_motion
+from calibration.sync.diagnosis import MIN_SCORE, check_focal, refusal
 from calibration.sync.fit import (
     LAG,
     LAG_PRIOR_S,
@@ -36,7 +37,6 @@ MAX_STD_S = 0.05
 
 _MIN_PAIRS = 25
 _AROUND_S = 5.0  # of the log beside what could be of the video, for a lag and for a curve's ends
-_MIN_SCORE = 30.0
 _MAX_RATIO = 0.7  # of the second peak's score to the best one's
 _LAG_DETERMINED = 0.6  # of the prior's standard deviation: what is left when the data tell the lag
 
@@ -110,7 +110,11 @@ class Alignment:
 
 
 def align(
-    pairs: Sequence[ImagePair], history: AttitudeHistory, settings: AttitudeSettings, max_offset_s: float
+    pairs: Sequence[ImagePair],
+    history: AttitudeHistory,
+    settings: AttitudeSettings,
+    max_offset_s: float,
+    focal_std: float = 0.0,
 ) -> Alignment:
     """Align a video with a log.
 
@@ -119,10 +123,11 @@ def align(
         history: The log's attitudes.
         settings: Which of them are believed.
         max_offset_s: How far off the video's stamps may be.
+        focal_std: Stated standard deviation of the focal length over it.
 
     Raises:
-        NoAnswerError: No attitude in the log, too little to see in the images, too little motion to tell, or several
-            offsets that fit about as well.
+        NoAnswerError: No attitude in the log, too little to see in the images, too little motion to tell, a focal
+            length or a mount that contradicts the log, or several offsets that fit about as well.
     """
     coarse = plane_motion(pairs)
     if len(coarse) < _MIN_PAIRS:
@@ -135,12 +140,16 @@ def align(
     reference_ns = (pairs[0].start_ns + pairs[-1].end_ns) // 2
     reach_s = max_offset_s + (1 + MAX_DRIFT) * (pairs[-1].end_ns - reference_ns) / SECOND_NS + _AROUND_S
     camera = _camera(history, settings, (pairs[0].start_ns, pairs[-1].end_ns), reach_s)
-    best, ratio = _best(search(coarse, camera, reference_ns, max_offset_s))
+    peaks = search(coarse, camera, reference_ns, max_offset_s)
+    if peaks[0].score < MIN_SCORE:
+        raise refusal(coarse, camera, history, settings, reference_ns, (max_offset_s, reach_s), peaks[0])
+    best, ratio = peaks[0], _ratio(peaks)
     first = fit(RotationProblem(coarse, camera, reference_ns), np.array([best.offset_s, best.drift, best.lag_s]))
     problem = RotationProblem(_layered(pairs, camera, reference_ns, first), camera, reference_ns)
     seen = problem.seen(problem.predicted_by_log(first))
     path = integrated_path(pairs, problem.motion, seen, camera, first[: LAG + 1], reference_ns)
     found = _refined(camera, path, first[: LAG + 1])
+    check_focal(coarse, camera, reference_ns, found.values, focal_std)
     alignment = _alignment(found, first, problem, reference_ns, ratio)
     _check(alignment)
     return alignment
@@ -173,14 +182,11 @@ def check_overlap(history: AttitudeHistory, video_ns: tuple[int, int], reach_s: 
     Raises:
         NoAnswerError: It is farther away.
     """
-    zero_ns = sum(video_ns) // 2
-    series = [*history.gimbals.values(), *([history.vehicle] if history.vehicle is not None else [])]
-    if not series:
+    if history.span_ns is None:
         return
-    first_s = (min(int(each.stamp_ns[0]) for each in series) - zero_ns) / SECOND_NS
-    last_s = (max(int(each.stamp_ns[-1]) for each in series) - zero_ns) / SECOND_NS
+    zero_ns, log_ns = sum(video_ns) // 2, history.span_ns
+    first_s, last_s = ((each - zero_ns) / SECOND_NS for each in log_ns)
     if first_s > reach_s or last_s < -reach_s:
-        log_ns = (zero_ns + round(first_s * SECOND_NS), zero_ns + round(last_s * SECOND_NS))
         raise NoAnswerError(
             "video and log do not overlap in time",
             got=f"a log from {first_s:+.0f} s to {last_s:+.0f} s about the middle of the video",
@@ -189,15 +195,9 @@ def check_overlap(history: AttitudeHistory, video_ns: tuple[int, int], reach_s: 
         )
 
 
-def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
+def _ratio(peaks: tuple[Peak, ...]) -> float:
+    """Score of the second best offset over that of the best one; refuses one that is nearly as good."""
     best = peaks[0]
-    if best.score < _MIN_SCORE:
-        raise NoAnswerError(
-            "too little motion to tell, or the video is not of this flight",
-            got=f"at best {max(best.score / _MIN_SCORE, 0):.0%} of what tells an offset, at {best.offset_s:+.1f} s",
-            expected="100 % or more",
-            hint="the gimbal or the vehicle must turn while the video runs; see `max_offset_s`, `video_start_ns`",
-        )
     ratio = max(peaks[1].score / best.score, 0.0) if len(peaks) > 1 else 0.0
     if ratio > _MAX_RATIO:
         raise NoAnswerError(
@@ -206,7 +206,7 @@ def _best(peaks: tuple[Peak, ...]) -> tuple[Peak, float]:
             expected=f"at most {_MAX_RATIO:.0%}",
             hint="a motion that repeats itself does not tell; pass `video_start_ns` and a smaller `max_offset_s`",
         )
-    return best, ratio
+    return ratio
 
 
 def _layered(pairs: Sequence[ImagePair], camera: CameraMotion, zero_ns: int, first: FloatArray) -> PlaneMotion:

@@ -35,6 +35,7 @@ MAX_DRIFT = 0.03
 _STEP_S = 0.05
 _DRIFT_STEP = 0.0025
 _MAX_PAIRS = 400
+_MAX_FOCAL_PAIRS = 80  # of the profile over focal lengths
 _LOG_RATE_STD_RADPS = 0.015  # of telemetry against the camera, in part because its lag is not quite known yet
 _LAG_GRID_S = (0.05, 0.175, 0.3)  # grid of the search
 _MIN_LIKELIHOOD = np.exp(-8.0)  # floor of a pair's likelihood: a pair may be wrong
@@ -96,7 +97,9 @@ class Peak:
     score: float
 
 
-def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s: float) -> tuple[Peak, ...]:
+def search(
+    motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s: float, *, most_pairs: int = _MAX_PAIRS
+) -> tuple[Peak, ...]:
     """Search the best offset, and the best of those not near it, in descending order of score.
 
     Args:
@@ -104,8 +107,9 @@ def search(motion: PlaneMotion, camera: CameraMotion, zero_ns: int, max_offset_s
         camera: The log.
         zero_ns: The reference: offset is added there, drift counts from there; that of ``camera``.
         max_offset_s: Offsets of up to this, on both sides.
+        most_pairs: How many of the image pairs are weighed, about.
     """
-    every = max(len(motion) // _MAX_PAIRS, 1)
+    every = max(len(motion) // most_pairs, 1)
     start_s, end_s = ((stamps[::every] - zero_ns) / SECOND_NS for stamps in (motion.start_ns, motion.end_ns))
     reach_s = max_offset_s + MAX_DRIFT * float(np.max(np.abs(start_s)))
     log_s = np.arange(start_s[0] - reach_s, start_s[-1] + reach_s + _STEP_S, _STEP_S)
@@ -162,6 +166,42 @@ def _misfit(
     translation = np.linalg.solve(weighted @ translation_jacobian, weighted @ difference[..., None])
     residual = difference - (translation_jacobian @ translation)[..., 0]
     return np.asarray(np.einsum("mi,ij,mj->m", residual, information, residual))
+
+
+def evidence_by_focal(
+    motion: PlaneMotion, camera: CameraMotion, zero_ns: int, values: FloatArray, scales: FloatArray
+) -> FloatArray:
+    """Log likelihoods ``(k,)`` of an alignment, were the focal length ``scales (k,)`` times as long.
+
+    Args:
+        motion: Image pairs, stamped by the video's clock.
+        camera: The log.
+        zero_ns: The reference.
+        values: ``(3,)``: offset (s, at the reference), drift, lag (s).
+        scales: Of the focal length.
+    """
+    offset, drift, lag = values.tolist()
+    stamps = np.stack([motion.start_ns, motion.end_ns])
+    start_s, end_s = offset + (1 + drift) * ((stamps - zero_ns) / SECOND_NS)
+    every = max(len(motion) // _MAX_FOCAL_PAIRS, 1)
+    logged = predict_rotations(camera, start_s, end_s, lag)
+    total = np.zeros(len(scales))
+    for index, scale in enumerate(scales.tolist()):
+        scaled = with_focal(motion, scale)
+        for row in np.flatnonzero(logged.known)[::every].tolist():
+            turn, normal = logged.rotvec_rad[row : row + 1], logged.normal_cam[row : row + 1]
+            std_rad = _LOG_RATE_STD_RADPS * float(end_s[row] - start_s[row])
+            misfit = _misfit(scaled.homography[row], scaled.cov[row], turn, normal, std_rad)
+            total[index] += float(np.log(np.exp(-misfit / 2) + _MIN_LIKELIHOOD)[0])
+    return total
+
+
+def with_focal(motion: PlaneMotion, scale: float) -> PlaneMotion:
+    """The motion that the images show, were the focal length ``scale`` times as long: rays are nearer to the axis."""
+    ray = np.array([1 / scale, 1 / scale, 1.0])
+    factors = ray[:, None] / ray
+    free = factors.ravel()[:FREE]
+    return replace(motion, homography=motion.homography * factors, cov=motion.cov * np.outer(free, free))
 
 
 def _peaks(scores: FloatArray, offsets: FloatArray, drifts: FloatArray, lags: tuple[float, ...]) -> tuple[Peak, ...]:

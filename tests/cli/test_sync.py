@@ -3,6 +3,7 @@
 import math
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import orjson
@@ -166,6 +167,22 @@ def test_the_printed_lines_give_what_auto_gives(desk, imported, aerodft, tmp_pat
 )
 def test_the_next_best_offset_is_put_in_words(peak_ratio, said):
     assert next_best(peak_ratio).endswith(said)
+
+
+def test_a_log_that_goes_on_after_a_reboot_is_aligned_before_it(desk, aerodft, tmp_path):
+    """The video lies before the reboot, on whose clock no attitude of the video is."""
+    folder, _, _ = desk
+    later = hovering(20.0)
+    later = replace(later, stamp_ns=later.stamp_ns + 300_000_000_000)
+    write_log(scenario(later, 2, CLOCKS, margin_s=1.0, size=SIZE, fps=8.0), tmp_path / "later.tlog")
+    log = tmp_path / "rebooted.tlog"
+    log.write_bytes((folder / "flight.tlog").read_bytes() + (tmp_path / "later.tlog").read_bytes())
+    camera = ("--camera", folder / "camera.toml", "--json")
+    whole = aerodft("sync", folder / "video.mp4", folder / "flight.tlog", *camera)
+    found = aerodft("sync", folder / "video.mp4", log, *camera)
+    assert found.code == 0, found.err
+    assert found.json["offset_s"] == pytest.approx(whole.json["offset_s"], abs=1e-3)
+    assert found.json["lag_s"] == pytest.approx(whole.json["lag_s"], abs=1e-3)
 
 
 @pytest.mark.nightly

@@ -19,8 +19,16 @@ from aerodft.adapters.images.stills import (
     check_mode,
     common_mode,
     damaged_exif_said,
+    depend_on_zone,
     facts_of_still,
     refuse_other_size,
 )
 from aerodft.adapters.images.stream import StreamReader
-from aerodft.adapters.images.video import Losses, SeekableVideo, VideoFileSource, VideoFilesSource, video_info
+from aerodft.adapters.images.video import (
+    VIDEO_SUFFIXES,
+    Losses,
+    SeekableVideo,
+    VideoFileSource,
+    VideoFilesSource,
+    video_info,
+)

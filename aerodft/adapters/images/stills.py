@@ -307,6 +307,17 @@ class StillsFolderSource:
             )
 
 
+def depend_on_zone(folder: Path, pattern: str | None = None) -> bool:
+    """Whether the stamps of a folder's stills are those of ``utc_offset``: neither EXIF nor names state a zone.
+
+    Raises:
+        InputError: As for ``StillsFolderSource``.
+        ConfigError: As for ``StillsFolderSource``.
+    """
+    zones = ("+00:00", "+01:00")
+    return len({StillsFolderSource(folder, pattern=pattern, utc_offset=zone).span_ns for zone in zones}) > 1
+
+
 def _scan(folder: Path, pattern: str | None, utc_offset: timedelta | None, *, unique: bool) -> list[_Still]:
     is_still = unique and folder.is_file() and folder.suffix.lower() in STILLS
     if not folder.is_dir() and not is_still:

@@ -35,6 +35,10 @@ _BEFORE_S = (0.0, 3.0, 15.0)  # a container without an index, such as a transpor
 _Found: TypeAlias = tuple[int, int | None, av.VideoFrame | None]  # index, presentation stamp, image
 
 
+VIDEO_SUFFIXES: Final = frozenset({".mp4", ".mov", ".mkv", ".avi", ".ts", ".m4v", ".webm", ".mpg", ".mpeg"})
+"""Endings of names that promise a video."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoInfo:
     """Size, length and rotation of a container's first video stream.

@@ -22,6 +22,9 @@ def import_(
     video: Annotated[Path | None, typer.Option(help="Video file.")] = None,
     video_start: Annotated[str | None, typer.Option(help="UTC of the video's first image.")] = None,
     images: Annotated[Path | None, typer.Option(help="Folder of stills.")] = None,
+    utc_offset: Annotated[
+        str | None, typer.Option(help="Whose time stills tell where they do not say so, like +02:00; else UTC.")
+    ] = None,
     rate: Annotated[float | None, typer.Option(help="Without images: evaluations per second.")] = None,
     observations: Annotated[list[Path] | None, typer.Option(help="JSON-lines file of observed pixels.")] = None,
     calibration: Annotated[Path | None, typer.Option(help="Calibration file (TOML).")] = None,
@@ -30,6 +33,9 @@ def import_(
         typer.Option(help="auto: find the video's clock as `aerodft sync` does; off: do not."),
     ] = None,
     tilt: Annotated[float | None, typer.Option(help="Camera's tilt from straight down, where none is logged.")] = None,
+    max_offset: Annotated[
+        float | None, typer.Option(help="With --sync auto: seconds by which the start may be off; else 20.")
+    ] = None,
     topic: TopicOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -55,11 +61,13 @@ def import_(
             video=video,
             video_start_ns=None if video_start is None else parse_utc("--video-start", video_start),
             images=images,
+            utc_offset=utc_offset,
             rate_hz=rate,
             observations=observations or (),
             calibration=calibration,
             sync=None if sync is None else sync == "auto",
             tilt_deg=tilt,
+            max_offset_s=max_offset,
             topics=parse_topics(topic, load_station(config).topics) if topic else None,
             progress=between_batches,
         )

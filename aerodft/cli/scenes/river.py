@@ -141,7 +141,8 @@ def _recorded(
 
 def _filmed(path: Path, scene: SurfaceOptions, config: Path | None, images: int | None) -> "RiverImages | None":
     """A video's images; None for one image."""
-    from aerodft.app.river import MOST_IMAGES, VIDEO_SUFFIXES, filmed_images
+    from aerodft.adapters.images import VIDEO_SUFFIXES
+    from aerodft.app.river import MOST_IMAGES, filmed_images
 
     if config is not None:
         raise UsageError("--config", expected="a recording: an image and a video take --camera, --height, --tilt")

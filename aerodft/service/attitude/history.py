@@ -44,6 +44,14 @@ class AttitudeHistory:
     gimbals: dict[GimbalSource, AttitudeSeries]
     frames: dict[GimbalSource, ReportFrame]
 
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """First and last stamp of all streams; None without attitudes."""
+        series = [*self.gimbals.values(), *([] if self.vehicle is None else [self.vehicle])]
+        if not series:
+            return None
+        return min(int(each.stamp_ns[0]) for each in series), max(int(each.stamp_ns[-1]) for each in series)
+
 
 @dataclass(slots=True)
 class _Parts:
@@ -64,24 +72,28 @@ class _Parts:
         return AttitudeSeries(stamp_ns=stamps, wxyz=wxyz, yaw_in_earth=in_earth)
 
 
-def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeSettings) -> AttitudeHistory:
+def attitude_histories(log: Source, decoder: TelemetryDecoder, settings: AttitudeSettings) -> list[AttitudeHistory]:
     """Read a log once; stamps are by the clock map, as in a run.
-
-    Only attitudes after the last reboot are kept: those before are on another clock.
 
     Args:
         log: The log.
         decoder: Decoder of its frames.
         settings: Gimbals to use, and the reference of their reports where configured.
+
+    Returns:
+        The attitudes between reboots of the vehicle, in order; each stretch has a clock and a reading of its gimbals of
+        its own. At least one, which is empty where the log has no attitudes.
     """
     clock, sources = ClockMap(), AttitudeSources(settings)
     vehicle, gimbals = _Parts(), dict[GimbalSource, _Parts]()
+    histories = []
     for batch in MergedFeed([log], SECOND_NS, idle_ticks_ns=0, longest_ns=0).batches():
         tracks = tuple(track for block in batch.raw for track in decoder.decode(block) if len(track.arrival_ns))
         update = clock.update(Ticks.one(tracks))
         if update is None:
             continue
         if update.restarted:
+            histories.append(_history(vehicle, gimbals, sources, settings))
             vehicle, gimbals = _Parts(), {}
             sources.clear()
         elif update.shift_ns:
@@ -93,6 +105,14 @@ def attitude_history(log: Source, decoder: TelemetryDecoder, settings: AttitudeS
             stamps_ns = clock.to_utc(track, LAST)
             sources.append(track, stamps_ns)
             _append_track(track, stamps_ns, vehicle, gimbals)
+    histories.append(_history(vehicle, gimbals, sources, settings))
+    return [each for each in histories if each.span_ns is not None] or histories[-1:]
+
+
+def _history(
+    vehicle: _Parts, gimbals: dict[GimbalSource, _Parts], sources: AttitudeSources, settings: AttitudeSettings
+) -> AttitudeHistory:
+    """The attitudes of one stretch between reboots, its gimbals read as their reports show."""
     vehicle_series, gimbal_series = vehicle.series(), {source: rows.series() for source, rows in gimbals.items()}
     readings = {
         source: (settings.frame or evidence.frame, settings.axes or evidence.axes or MountAxes.ROLL_OUTER)

@@ -138,7 +138,7 @@ class _ReplayedQueries:
             InputError: It has no configuration, or one that this version cannot read.
         """
         if not isinstance(recording, Recording):
-            hint = "`import` makes a recording of a station from it"
+            hint = "`import_flight` makes a recording of a station from it"
             raise NoAnswerError("another tool's recording has no station to ask", where=recording.name, hint=hint)
         found = self._runs.get(id(recording))
         if found is None:

@@ -12,13 +12,22 @@ import tomli_w
 
 from aerodft.adapters.config.camera import KnownCamera, camera_document, known_cameras, load_camera
 from aerodft.adapters.config.station import load_station
-from aerodft.adapters.files import whole_file
-from aerodft.adapters.images import STILLS, camera_of_still, facts_of_still, video_info
+from aerodft.adapters.files import looks_like, whole_file
+from aerodft.adapters.images import (
+    STILLS,
+    VIDEO_SUFFIXES,
+    StillsFolderSource,
+    camera_of_still,
+    depend_on_zone,
+    facts_of_still,
+    video_info,
+)
 from aerodft.adapters.telemetry import SubtitleLog, hfov_deg
 from aerodft.adapters.telemetry.mavlink import is_link
-from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
+from aerodft.adapters.timestamps import offset_text, unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
 from aerodft.app.measure import UNSTATED_HOME_STD_M, carries_pose, lens_in_photograph
+from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport
 from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
 from aerodft.model import Camera, CameraStd
@@ -285,7 +294,11 @@ def _subtitles_of(video: Path) -> SubtitleLog | None:
 
 
 def _is_images(path: Path) -> bool:
-    """Whether this is a photo, a folder of photos or a video: no log, and no recording."""
+    """Whether this is a photo, a folder of photos or a video: no log, and no recording.
+
+    Raises:
+        InputError: It is a video that cannot be read.
+    """
     if path.is_dir():
         return any(each.suffix.lower() in STILLS for each in path.iterdir())
     if path.suffix.lower() in STILLS:
@@ -293,6 +306,8 @@ def _is_images(path: Path) -> bool:
     try:
         video_info(path)
     except InputError:
+        if path.suffix.lower() in VIDEO_SUFFIXES or looks_like(path).endswith("video"):
+            raise  # a damaged video is no log
         return False
     return True
 
@@ -499,14 +514,36 @@ def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, fold
         yield "rate_hz = 10               # no images: numbers at this rate; or video = ..., stills = ..., stream = ..."
     elif (photo := _photo(found.images)) is not None:
         yield f"stills = {_from(folder, photo.parent)}"
-        yield '# utc_offset = "+02:00"    # whose time EXIF means, where it does not say'
-        draft.taken.append(f"images: those of {photo.parent}, stamped by their EXIF data")
+        yield from _stills_stamps(draft, photo.parent, report)
     else:
         yield f"video = {_from(folder, found.images)}"
         if found.subtitles is not None:
             draft.taken.append("video's start: by its subtitles, on one time line")
             return
         yield from _video_start(draft, found.images, report)
+
+
+def _stills_stamps(draft: _Draft, folder: Path, report: DiagnosisReport | None) -> Iterator[str]:
+    """How the times of photos are told: by EXIF, in a zone, or not at all."""
+    count = sum(each.suffix.lower() in STILLS for each in folder.iterdir())
+    try:
+        stills = StillsFolderSource(folder, decode=False)
+    except InputError:
+        yield '# pattern = "IMG_%Y%m%d_%H%M%S.jpg"   # how names tell the time: EXIF has no dates'
+        draft.taken.append(f"images: the {count} photos of {folder}; their EXIF data have no dates")
+        draft.to_do.append(f"State how the names of the photos of {folder} tell the time (images.pattern)")
+        return
+    draft.taken.append(f"images: those of {folder}, {len(stills)} of {count} stamped by their EXIF data")
+    if not depend_on_zone(folder):
+        return
+    yield '# utc_offset = "+02:00"    # whose time EXIF means: it does not say, UTC is assumed'
+    hint = ""
+    if report is not None and report.first_ns is not None and report.last_ns is not None:
+        first_ns, last_ns = stills.span_ns
+        if last_ns < report.first_ns or first_ns > report.last_ns:
+            span_ns = report.first_ns, report.last_ns
+            hint = zone_hint(stills.span_ns, span_ns, lambda ahead: f'utc_offset = "{offset_text(ahead)}"')
+    draft.to_do.append(f"State whose time the photos tell (images.utc_offset): {hint or 'UTC is assumed'}")
 
 
 def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> Iterator[str]:
@@ -521,8 +558,11 @@ def _video_start(draft: _Draft, video: Path, report: DiagnosisReport | None) -> 
             draft.to_do.append(f"State when the video begins (images.start): {hint}")
     if start_ns is not None:
         yield "# start = ...               # UTC of its first image; the file says " + unix_ns_to_iso(start_ns)
-        yield "time_std_s = 0.6           # it says so to whole seconds"
-        draft.taken.append(f"video's start: {unix_ns_to_iso(start_ns)}, as the file says, to whole seconds")
+        is_rounded = start_ns % SECOND_NS == 0
+        how = "it says so to whole seconds" if is_rounded else "of the camera's clock, until sync finds it"
+        yield f"time_std_s = 0.6           # {how}"
+        digits = ", to whole seconds" if is_rounded else ""
+        draft.taken.append(f"video's start: {unix_ns_to_iso(start_ns)}, as the file says{digits}")
         if report is not None:
             draft.to_do.append(f"Align the video with the log: {sync}")
         return

@@ -60,11 +60,13 @@ _TYPED_AS: Final = {
     "settings": "--set",
     "form": "--format",
     "path": "--output",
+    "probes": "--probe",
     "start_ns": "--from",
     "station": "--config",
     "stop_ns": "--to",
     "sync": "--sync auto",
     "topics": "--topic",
+    "with_overlay": "--overlay",
 }
 """What is typed for names of the Python API, where it is not the name of a parameter without its unit."""
 

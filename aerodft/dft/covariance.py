@@ -25,7 +25,7 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient
 from aerodft.geometry import intrinsics_covariance, matrix, pose_covariance
-from aerodft.model import STD_NAMES, BoolArray, Camera, FloatArray, FloatLike, Pose, PoseBatch
+from aerodft.model import STD_NAMES, BoolArray, Camera, FloatArray, FloatLike, GimbalSource, Pose, PoseBatch, PoseSample
 
 Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
@@ -64,6 +64,7 @@ _SLICES: Final = {
 _ROTATION_AXES: Final = np.arange(ROTATION.start, ROTATION.stop)
 _ATTITUDE_STDS: Final = ("tilt_rad", "pan_rad", "roll_rad", "heading_rad")
 _UNSETTLED_REMEDY: Final = "know the attitude better: wait until the gimbal has settled, or add a landmark"
+_STATED_REMEDY: Final = "know the attitude better: add landmarks, and calibrate the camera's pose by them"
 
 
 def shared_covariance(
@@ -309,20 +310,28 @@ def variance_budgets(
     is_settled = np.sqrt(pose_cov[:, _ROTATION_AXES, _ROTATION_AXES]).max(axis=-1) <= _MAX_SETTLED_STD_RAD
     variances = np.stack(list(variances_by_source.values()), axis=-1)
     sources, order = list(variances_by_source), np.argsort(-variances, axis=-1, kind="stable")[:, :largest]
+    remedies = [_unsettled_remedy(poses.variants[index]) for index in poses.variant_index.tolist()]
     columns = order, np.take_along_axis(variances, order, axis=-1), total, is_settled
     return [
         tuple(
-            _share(sources[source], variance, total_var, is_settled=settled)
+            _share(sources[source], variance, total_var, None if settled else remedy)
             for source, variance in zip(*row, strict=True)
             if variance > _NEGLIGIBLE_FRACTION * total_var > 0
         )
-        for *row, total_var, settled in zip(*(column.tolist() for column in columns), strict=True)
+        for *row, total_var, settled, remedy in zip(*(column.tolist() for column in columns), remedies, strict=True)
     ]
 
 
-def _share(source: str, variance: float, total: float, *, is_settled: bool) -> Share:
-    remedy = _REMEDIES[source] if is_settled or source not in _ATTITUDE_SOURCES else _UNSETTLED_REMEDY
+def _share(source: str, variance: float, total: float, attitude_remedy: str | None) -> Share:
+    """One input's part; ``attitude_remedy`` is that of a poorly known attitude."""
+    remedy = attitude_remedy if attitude_remedy and source in _ATTITUDE_SOURCES else _REMEDIES[source]
     return Share(source, math.sqrt(variance), variance / total, remedy)
+
+
+def _unsettled_remedy(sample: PoseSample) -> str:
+    """What to do about a poorly known attitude: only a gimbal settles."""
+    is_stated = sample.attitude_source in (GimbalSource.FIXED_MOUNT, GimbalSource.MANUAL)
+    return _STATED_REMEDY if is_stated else _UNSETTLED_REMEDY
 
 
 def advice(budget: tuple[Share, ...]) -> str:

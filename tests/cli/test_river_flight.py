@@ -91,14 +91,14 @@ def test_widths_of_a_flight_hold_the_truth_and_what_its_telemetry_is_off_by(flig
 
 
 def test_a_corrected_home_height_scales_the_widths(flight, measured, aerodft):
-    """Every width is the height times a function of the angles."""
+    """Every width is the height times a function of the angles; the median is of other transects, to 2 %."""
     asked = ("river", flight[1], "--images", 8, "--spacing", 2, "--flow", 90, "--json")
-    done = aerodft(*asked, "--home-above-plane", 1)
+    done = aerodft(*asked, "--home-above-plane", 2)
     assert done.code == 0, done.err
-    assert done.json["computed_from"]["settings"] == {"telemetry.height.home_above_plane_m": 1.0}
+    assert done.json["computed_from"]["settings"] == {"telemetry.height.home_above_plane_m": 2.0}
     assert measured[0]["computed_from"]["settings"] == {}
     ratio = done.json["width_m"]["median"] / measured[0]["width_m"]["median"]
-    assert ratio == pytest.approx((40 + HEIGHT_BIAS_M + 1) / (40 + HEIGHT_BIAS_M), abs=0.01)
+    assert ratio == pytest.approx((40 + HEIGHT_BIAS_M + 2) / (40 + HEIGHT_BIAS_M), abs=0.02)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ ARGUMENTS`` runs a module so, with a pipe that only the demo holds the other end
 FILE`` writes a station's measurements from the bus as JSON lines.
 """
 
+import logging
 import os
 import runpy
 import shutil
@@ -14,24 +15,32 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import tomli_w
 import typer
 from rich.table import Table
 
+from aerodft.cli.interrupts import end_if_signalled
 from aerodft.cli.options import JsonOption
 from aerodft.cli.output import print_json, say, tables
 from aerodft.errors import AerodftError, InputError, os_errors_as
 
+_log = logging.getLogger(__name__)
+
 _MARK = ".aerodft-demo"
 _STATION = "demo"
 _STDS = {"height_m": 0.3, "tilt_deg": 0.3, "roll_deg": 0.2, "heading_deg": 1.0}
-_PATIENCE_S = 120.0
+_STALL_S: Final = 60.0  # without movement; beside 40 busy processes on two cores a process still gets 3 s of these
+_MIN_CPU_S: Final = 0.3  # that count as movement: idle threads that wake now and then take 0.01 s a minute
+_SAY_EVERY_S: Final = 10.0
+_LOOK_S: Final = 0.05
+_ENDING_S: Final = 5.0
+_CLOCK_TICKS: Final = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,20 +185,65 @@ def _fly(output: Path, ports: _Ports, duration_s: float, seed: int) -> None:
             _wait_until_recording(output / "serve.log", serving)
             say("rendering the flight, then flying it: MAVLink and H.264 over UDP on loopback ...")
             with _process(output, "simulator", simulator) as flying:
-                if flying.wait(_PATIENCE_S + 10 * duration_s) != 0:
-                    raise _failure(output, "simulator")
+                _wait(flying, output / "simulator.log", "the flight to end", lambda: flying.poll() is not None)
+                if flying.returncode != 0:
+                    raise _failure(output / "simulator.log", flying)
             time.sleep(1.0)  # what is under way arrives
         time.sleep(0.5)  # and what the service says as it ends
 
 
 def _wait_until_recording(log: Path, service: subprocess.Popen[bytes]) -> None:
     """Wait for the service's word: after an installation its functions are compiled first."""
-    deadline_s = time.monotonic() + _PATIENCE_S
-    while service.poll() is None and time.monotonic() < deadline_s:
-        if any(line.startswith("recording to") for line in _lines(log)):
-            return
-        time.sleep(0.05)
-    raise _failure(log.parent, "serve")
+
+    def is_recording() -> bool:
+        return any(line.startswith("recording to") for line in _lines(log))
+
+    _wait(service, log, "the service to begin recording", lambda: service.poll() is not None or is_recording())
+    if not is_recording():
+        raise _failure(log, service)
+
+
+def _wait(process: subprocess.Popen[bytes], log: Path, what: str, is_done: Callable[[], bool]) -> None:
+    """Wait as long as a process moves: it writes to its log, or takes processor time.
+
+    Args:
+        process: The process.
+        log: What it writes.
+        what: What is waited for, for the sentence that is said every 10 s.
+        is_done: Whether it has come.
+
+    Raises:
+        AerodftError: Nothing has moved for a minute.
+    """
+    began_s = said_s = moved_s = time.monotonic()
+    size, cpu_s = -1, 0.0
+    while not is_done():
+        end_if_signalled()
+        time.sleep(_LOOK_S)
+        now_s, new_size, new_cpu_s = time.monotonic(), _size(log), _cpu_s(process.pid)
+        if new_size != size or new_cpu_s is None or new_cpu_s - cpu_s >= _MIN_CPU_S:
+            size, cpu_s, moved_s = new_size, new_cpu_s or 0.0, now_s
+        if now_s - said_s >= _SAY_EVERY_S:
+            said_s = now_s
+            say(f"waiting for {what}, {now_s - began_s:.0f} s so far; its words go to {log}")
+        if now_s - moved_s > _STALL_S:
+            hint = "stop what else keeps this machine busy, then start the demo again"
+            raise AerodftError(
+                f"the demo waited for {what}, and nothing moved for {_STALL_S:.0f} s", where=log, hint=hint
+            )
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def _cpu_s(pid: int) -> float | None:
+    """Processor time that a process and its threads have taken, s; None where the system does not tell it so."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return None
+    return (int(fields[11]) + int(fields[12])) / _CLOCK_TICKS  # utime and stime; field 3 stands first behind the name
 
 
 def _replay(output: Path, recording: Path) -> list[str]:
@@ -220,22 +274,36 @@ def _process(
         try:
             yield process
             if process.poll() not in {None, 0}:
-                raise _failure(output, name)
+                raise _failure(output / f"{name}.log", process)
         finally:
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-            try:
-                process.wait(_PATIENCE_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            _end(process, output / f"{name}.log")
             if process.stdin is not None:
                 process.stdin.close()
 
 
-def _failure(output: Path, name: str) -> AerodftError:
-    last = _lines(output / f"{name}.log")[-1:] or ["nothing"]
-    return AerodftError(f"the demo's {name} process failed", where=output / f"{name}.log", got=last[0])
+def _end(process: subprocess.Popen[bytes], log: Path) -> None:
+    """End a process of ours in order; where it stands still or this process is interrupted, kill it."""
+    if process.poll() is not None:
+        return
+    process.send_signal(signal.SIGTERM)
+    try:
+        if sys.exception() is None:
+            _wait(process, log, f"{log.stem} to end", lambda: process.poll() is not None)
+        else:  # the demo has failed or is being stopped: what the process still writes nobody needs
+            process.wait(_ENDING_S)
+    except (AerodftError, subprocess.TimeoutExpired):
+        _log.warning("%s: the demo's %s did not end by itself, and was killed", log, log.stem)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _failure(log: Path, process: subprocess.Popen[bytes]) -> AerodftError:
+    last = (_lines(log) or ["it wrote nothing"])[-1]
+    hint = "read the whole log"
+    return AerodftError(
+        f"the demo's {log.stem} process ended with exit code {process.returncode}: {last}", where=log, hint=hint
+    )
 
 
 def _command(*arguments: object) -> None:

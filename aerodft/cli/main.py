@@ -11,28 +11,25 @@ import io
 import logging
 import os
 import re
-import signal
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from importlib import import_module
 from itertools import chain, pairwise
 from keyword import iskeyword
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Any, Final, NoReturn, cast
 
 import typer
 from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
+from aerodft.cli.interrupts import INTERRUPTED, TERMINATED, ending_on_signals
 from aerodft.cli.options import as_typed, help_record
 from aerodft.errors import AerodftError, InputError, UsageError, printable
 from aerodft.version import SOFTWARE
 
-_INTERRUPTED = 130  # what a shell says of a program that a signal ended: 128 and its number
-_TERMINATED = 128 + signal.SIGTERM
 _PIPE_CLOSED = 141
 
 COMMANDS: Final = {
@@ -205,21 +202,6 @@ def build_app(arguments: list[str]) -> typer.Typer:
     return app
 
 
-@contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """SIGTERM ends a command as an error would: its files are closed, the processes that it started are ended."""
-    before = signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - a signal handler's signature
-    signal.signal(number, signal.SIG_IGN)  # once is enough: what closes files must not be interrupted itself
-    raise SystemExit(_TERMINATED)
-
-
 def _run(arguments: list[str]) -> NoReturn:
     """Run a command line and exit, with its misuse as one sentence."""
     refuse_empty(arguments)
@@ -232,7 +214,7 @@ def _run(arguments: list[str]) -> NoReturn:
             raise SystemExit(UsageError.exit_code) from None
         raise misuse from None
     except typer.Abort:
-        raise SystemExit(_INTERRUPTED) from None
+        raise SystemExit(INTERRUPTED) from None
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
@@ -245,14 +227,14 @@ def main() -> None:
     _guard_streams()
     began_s = time.time()
     try:
-        with _ended_by_sigterm():
+        with ending_on_signals():
             try:
                 _run(sys.argv[1:])
             finally:
                 with suppress(ValueError):  # closed already
                     sys.stdout.flush()
     except SystemExit as ending:
-        if ending.code in {_INTERRUPTED, _TERMINATED}:
+        if ending.code in {INTERRUPTED, TERMINATED}:
             typer.echo(f"aerodft: {_left_by(sys.argv[1:], began_s)}", err=True)
         raise
     except AerodftError as error:
@@ -262,7 +244,7 @@ def main() -> None:
         sys.exit(_PIPE_CLOSED)
     except KeyboardInterrupt:  # while the command was loaded; once it runs, typer exits likewise
         typer.echo("aerodft: stopped", err=True)
-        sys.exit(_INTERRUPTED)
+        sys.exit(INTERRUPTED)
 
 
 def _left_by(arguments: list[str], began_s: float) -> str:

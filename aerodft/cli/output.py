@@ -18,6 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from aerodft.app import Progress
+from aerodft.cli.interrupts import end_if_signalled
 from aerodft.cli.options import as_typed
 from aerodft.errors import InputError, UsageError, printable
 
@@ -138,6 +139,7 @@ def progress(what: str, clock: Callable[[], float] = time.monotonic) -> Iterator
 
     def line(done: int, total: int) -> None:
         nonlocal said_s
+        end_if_signalled()
         if clock() - said_s >= _SAY_EVERY_S:
             said_s = clock()
             say(f"aerodft: {what}: {100 * done // max(total, 1)} %")
@@ -147,4 +149,9 @@ def progress(what: str, clock: Callable[[], float] = time.monotonic) -> Iterator
         return
     with ProgressBar(console=console, transient=True) as bar:
         task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=max(total, 1))
+
+        def show(done: int, total: int) -> None:
+            end_if_signalled()
+            bar.update(task, completed=done, total=max(total, 1))
+
+        yield show

@@ -14,6 +14,7 @@ from aerodft.errors import AerodftError
 from aerodft.model import Event, Image, Observation
 from aerodft.service.ports import ImageObserver, Source
 
+_STOP_S = 10.0  # an image may take a river's network some seconds on a small computer
 _PERIOD_TOLERANCE = 0.9  # of the period: a camera at exactly the rate jitters around it
 
 _log = logging.getLogger(__name__)
@@ -175,7 +176,9 @@ class _ObserverThread:
             self._condition.notify()
 
     def join(self) -> None:
-        self._thread.join()
+        self._thread.join(_STOP_S)
+        if self._thread.is_alive():
+            _log.warning("an image observer has not ended within %.0f s; it is left behind", _STOP_S)
         if self._error is not None:
             raise self._error
 

@@ -1,6 +1,7 @@
 """What a page fetches: its files, the images and what is known of them; and the WebSocket that it asks over."""
 
 import asyncio
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -24,6 +25,7 @@ T = TypeVar("T")
 
 _STATIC: Final = Path(__file__).parent / "static"
 _COOKIE: Final = "aerodft_token"
+_CLOSING_S: Final = 2.0  # a measurement takes milliseconds, the reading of a long recording may take minutes
 _NEWS_S: Final = 1.0
 """A page waits so long for a new image, at the most, before it is told that there is none."""
 
@@ -78,10 +80,18 @@ class Page:
             self.view.measure(0, [centre], with_budget=True)
 
     def close(self) -> None:
-        """Finish what is under way; what waits is given up."""
-        self._quick.shutdown(cancel_futures=True)
-        self._slow.shutdown(cancel_futures=True)
-        self._long.shutdown(cancel_futures=True)
+        """Finish what is under way within 2 s; what waits is given up."""
+
+        def shut_down() -> None:
+            for pool in pools:
+                pool.shutdown()
+
+        pools = (self._quick, self._slow, self._long)
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+        closing = threading.Thread(target=shut_down, name="page-closing", daemon=True)
+        closing.start()
+        closing.join(_CLOSING_S)
 
 
 class _Guarded(RequestHandler):

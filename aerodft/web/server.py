@@ -19,6 +19,7 @@ from aerodft.web.handlers import ROUTES, Page
 
 _MOST_REQUEST_BYTES: Final = 65_536
 _PATIENCE_S: Final = 2.0
+_CLOSING_S: Final = 6.0  # connections and the page's threads take 2 s each at most; the thread is a daemon
 
 
 async def serve_view(view: View, access: Access, opened: Callable[[str], None]) -> None:
@@ -84,4 +85,4 @@ def page_beside(view: View, access: Access) -> Iterator[str]:
     finally:
         with suppress(RuntimeError):  # it has ended by itself
             loop.call_soon_threadsafe(serving.cancel)
-        thread.join()
+        thread.join(_CLOSING_S)

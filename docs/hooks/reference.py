@@ -64,8 +64,9 @@ _EXIT_CODES = {
     3: "An input or a configuration is missing, damaged or impossible.",
     4: "The input is sound, but holds no answer to what was asked.",
     5: "Done, with a difference (`compare`) or a loss (of what could not be read or written).",
-    130: "Ended by Ctrl-C.",
+    130: "Ended by Ctrl-C before its work was done; `serve`, `replay` and an open page (`view`) end with 0 or 4.",
     141: "Whoever read stdout has closed it.",
+    143: "Ended by SIGTERM, as by Ctrl-C. A second signal, 0.3 s later or more, ends every command at once.",
 }
 
 

@@ -56,10 +56,10 @@ class LiveRate:
         self._thread.start()
 
     def stop(self) -> None:
-        """End at once; no call of ``on_image`` begins after this returns."""
+        """End at once; no call of ``on_image`` begins after this returns, unless one has blocked for 10 s."""
         self._stopping.set()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(_STOP_S)
 
     def __enter__(self) -> Self:
         self.start()
@@ -83,6 +83,7 @@ class LiveRate:
             index += 1
 
 
+_STOP_S = 10.0  # whoever takes the images must not block
 _SLACK = 0.9  # of the period: a camera at exactly the rate jitters around it
 
 

@@ -1,15 +1,13 @@
 """``aerodft serve``: MAVLink and images in, measurements out on zenoh and into a recording, until it is stopped."""
 
 import gc
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
 
+from aerodft.cli.interrupts import calling_on_signal
 from aerodft.cli.options import MOST_SECONDS, JsonOption, PageOptions, grouped
 from aerodft.cli.output import say
 from aerodft.cli.summary import report
@@ -44,7 +42,7 @@ def serve(
             station.add_output(view)
             address = stack.enter_context(page.page_of(view))
         stack.enter_context(station)
-        stack.enter_context(_stop_on_signal(station.stop))
+        stack.enter_context(calling_on_signal(station.stop))
         gc.freeze()  # else each full search among 100,000 loaded objects holds everything up for 0.05 to 0.12 s
         if web:
             say(f"{station.config.pipeline.station}: open {address} in a browser")
@@ -53,18 +51,3 @@ def serve(
     for sentence in station.output_warnings:
         say(sentence)
     report(station.result, as_json=json, live=True)
-
-
-@contextmanager
-def _stop_on_signal(stop: Callable[[], None]) -> Iterator[None]:
-    """End the station on SIGINT or SIGTERM."""
-
-    def handle(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler's signature
-        stop()
-
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

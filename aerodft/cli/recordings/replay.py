@@ -213,7 +213,7 @@ def key_actions(actions: Mapping[str, Callable[[], None]]) -> Iterator[None]:
     finally:
         ending.set()
         if thread.is_alive():
-            thread.join()
+            thread.join(2 * _POLL_S)
         termios.tcsetattr(number, termios.TCSADRAIN, before)
 
 

@@ -20,7 +20,7 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     N_TRUNCATED,
     N_UNKNOWN,
     STATE_SIZE,
-    named_images,
+    copy_payloads,
     read_headers,
     scan_stream,
 )
@@ -153,5 +153,5 @@ def payload_rows(block: RawBlock, places: IntArray, dtype: np.dtype[np.void]) ->
         dtype: What a whole payload is made of.
     """
     raw = np.zeros((places.shape[1], dtype.itemsize), dtype=np.uint8)
-    named_images(np.frombuffer(block.data, dtype=np.uint8), np.ascontiguousarray(places), raw)
+    copy_payloads(np.frombuffer(block.data, dtype=np.uint8), np.ascontiguousarray(places), raw)
     return raw.view(dtype)[:, 0]

@@ -360,7 +360,7 @@ def read_headers(data: Bytes, frames: IntArray, table: Table, heads: IntArray, *
 
 
 @njit
-def named_images(data: Bytes, places: IntArray, out: Bytes) -> None:
+def copy_payloads(data: Bytes, places: IntArray, out: Bytes) -> None:
     """Copy payloads to rows of equal size, with zeros where MAVLink 2 cut them off.
 
     Args:

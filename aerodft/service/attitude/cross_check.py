@@ -59,6 +59,9 @@ def _variance(attitudes: AttitudeBatch, settings: AttitudeSettings) -> FloatArra
     std = settings.std
     is_demand = np.array([note.is_demand for note in attitudes.notes])[attitudes.note]
     tilt_rad = np.where(is_demand, max(std.tilt_rad, DEMAND_TILT_STD_RAD), std.tilt_rad)
-    across_rad = [np.full(len(tilt_rad), math.hypot(each, std.heading_rad)) for each in (std.pan_rad, std.roll_rad)]
-    stated_rad = np.maximum(np.stack([tilt_rad, *across_rad], axis=-1), _MIN_STD_RAD)
-    return np.asarray(stated_rad**2 + attitudes.report_std_rad**2)
+    others = (np.full(len(tilt_rad), each) for each in (std.pan_rad, std.roll_rad, std.heading_rad))
+    stated_rad = np.stack([tilt_rad, *others], axis=-1)
+    stated_rad = np.where(np.isnan(attitudes.stated_std_rad), stated_rad, attitudes.stated_std_rad)
+    across_rad = np.hypot(stated_rad[:, 1:3], stated_rad[:, 3:])
+    axes_rad = np.concatenate([stated_rad[:, :1], across_rad], axis=-1)
+    return np.asarray(np.maximum(axes_rad, _MIN_STD_RAD) ** 2 + attitudes.report_std_rad**2)

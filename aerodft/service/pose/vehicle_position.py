@@ -157,7 +157,8 @@ class VehiclePositions:
         expected_m = east_north(origin, *self.receiver.column("lat_lon_rad")[own].T) + moved_m
         apart_m = np.hypot(*(batch.east_north_m[rows] - expected_m).T)
         stated_m = np.fmax(self.receiver.column("std_m")[own], _MIN_RECEIVER_STD_M)
-        stds = apart_m / np.sqrt(self._std_m**2 + stated_m**2 + np.sum(moved_m**2, axis=-1))
+        own_m = np.fmax(batch.std_m[rows], self._std_m)
+        stds = apart_m / np.sqrt(own_m**2 + stated_m**2 + np.sum(moved_m**2, axis=-1))
         is_wider = is_fresh & (stds > _NOTABLE_STDS)
         batch.horizontal_std_m[rows[is_wider]] = apart_m[is_wider]
         contradicted = rows[is_fresh & (stds > CONTRADICTION_STDS)]

@@ -16,9 +16,9 @@ FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 demo: fresh
 	$(BIN)/aerodft demo --output demo
 
-# Broken links and names are errors; `make test` builds it too.
+# Warnings (broken links, names and cross-references) are errors, which `--quiet` would hide; `make test` builds it too.
 docs: $(INSTALLED)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo 'open build/site/index.html; to search, serve it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory build/site 8000'
 
 # What is wrong in seconds is said at once; types take one core half a minute, beside the first tests.

@@ -187,7 +187,7 @@ def site(tmp_path_factory):
     if importlib.util.find_spec("mkdocs") is None:
         pytest.skip('the extra "docs" is not installed')
     out = tmp_path_factory.mktemp("site")
-    run([sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(out)], ROOT)
+    run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(out)], ROOT)
     return out
 
 

@@ -211,7 +211,7 @@ def align(  # noqa: PLR0913 - what a user may choose, by name
         InputError: A file cannot be read, or images are of another size than the camera's.
         NoAnswerError: The camera hardly turns, or several offsets fit.
 
-    Example:
+    Examples:
         >>> from aerodft import InputError, align
         >>> try:
         ...     align("missing.mp4", "samples/copter.tlog", camera="configs/cameras/demo-1080p.toml")

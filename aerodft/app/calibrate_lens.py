@@ -130,7 +130,7 @@ def calibrate_lens(
         InputError: A source cannot be read, images differ in size or mode, or none shows the board.
         NoAnswerError: Views are too few or too similar.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> ad.print_board("charuco", "board.png")["size_mm"]
         [270.0, 201.7]
@@ -216,7 +216,7 @@ def print_board(board: str, path: Path | str) -> dict[str, Any]:
         UsageError: The board is none, or the file's ending says another format.
         InputError: The file cannot be written.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> ad.print_board("chessboard:9x6:25mm", "board.png")["size_mm"]
         [270.0, 201.7]

@@ -109,7 +109,7 @@ def diagnose(
         NoAnswerError: There is no vehicle that messages could be requested from.
         UsageError: Messages are to be requested of a log, or of one of several vehicles.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> found = ad.diagnose("samples/copter.tlog")
         >>> found.usable

@@ -111,7 +111,7 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
         InputError: A file cannot be read, the folder cannot be written, or images and log do not overlap in time.
         NoAnswerError: The log holds no height or no camera attitude that the station could use.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> result = ad.import_flight("samples/copter.tlog", station="configs/services/river-flight.toml", output="rec")
         >>> result.statistics.images, result.statistics.poses["ok"], result.lost

@@ -77,7 +77,7 @@ def recompute(
         NoAnswerError: The recording holds nothing, or with ``redetect`` no images.
         UsageError: With ``redetect`` there is nothing to look for.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> again = ad.recompute("tests/cli/frozen-0.1", "again")
         >>> again.statistics.images, again.statistics.poses["ok"], again.lost

@@ -100,7 +100,7 @@ class StationRecording:
         path: Folder or file.
         reader: Its messages, images and segments.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> recording = ad.open_recording("tests/cli/frozen-0.1")
         >>> recording.station, [probe.name for probe in recording.probes]
@@ -194,7 +194,7 @@ def open_recording(path: str | Path) -> StationRecording:
         InputError: There is no recording, or it cannot be read.
         NoAnswerError: It holds nothing.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> recording = ad.open_recording("tests/cli/frozen-0.1")
         >>> (recording.end_ns - recording.start_ns) / 1e9
@@ -251,7 +251,7 @@ def export(
         InputError: The recording is damaged, the file exists or cannot be written, or an extra is not installed.
         NoAnswerError: The recording holds no measurement, or for a video no image.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> ad.export("tests/cli/frozen-0.1", "widths.geojson").counts
         {'measurements': 118}
@@ -307,7 +307,7 @@ def report(what: str | Path | StationRecording, path: str | Path, *, overwrite: 
         InputError: What it is about is damaged, or the file exists or cannot be written.
         NoAnswerError: The recording holds neither measurements nor poses.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> page = ad.report("tests/cli/frozen-0.1", "report.html")
         >>> "width-a" in page.read_text()
@@ -489,7 +489,7 @@ def compare(
         InputError: One of them is neither a recording nor a table, or damaged.
         NoAnswerError: There is no measurement in either.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> ad.compare("tests/cli/frozen-0.1", "tests/cli/frozen-0.1").is_identical
         True
@@ -516,7 +516,7 @@ def recover(folder: str | Path) -> list[Recovery]:
     Raises:
         InputError: There is no recording, or it is being written.
 
-    Example:
+    Examples:
         >>> import shutil
         >>> import aerodft as ad
         >>> copy = shutil.copytree("tests/cli/frozen-0.1", "copy")

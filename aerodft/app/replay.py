@@ -170,7 +170,7 @@ class Replay:
         UsageError: ``rate``, ``mavlink``, or the order of ``start_ns`` and ``stop_ns`` makes no sense.
         NoAnswerError: The recordings hold nothing between the two, or no MAVLink where it is to be sent.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> from aerodft.app.replay import Replay
         >>> from replay.foreign import open_recording

@@ -209,7 +209,7 @@ def survey_river(  # noqa: PLR0913 - what a caller may choose
     Raises:
         AerodftError: Something cannot be read, is impossible, or does not go together.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> camera = ad.load_camera("configs/cameras/demo-1080p.toml")
         >>> std = ad.PoseStd(height_m=0.1, tilt_deg=0.2)

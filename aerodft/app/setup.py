@@ -52,7 +52,7 @@ def find_cameras(wanted: str | Path | None = None) -> tuple[KnownCamera, ...]:
         NoAnswerError: There are none.
         InputError: The photo or video cannot be read.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> [found.camera.fx_px for found in ad.find_cameras("FC6310R photo")]
         [3666.8]
@@ -110,7 +110,7 @@ def write_camera(known: KnownCamera, path: Path, *, overwrite: bool = False) -> 
     Raises:
         InputError: It exists, or cannot be written.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> ad.write_camera(ad.find_cameras("FC7303 4000x3000")[0], Path("mini2.toml"))
         >>> ad.load_camera("mini2.toml").width_px
@@ -210,7 +210,7 @@ def draft_station(
         InputError: A source cannot be read, or the files exist or cannot be written.
         NoAnswerError: No camera of the library has this name.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> draft = ad.draft_station(["samples/copter.tlog"], "mine")
         >>> draft.to_do[0].partition(":")[0]

@@ -51,7 +51,7 @@ class Station:
     Raises:
         ConfigError: The file is wrong, names recorded images, or has telemetry without a connection.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> import aerodft as ad
         >>> text = Path("configs/services/fixed-camera.toml").read_text()

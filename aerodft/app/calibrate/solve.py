@@ -193,7 +193,7 @@ def calibrate(  # noqa: PLR0913 - each is something that a person knows
         InputError: A file is missing, unreadable or impossible, or the evidence looks mistaken: says what fits.
         UsageError: Unknowns or a model that there are not.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> found = ad.calibrate(
         ...     "configs/calibration/bridge-landmarks.toml",

@@ -123,7 +123,7 @@ class ImageProbe:
 class Position(ImageProbe):
     """Ground point of a pixel; a 95 % ellipse instead of one value.
 
-    Example:
+    Examples:
         >>> Position((1944, 1800), name="ford").pixels
         ((1944.0, 1800.0),)
     """
@@ -134,7 +134,7 @@ class Position(ImageProbe):
 class Range(ImageProbe):
     """Slant range from the camera to a pixel's ground point, m.
 
-    Example:
+    Examples:
         >>> Range((1944, 493)).kind
         'range'
     """
@@ -145,7 +145,7 @@ class Range(ImageProbe):
 class Distance(ImageProbe):
     """Horizontal distance of two ground points, m.
 
-    Example:
+    Examples:
         >>> Distance([(812, 604.5), (1377, 611)], elevation_m=0.5).elevation_m
         0.5
         >>> Distance([(812, 604.5), (1377, 611)], elevation_m=(0.03, 0.48), elevation_std_m=0.02).elevation_m
@@ -158,7 +158,7 @@ class Distance(ImageProbe):
 class Width(ImageProbe):
     """Horizontal distance of two banks, or of two other edges, m.
 
-    Example:
+    Examples:
         >>> len(Width([(812, 1604), (1377, 1611)]).pixels)
         2
     """
@@ -169,7 +169,7 @@ class Width(ImageProbe):
 class Length(ImageProbe):
     """Horizontal length of the line through 2 to 256 ground points, m; what noise adds is taken off.
 
-    Example:
+    Examples:
         >>> len(Length([(812, 1604), (1100, 1700), (1377, 1611)]).pixels)
         3
     """
@@ -180,7 +180,7 @@ class Length(ImageProbe):
 class Area(ImageProbe):
     """Horizontal area of the polygon of 3 to 256 ground points in their order, m^2.
 
-    Example:
+    Examples:
         >>> len(Area([(1000, 1000), (2000, 1000), (1900, 2000)]).pixels)
         3
     """
@@ -191,7 +191,7 @@ class Area(ImageProbe):
 class Height(ImageProbe):
     """Height of an upright object, m: the pixel of its base, on the ground, then that of its top.
 
-    Example:
+    Examples:
         >>> mast = Height([(1500, 1500), (1500, 1000)], name="mast")
         >>> Width([(1480, 1000), (1520, 1000)], on_top_of="mast").on_top_of
         'mast'
@@ -203,7 +203,7 @@ class Height(ImageProbe):
 class Bearing(ImageProbe):
     """Azimuth of a pixel's ray, or from the first to the second ground point, deg clockwise from true north.
 
-    Example:
+    Examples:
         >>> Bearing((1944, 20)).kind
         'bearing'
     """
@@ -214,7 +214,7 @@ class Bearing(ImageProbe):
 class RiverWidth(ImageProbe):
     """Median of the widths between pairs of bank pixels, left then right, m.
 
-    Example:
+    Examples:
         >>> len(RiverWidth([(500, 2000), (1000, 2100), (600, 1800), (1100, 1900)]).pixels)
         4
     """
@@ -351,7 +351,7 @@ def measure(
     Raises:
         AerodftError: Something is impossible, does not go together, or cannot be read.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> camera = ad.load_camera("configs/cameras/canon-1000d.toml")
         >>> pose = ad.CameraPose(height_m=10.48, tilt_deg=67, std=ad.PoseStd(height_m=0.1, tilt_deg=0.2))
@@ -424,7 +424,7 @@ def ground_points(
     Raises:
         AerodftError: The pose is impossible, or there is none; or ``pixels`` are no pairs.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> camera = ad.load_camera("configs/cameras/canon-1000d.toml")
         >>> pose = ad.CameraPose(height_m=10.48, tilt_deg=67)

@@ -87,7 +87,7 @@ class PoseStd:
     Raises:
         InputError: One is below 0.
 
-    Example:
+    Examples:
         >>> PoseStd(height_m=0.1).description(50.0)
         'std stated: height 0.1 m; assumed: tilt 1 deg, pan 0.3 deg, roll 0.3 deg; taken as exact: position, heading'
     """
@@ -172,7 +172,7 @@ class CameraPose:
         InputError: A value is impossible.
         UsageError: Values do not go together.
 
-    Example:
+    Examples:
         >>> CameraPose(height_m=10.48, tilt_deg=67, std=PoseStd(height_m=0.1, tilt_deg=0.2)).heading_deg
         0.0
     """
@@ -284,7 +284,7 @@ class Slope:
     Raises:
         InputError: A value is impossible.
 
-    Example:
+    Examples:
         >>> Slope(slope_deg=11.3, uphill_deg=270).slope_deg
         11.3
     """
@@ -304,7 +304,7 @@ class ElevationModel:
     Attributes:
         path: GeoTIFF.
 
-    Example:
+    Examples:
         >>> ElevationModel("dem.tif").path
         'dem.tif'
     """

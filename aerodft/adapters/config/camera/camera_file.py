@@ -119,7 +119,7 @@ def load_camera(path: str | Path) -> Camera:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
         InputError: A photo that does not tell its focal length.
 
-    Example:
+    Examples:
         >>> import aerodft as ad
         >>> ad.load_camera("configs/cameras/canon-1000d.toml").width_px
         3888

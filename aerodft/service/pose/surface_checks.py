@@ -24,7 +24,10 @@ _STEP_MPS: Final = 0.2  # slower, the height above home may drift
 _DRIFT_MPS: Final = 0.03  # of a barometer in a hover: 0.3 m within a window
 _STEP_PER_RISE: Final = 1.5  # of a step beside a climb: 1 is a height that stands still
 _TRAVEL_M, _TRAVEL_PER_STEP = 1.0, 0.2  # of the point below, with which the surface may step
-_REPEATS: Final = 5  # of one reading to the last digit, which has noise
+_REPEATS: Final = 3  # of one reading to the last digit, which has noise
+_MAX_EDGE_M: Final = 20.0  # between two readings: banks, canopies and houses are lower
+_NOTED_REPEAT_STDS: Final = 1.5  # of motion that such a reading did not follow: from here on it is in the std
+_MIN_REPEAT_M: Final = 1.5  # from here on it stands still; 3.5 times the noise of two heights above home of 0.3 m
 _SECOND_DIFFERENCES: Final = 11  # a bank's edge makes two of them large, a scattering sensor all
 _OF_SLOPE: Final = 2  # values that a second difference needs before
 _STD_OF_SECOND_DIFFERENCE: Final = 1.652  # median size of those of white noise over its std: 0.6745 sqrt(6)
@@ -131,13 +134,31 @@ def _scatter_m(state: FloatArray, z: float, h: float, dt_s: float) -> float:
 
 
 @njit
-def _is_repeating(state: FloatArray, raw: float, h: float, std_m: float) -> bool:
-    """Whether readings are equal to the last digit while the vehicle climbs or sinks; real ones have noise."""
+def _judge_repeats(state: FloatArray, raw: float, h: float, std_m: float) -> float:
+    """Judge readings that are equal to the last digit while the vehicle climbs or sinks; real ones have noise.
+
+    Returns:
+        The motion (m) that they did not follow; 0 where noise explains it.
+    """
     if state[_RUN] == 0 or raw != state[_RAW]:
         state[_RAW], state[_RUN], state[_RUN_H] = raw, 0.0, h
     state[_RUN] += 1
     risen_m = abs(h - state[_RUN_H])
-    return bool(state[_RUN] >= _REPEATS and risen_m > max(_MIN_STEP_M, _CONTRADICTION_STDS * std_m))
+    if state[_RUN] < _REPEATS or risen_m <= _NOTED_REPEAT_STDS * std_m:
+        return 0.0
+    if risen_m > max(_MIN_REPEAT_M, _CONTRADICTION_STDS * std_m):
+        state[_VERDICT] = STUCK
+    return float(risen_m)
+
+
+@njit
+def _follow(state: FloatArray, z: float, h: float, x: float, y: float, dt_s: float) -> None:
+    """Add a height to the window that motions are compared in."""
+    if state[_HAS_WINDOW] == 0:
+        _start_window(state, z, h, x, y)
+    else:
+        state[_TRAVELLED_M] = max(state[_TRAVELLED_M], np.hypot(x - state[_START_X], y - state[_START_Y]))
+        state[_AGE_S] += dt_s
 
 
 @njit
@@ -160,21 +181,17 @@ def _check(columns: FloatArray, state: FloatArray, checked: FloatArray) -> None:
         doubt_m = noise_m = _scatter_m(state, z, h, dt_s) if np.isfinite(z) else 0.0
         if noise_m <= _NOTED_SCATTER_STDS * std_m:
             doubt_m = 0.0
-        if not (np.isfinite(z) and np.isfinite(h)):
-            state[_HAS_WINDOW] = state[_RUN] = 0.0
-        else:
-            if state[_HAS_WINDOW] == 0:
-                _start_window(state, z, h, x, y)
-            else:
-                travelled_m = np.hypot(x - state[_START_X], y - state[_START_Y])
-                state[_TRAVELLED_M] = max(state[_TRAVELLED_M], travelled_m)
-                state[_AGE_S] += dt_s
-            doubt_m = max(doubt_m, _judge_window(state, z, h, x, y, std_m))
-            if _is_repeating(state, raw, h, std_m):
-                state[_VERDICT] = STUCK
-            limit = _AGREEMENT_STDS if state[_IS_BROKEN] == 1 else _CONTRADICTION_STDS
-            if abs(z - h) <= limit * np.hypot(std_m, home_std_m):
+        if np.isfinite(z) and np.isfinite(h):
+            if state[_COUNT] >= _OF_SLOPE and abs(state[_OF_DIFFERENCE] - state[_OF_DIFFERENCE + 1]) > _MAX_EDGE_M:
+                _doubt(state)
+            _follow(state, z, h, x, y, dt_s)
+            contradiction_m = _CONTRADICTION_STDS * np.hypot(std_m, home_std_m)
+            doubt_m = max(doubt_m, _judge_window(state, z, h, x, y, std_m), _judge_repeats(state, raw, h, std_m))
+            agreement_m = _AGREEMENT_STDS * np.hypot(std_m, home_std_m)
+            if abs(z - h) <= (agreement_m if state[_IS_BROKEN] == 1 else contradiction_m):
                 state[_IS_LINKED], state[_IS_BROKEN] = 1.0, 0.0
+        else:
+            state[_HAS_WINDOW] = state[_RUN] = 0.0
         verdict = state[_VERDICT]
         if verdict == UNKNOWN and state[_IS_LINKED] == 1:
             verdict = CREDIBLE

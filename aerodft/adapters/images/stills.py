@@ -425,6 +425,9 @@ _OFF_CENTRE: Final = 0.005  # std of the principal point, as a share of the diag
 _WIDEST: Final = 2.4  # width by height of what is no panorama
 _FILM_MM: Final = (4.0, 5000.0)  # focal lengths for 35 mm film that there are
 _MOST_ZOOM: Final = 100.0
+_MAX_STD_SHARE: Final = 1.0  # of a focal length; chosen: a digital zoom of 2 (0.58) is kept, one of 3 (1.15) is refused
+_NO_FOCAL: Final = "the photo does not state its focal length"
+_GIVE_CAMERA: Final = "give `camera` or calibrate the lens"
 _NOMINAL: Final = 0.03  # std of a stated focal length and sensor, as a share
 _UNITS: Final = {
     "device": "",
@@ -487,8 +490,8 @@ def camera_of_still(path: Path) -> Camera:
     known: it is 0.
 
     Raises:
-        InputError: No still, no focal length in its EXIF data, one that there is not, or an image that was cropped or
-            joined after it was taken.
+        InputError: No still, no focal length in its EXIF data, one that does not exist or that a digital zoom leaves
+            open by itself, or an image that was cropped or joined after it was taken.
     """
     facts = facts_of_still(path)
     (width_px, height_px), mode, taken_px = facts.size_px, facts.mode, facts.taken_px
@@ -503,17 +506,20 @@ def camera_of_still(path: Path) -> Camera:
     diagonal_px = math.hypot(width_px, height_px)
     if mode.focal_35mm_mm is not None:
         share, std_share = _diagonal_share(aspect, min(max(mode.digital_zoom or 1.0, 1.0), _MOST_ZOOM))
+        if std_share >= _MAX_STD_SHARE:
+            got = f"a digital zoom of {mode.digital_zoom:g}, which its {mode.focal_35mm_mm:g} mm may include or not"
+            raise InputError(_NO_FOCAL, where=path, got=got, hint=_GIVE_CAMERA)
         film_mm, std_share = share * mode.focal_35mm_mm, math.hypot(std_share, _FILM_STEP_STD_MM / mode.focal_35mm_mm)
     elif mode.focal_mm is not None and facts.sensor_px_per_mm is not None:
         sensor_mm = math.hypot(*(taken_px or facts.size_px)) / facts.sensor_px_per_mm
         film_mm, std_share = _FILM_DIAGONAL_MM * mode.focal_mm / sensor_mm, _NOMINAL
     else:
         raise InputError(
-            "no camera can be told from it",
+            _NO_FOCAL,
             where=path,
             got="no focal length for 35 mm film in its EXIF data",
             expected="FocalLengthIn35mmFilm, or FocalLength and FocalPlaneXResolution",
-            hint="write a camera file with its field of view, or calibrate the lens",
+            hint=_GIVE_CAMERA,
         )
     if not _FILM_MM[0] <= film_mm <= _FILM_MM[1]:
         what, got = "no camera can be told from it", f"a focal length of {film_mm:g} mm for 35 mm film in its EXIF data"

@@ -1,4 +1,5 @@
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -96,7 +97,7 @@ def test_intrinsics_are_taken_as_they_stand(tmp_path: Path) -> None:
         (FOV + "focal_std_px = -1\n", "camera.toml: focal_std_px: got -1, expected at least 0"),
         (FOV + "fx_px = 80\n", "got a field of view and fx_px, expected either hfov_deg and vfov_deg, or fx_px"),
         (FOV + "distortion = [0, 0, 0, 0]\n", "distortion: got it beside a field of view, expected intrinsics; a "),
-        (FOV.replace("hfov", "vfov"), "got neither field of view nor intrinsics, expected hfov_deg, or fx_px, fy_px"),
+        (FOV.replace("hfov", "vfov"), "got neither field of view nor intrinsics, expected hfov_deg, dfov_deg, or fx"),
         (INTRINSICS.replace("cy_px = 26\n", ""), "camera.toml: cy_px: got nothing, expected all of fx_px, fy_px,"),
         (INTRINSICS + "distortion = [1]\n", "distortion: got 1 coefficients, expected 0 or 4 or 5 or 8 for a brown"),
         (INTRINSICS + "focal_std_px = 1e300\n", "camera.toml: focal_std_px: got 1e+300, expected at most 1e+12"),
@@ -175,3 +176,44 @@ def test_a_camera_survives_its_own_file(tmp_path_factory: pytest.TempPathFactory
     path = tmp_path_factory.getbasetemp() / "round.toml"
     path.write_text(tomli_w.dumps(camera_document(camera)))
     assert load_camera(path) == camera
+
+
+def by_field(folder: Path, keys: str, size_px: tuple[int, int] = (5472, 3648)) -> Camera:
+    text = f'name = "A"\nwidth_px = {size_px[0]}\nheight_px = {size_px[1]}\n{keys}\n'
+    return load_camera(camera_file(folder, text))
+
+
+def test_the_diagonal_field_of_view_is_the_angle_between_opposite_corners(tmp_path: Path) -> None:
+    camera = by_field(tmp_path, "dfov_deg = 84\nfocal_std_px = 30")
+    corners = np.array([[-0.5, -0.5], [5471.5, 3647.5]])
+    rays = np.column_stack([(corners - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px], np.ones(2)])
+    cosine = rays[0] @ rays[1] / np.linalg.norm(rays, axis=1).prod()
+    assert math.degrees(math.acos(cosine)) == pytest.approx(84, abs=1e-9)
+    assert camera.fx_px == camera.fy_px
+    assert camera.std.focal_px == 30
+
+
+@pytest.mark.parametrize(
+    ("keys", "hint"),
+    [
+        ("hfov_deg = 84\nvfov_deg = 84", "a diagonal? write dfov_deg = 84 alone"),
+        ("hfov_deg = 84\nvfov_deg = 53.1", "a diagonal? write dfov_deg = 84 alone"),
+        ("hfov_deg = 73.7\nvfov_deg = 84", "a diagonal? write dfov_deg = 84 alone"),
+        ("hfov_deg = 53.1\nvfov_deg = 73.7", "swapped? write hfov_deg = 73.7 and vfov_deg = 53.1"),
+        ("hfov_deg = 50\nvfov_deg = 20", "remove the wrong one, or state pixels of this shape by fx_px"),
+    ],
+)
+def test_fields_of_view_of_pixels_that_are_not_square_are_refused(tmp_path: Path, keys: str, hint: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(hint)):
+        by_field(tmp_path, keys)
+
+
+def test_pixels_that_are_not_square_are_stated_by_focal_lengths(tmp_path: Path) -> None:
+    camera = by_field(tmp_path, "fx_px = 700\nfy_px = 500\ncx_px = 351.5\ncy_px = 287.5", (704, 576))
+    assert (camera.fx_px, camera.fy_px) == (700, 500)
+
+
+@pytest.mark.parametrize("other", ["hfov_deg = 70", "vfov_deg = 50", "fx_px = 900"])
+def test_a_diagonal_field_of_view_stands_alone(tmp_path: Path, other: str) -> None:
+    with pytest.raises(ConfigError, match=r"beside dfov_deg|a field of view and fx_px"):
+        by_field(tmp_path, f"dfov_deg = 84\n{other}")

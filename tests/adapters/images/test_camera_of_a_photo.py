@@ -52,6 +52,12 @@ def test_digital_zoom_may_be_in_the_equivalent_or_not(tmp_path):
     assert abs(camera.fx_px - 2 * 5000 / 43.27 * 24) < 1.96 * camera.std.focal_px
 
 
+@pytest.mark.parametrize("zoom", [4.0, 8.7, 1000.0])
+def test_a_digital_zoom_that_leaves_the_focal_length_open_is_refused(tmp_path, zoom):
+    with pytest.raises(ad.InputError, match=r"does not state its focal length.*give `camera` or calibrate the lens"):
+        ad.load_camera(photo(tmp_path, (4000, 3000), 24, zoom=zoom))
+
+
 def on_sensor(focal_mm, px_per_unit, unit):
     keys = (Base.FocalLength, Base.FocalPlaneXResolution, Base.FocalPlaneResolutionUnit)
     return dict(zip(keys, (focal_mm, px_per_unit, unit), strict=True))

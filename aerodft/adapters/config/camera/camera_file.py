@@ -19,6 +19,7 @@ from aerodft.errors import located
 from aerodft.model import Camera, CameraMode, CameraStd, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
+_FIELDS_OF_VIEW = ("hfov_deg", "vfov_deg", "dfov_deg")
 _LENS_ONLY = ("distortion", "lens", "distortion_std")
 _PHOTOS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp"}
 
@@ -28,6 +29,10 @@ _STDS: Final = {"calibrated": 0.015, "sensor": 0.03, "film": 0.04}
 _VIDEO_STD: Final = 0.06
 """Of a video's: it is cropped, stabilised and straightened by amounts that makers do not state."""
 _SHAPE: Final = 0.01  # of two sizes that differ by rounding alone
+_MAX_PIXEL_ASPECT: Final = 1.12
+"""Of stated fields of view: analogue video has 1.09, the cameras of the paper's Table 1 up to 1.107. At 1.06 these are
+refused, at 1.25 the diagonal of a 4:3 image stated as its horizontal field of view passes."""
+_SAME_FOCAL: Final = 0.03  # of two fields of view in whole degrees that are of one lens, as a share
 _CENTRE_STD: Final = 0.005
 """Of the principal point, as a share of the image's width."""
 
@@ -51,6 +56,7 @@ class CameraTable(Table):
     height_px: keys.Count
     hfov_deg: keys.FieldOfViewDeg | None = None
     vfov_deg: keys.FieldOfViewDeg | None = None
+    dfov_deg: keys.FieldOfViewDeg | None = None
     fx_px: keys.Focal | None = None
     fy_px: keys.Focal | None = None
     cx_px: keys.Real | None = None
@@ -67,7 +73,7 @@ class CameraTable(Table):
     def _one_of_two_ways(self) -> Self:
         stated = self.model_fields_set
         intrinsics = [key for key in _INTRINSICS if key in stated]
-        if {"hfov_deg", "vfov_deg"} & stated and intrinsics:
+        if stated.intersection(_FIELDS_OF_VIEW) and intrinsics:
             raise impossible(
                 "",
                 got=f"a field of view and {intrinsics[0]}",
@@ -76,9 +82,11 @@ class CameraTable(Table):
             )
         if intrinsics:
             self._check_intrinsics()
-        elif "hfov_deg" not in stated:
+        elif not {"hfov_deg", "dfov_deg"} & stated:
             raise impossible(
-                "", got="neither field of view nor intrinsics", expected="hfov_deg, or fx_px, fy_px, cx_px, cy_px"
+                "",
+                got="neither field of view nor intrinsics",
+                expected="hfov_deg, dfov_deg, or fx_px, fy_px, cx_px, cy_px",
             )
         elif lens := [key for key in _LENS_ONLY if key in stated]:
             raise impossible(
@@ -87,9 +95,39 @@ class CameraTable(Table):
                 expected="intrinsics",
                 hint="a distorted lens needs fx_px, fy_px, cx_px, cy_px from a lens calibration",
             )
+        else:
+            self._check_fields_of_view()
         size = len(_INTRINSICS) + len(self.distortion)
         check_covariance(self.covariance, size, "fx, fy, cx, cy, distortion")
         return self
+
+    def _check_fields_of_view(self) -> None:
+        if self.dfov_deg is not None:
+            if beside := [key for key in ("hfov_deg", "vfov_deg") if getattr(self, key) is not None]:
+                expected = "the diagonal field of view, or the other two"
+                raise impossible(beside[0], got="it beside dfov_deg", expected=expected)
+            return
+        if self.hfov_deg is None or self.vfov_deg is None:
+            return
+        fx_px, fy_px = _focal_px(self.width_px, self.hfov_deg), _focal_px(self.height_px, self.vfov_deg)
+        aspect = fy_px / fx_px
+        if not 1 / _MAX_PIXEL_ASPECT <= aspect <= _MAX_PIXEL_ASPECT:
+            shape = f"{1 / aspect:.2f} times as high as wide" if aspect < 1 else f"{aspect:.2f} times as wide as high"
+            got = f"{self.vfov_deg:g} beside hfov_deg = {self.hfov_deg:g}, so pixels {shape}"
+            raise impossible("vfov_deg", got=got, expected="pixels that are square", hint=self._likely_field_of_view())
+
+    def _likely_field_of_view(self) -> str:
+        """What to write in place of two fields of view that are not those of one focal length."""
+        hfov_deg, vfov_deg = self.hfov_deg or 0.0, self.vfov_deg or 0.0
+        diagonal_px = math.hypot(self.width_px, self.height_px)
+        across_px, down_px = _focal_px(self.width_px, hfov_deg), _focal_px(self.height_px, vfov_deg)
+        if hfov_deg == vfov_deg or abs(_focal_px(diagonal_px, hfov_deg) / down_px - 1) < _SAME_FOCAL:
+            return f"a diagonal? write dfov_deg = {hfov_deg:g} alone"
+        if abs(_focal_px(diagonal_px, vfov_deg) / across_px - 1) < _SAME_FOCAL:
+            return f"a diagonal? write dfov_deg = {vfov_deg:g} alone"
+        if abs(_focal_px(self.width_px, vfov_deg) / _focal_px(self.height_px, hfov_deg) - 1) < _SAME_FOCAL:
+            return f"swapped? write hfov_deg = {vfov_deg:g} and vfov_deg = {hfov_deg:g}"
+        return "remove the wrong one, or state pixels of this shape by fx_px, fy_px, cx_px, cy_px"
 
     def _check_intrinsics(self) -> None:
         if missing := [key for key in _INTRINSICS if getattr(self, key) is None]:
@@ -106,14 +144,19 @@ class CameraTable(Table):
             raise impossible("distortion_std", got=got, expected=f"{len(self.distortion)}, as many as in distortion")
 
 
+def _focal_px(size_px: float, fov_deg: float) -> float:
+    """Focal length by a full field of view, and the size of the image along it."""
+    return size_px / 2 / math.tan(math.radians(fov_deg) / 2)
+
+
 def load_camera(path: str | Path) -> Camera:
     """Read a camera file, or a photo's EXIF data.
 
     Args:
         path: A TOML file with ``name``, ``width_px``, ``height_px`` and either ``hfov_deg`` (and ``vfov_deg``; left
-            out means square pixels) or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with ``distortion`` and
-            ``lens``; or a photo: by the calibration in its XMP data, the camera of the library, or the focal length in
-            its EXIF data, to some percent, which its std says.
+            out means square pixels), or ``dfov_deg`` (the diagonal), or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with
+            ``distortion`` and ``lens``; or a photo: by the calibration in its XMP data, the camera of the library, or
+            the focal length in its EXIF data, to some percent, which its std says.
 
     Raises:
         ConfigError: Missing file, TOML syntax, unknown key, impossible value.
@@ -149,19 +192,16 @@ def camera_from(document: dict[str, Any], prefix: str = "") -> Camera:
         ConfigError: Unknown key, impossible value.
     """
     table = validated(CameraTable, document, prefix)
-    if table.hfov_deg is None:
+    if table.fx_px is not None:
         return si_value(Camera, table)
-    width, height, hfov_rad = table.width_px, table.height_px, math.radians(table.hfov_deg)
-    vfov_rad = hfov_rad if table.vfov_deg is None else math.radians(table.vfov_deg)
-    camera = Camera.from_fov(name=table.name, width_px=width, height_px=height, hfov_rad=hfov_rad, vfov_rad=vfov_rad)
-    return si_value(
-        Camera,
-        table,
-        fx_px=camera.fx_px,
-        fy_px=camera.fx_px if table.vfov_deg is None else camera.fy_px,
-        cx_px=camera.cx_px,
-        cy_px=camera.cy_px,
-    )
+    width, height = table.width_px, table.height_px
+    if table.dfov_deg is not None:
+        fx_px = fy_px = _focal_px(math.hypot(width, height), table.dfov_deg)
+    else:
+        fx_px = _focal_px(width, table.hfov_deg or 0.0)
+        fy_px = fx_px if table.vfov_deg is None else _focal_px(height, table.vfov_deg)
+    cx_px, cy_px = (width - 1) / 2, (height - 1) / 2
+    return si_value(Camera, table, fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px)
 
 
 def camera_document(camera: Camera) -> dict[str, Any]:

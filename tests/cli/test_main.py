@@ -40,7 +40,7 @@ def test_every_commands_help_has_an_example_and_json(aerodft, name):
     text = found.out.decode()
     assert found.code == 0
     assert f"aerodft {name}" in text
-    assert "Example:" in text
+    assert "Example:" in text or "Examples:" in text
     assert "--json" in text
 
 

@@ -19,7 +19,6 @@ from aerodft.adapters.config.tables import (
     to_percent,
     to_s,
 )
-from aerodft.adapters.telemetry import COLUMN_KEYS
 from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, AngleScale, HeightSettings, TelemetrySettings
 
@@ -268,6 +267,8 @@ class TelemetryTable(Table):
 
     @model_validator(mode="after")
     def _known_columns(self) -> Self:
+        from aerodft.adapters.telemetry import COLUMN_KEYS  # noqa: PLC0415 - loads what reads logs and images
+
         for key in self.columns.keys() - set(COLUMN_KEYS):
             raise impossible("columns", got=key, expected=f"one of {', '.join(COLUMN_KEYS)}")
         return self

@@ -2,9 +2,11 @@
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final, NamedTuple
 
 from aerodft.errors import InputError, UsageError, os_errors_as, printable
 
@@ -25,6 +27,31 @@ _MAGIC: tuple[tuple[int, bytes, str], ...] = (
     (0, b"%PDF", "a PDF document"),
     (8, b"\xfe", "a MAVLink .tlog"),
     (8, b"\xfd", "a MAVLink .tlog"),
+)
+
+
+class _TextKind(NamedTuple):
+    """A kind of text that no reader here takes, and what to give instead."""
+
+    name: str
+    pattern: re.Pattern[bytes]
+    hint: str
+
+
+_NO_ATTITUDE: Final = "it has places but no camera attitude: give the .tlog, .bin or .ulg of the flight"
+_TEXT_KINDS: Final = (
+    _TextKind("a GPX track", re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:[^\0]*<)?gpx[\s>]"), _NO_ATTITUDE),
+    _TextKind("a KML file", re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:[^\0]*<)?kml[\s>]"), _NO_ATTITUDE),
+    _TextKind(
+        "ArduPilot's text log",
+        re.compile(rb"(?:[^\0]*\n)?FMT, ?\d+, ?\d+,"),
+        "give the .bin log that it was made from",
+    ),
+    _TextKind(
+        "pyorc's camera configuration",
+        re.compile(rb'\s*\{(?=[^\0]*"width"\s*:)(?=[^\0]*"height"\s*:)[^\0]*"(?:gcps|window_size|crs)"\s*:'),
+        "write its gcps as a CSV table name,u,v,X,Y,Z: src has u, v, dst has X, Y and perhaps Z",
+    ),
 )
 _HEAD_BYTES = 512
 _MOST_BYTES = 1 << 30  # a file without end, or one that claims to be, takes all memory
@@ -67,7 +94,12 @@ def content_looks_like(head: bytes) -> str:
         head[:-3].decode()
     except UnicodeDecodeError:
         return "unknown binary data"
-    return "text"
+    return next((each.name for each in _TEXT_KINDS if each.pattern.match(head)), "text")
+
+
+def hint_for_kind(kind: str) -> str:
+    """What to give instead of a file of a kind that ``content_looks_like`` names; empty for most kinds."""
+    return next((each.hint for each in _TEXT_KINDS if each.name == kind), "")
 
 
 def check_is_no_pipe(path: Path) -> None:

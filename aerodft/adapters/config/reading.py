@@ -9,12 +9,14 @@ from typing import Any, Final, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from aerodft.adapters.config.tables import Table
-from aerodft.adapters.files import check_is_no_pipe, content_looks_like, looks_like
+from aerodft.adapters.files import check_is_no_pipe, content_looks_like, hint_for_kind, looks_like
 from aerodft.errors import ConfigError
 
 TableT = TypeVar("TableT", bound=Table)
 
 _MOST_BYTES = 16 << 20  # somebody means a file of text, and gives a video
+
+_HEAD_BYTES: Final = 16_384  # that say what a file is: some begin with a coordinate system's long text
 
 _UNITS = {
     "m": "metres",
@@ -84,7 +86,10 @@ def parse_toml(data: bytes) -> dict[str, Any]:
         ConfigError: Not UTF-8 text, empty, or a syntax error (with its line).
     """
     try:
-        document = tomllib.loads(data.decode())
+        text = data.decode()
+        if hint := hint_for_kind(kind := content_looks_like(data[:_HEAD_BYTES])):
+            raise ConfigError("wrong type of file", got=kind, expected="TOML", hint=hint)
+        document = tomllib.loads(text)
         leaves = list(_leaves(document))
     except UnicodeDecodeError:
         raise ConfigError("not a text file", got=content_looks_like(data), expected="TOML") from None

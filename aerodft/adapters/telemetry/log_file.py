@@ -9,7 +9,7 @@ from typing import Final, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from aerodft.adapters.files import check_is_no_pipe
+from aerodft.adapters.files import check_is_no_pipe, hint_for_kind
 from aerodft.adapters.telemetry.mavlink import AT_QUIET, AT_SYNC, STATE_SIZE, Bytes, FollowedIds, FrameCounts, counts_of
 from aerodft.errors import InputError, os_errors_as
 from aerodft.model import IntArray, RawBlock
@@ -237,4 +237,5 @@ class LogFile:
 
     def wrong_type(self, got: str, hint: str = "") -> InputError:
         """The refusal of a file that holds something else."""
+        hint = hint or hint_for_kind(got)
         return InputError("wrong type of file", where=self.path, got=got, expected=self._expected, hint=hint)

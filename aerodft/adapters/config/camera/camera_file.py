@@ -1,4 +1,4 @@
-"""Camera files: TOML to :class:`aerodft.model.Camera`, and back; the library of cameras that many people have."""
+"""Camera files to :class:`aerodft.model.Camera`, and back; the library of cameras that many people have."""
 
 import csv
 import math
@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from aerodft.adapters.config import keys
+from aerodft.adapters.config.camera.formats import read_other_camera
 from aerodft.adapters.config.covariance import COVARIANCE, check_covariance
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
@@ -155,11 +156,12 @@ def load_camera(path: str | Path) -> Camera:
     Args:
         path: A TOML file with ``name``, ``width_px``, ``height_px`` and either ``hfov_deg`` (and ``vfov_deg``; left
             out means square pixels), or ``dfov_deg`` (the diagonal), or ``fx_px``, ``fy_px``, ``cx_px``, ``cy_px`` with
-            ``distortion`` and ``lens``; or a photo: by the calibration in its XMP data, the camera of the library, or
-            the focal length in its EXIF data, to some percent, which its std says.
+            ``distortion`` and ``lens``; a camera file of ROS (camera_info), OpenCV, Kalibr, Agisoft, OpenDroneMap or
+            COLMAP; or a photo: by the calibration in its XMP data, the camera of the library, or the focal length in
+            its EXIF data, to some percent, which its std says.
 
     Raises:
-        ConfigError: Missing file, TOML syntax, unknown key, impossible value.
+        ConfigError: Missing file, syntax, unknown key, impossible value, or another tool's lens model without an equal.
         InputError: A photo that does not tell its focal length.
 
     Examples:
@@ -177,8 +179,10 @@ def load_camera(path: str | Path) -> Camera:
             return stated.camera
         known = [each.camera for each in known_cameras() if each.shows(facts.size_px, facts.mode)]
         return known[0] if len(known) == 1 else camera_of_still(path)
+    data = read_bytes(path)
     with located(path):
-        return camera_from(parse_toml(read_bytes(path)))
+        other = read_other_camera(data, path.stem)
+        return camera_from(parse_toml(data) if other is None else other)
 
 
 def camera_from(document: dict[str, Any], prefix: str = "") -> Camera:

@@ -116,7 +116,7 @@ def test_another_tools_recording_says_that_it_has_no_station(desk, tmp_path):
             assert refused["code"] == 4
             assert refused["sentence"] == (
                 f"{path}: another tool's recording has no station to ask;"
-                " `import` makes a recording of a station from it"
+                " `import_flight` makes a recording of a station from it"
             )
 
 

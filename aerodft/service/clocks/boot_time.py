@@ -49,8 +49,8 @@ class _ClockTrack:
     rows: int = 1
 
     def continues(self, boot_ns: int, arrival_ns: int) -> bool:
-        if boot_ns <= self.boot_ns and arrival_ns - self.advanced_ns > STEP_NS:
-            return False  # it stands still
+        if boot_ns <= self.boot_ns and self.arrival_ns - self.advanced_ns >= STEP_NS:
+            return False  # it has stood still, and does so still
         passed_ns = max(arrival_ns - self.arrival_ns, 0)
         latest_ns = max(self.boot_ns + passed_ns, arrival_ns - self.lead_ns)
         return self.boot_ns - STEP_NS <= boot_ns <= latest_ns + STEP_NS
@@ -227,10 +227,12 @@ class BootClock:
         passed = np.maximum(np.diff(arrivals, prepend=run.arrival_ns), 0)
         if np.any(newest[1:] - boots > STEP_NS) or np.any(np.diff(newest) - passed > STEP_NS):
             return False
-        advances = np.where(np.diff(newest) > 0, arrivals, run.advanced_ns)
+        has_advanced = np.diff(newest) > 0
+        advances = np.where(has_advanced, arrivals, run.advanced_ns)
         advanced = np.maximum.accumulate(np.concatenate([[run.advanced_ns], advances]))
-        if np.any(arrivals - advanced[1:] > STEP_NS):
-            return False  # it stands still
+        before = np.maximum.accumulate(np.concatenate([[run.arrival_ns], arrivals[:-1]]))
+        if np.any(~has_advanced & (before - advanced[:-1] >= STEP_NS)):
+            return False  # it has stood still, and does so still
         run.advanced_ns = int(advanced[-1])
         run.boot_ns, run.arrival_ns = int(newest[-1]), max(run.arrival_ns, int(arrivals[-1]))
         run.lead_ns = min(run.lead_ns, int(np.min(arrivals - boots)))

@@ -18,13 +18,41 @@ def printable(sentence: str) -> str:
     return "".join(each if each.isprintable() else repr(each)[1:-1] for each in sentence)
 
 
+class Reason(str):
+    """A clause that says why: an error's sentence has it without the word "got", which a noun would need.
+
+    Examples:
+        >>> from aerodft.errors import InputError, Reason, counted
+        >>> str(InputError("no heading", got=Reason("north and tilt cannot be told apart")))
+        'no heading: north and tilt cannot be told apart'
+        >>> str(InputError("no heading", got=counted(1, "landmark"), expected="two"))
+        'no heading: got 1 landmark, expected two'
+    """
+
+    __slots__ = ()
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, which is in the plural unless there is one: ``1 pixel``, ``2 pixels``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _found(got: object) -> str:
+    """What was found, as text; the message of an exception is a reason, of the operating system's without number."""
+    if isinstance(got, OSError):
+        return Reason(got.strerror or got)
+    return Reason(got) if isinstance(got, BaseException) else got if isinstance(got, Reason) else str(got)
+
+
 class AerodftError(Exception):
     """The world failed: one sentence that says where, what, got, expected, and what to do.
+
+    ``got`` is a noun (``got 3 pixels, expected 2``), or why it is so: a ``Reason``, or the exception that was caught.
 
     Attributes:
         what: What is wrong.
         where: File, key, time or address it is wrong at.
-        got: What was found.
+        got: What was found; a ``Reason`` where it is a clause of its own.
         expected: What would have been right.
         hint: What to do next.
     """
@@ -34,14 +62,15 @@ class AerodftError(Exception):
     def __init__(self, what: str, *, where: object = "", got: object = "", expected: str = "", hint: str = "") -> None:
         self.what = what
         self.where = str(where)
-        self.got = str(got)
+        self.got = _found(got)
         self.expected = expected
         self.hint = hint
         super().__init__(self._sentence())
 
     def _sentence(self) -> str:
         head = f"{self.where}: {self.what}" if self.where else self.what
-        parts = [f"got {self.got}" if self.got else "", f"expected {self.expected}" if self.expected else ""]
+        found = self.got if isinstance(self.got, Reason) or not self.got else f"got {self.got}"
+        parts = [found, f"expected {self.expected}" if self.expected else ""]
         facts = ", ".join(part for part in parts if part)
         sentence = f"{head}: {facts}" if facts else head
         sentence = f"{sentence}; {self.hint}" if self.hint else sentence
@@ -89,7 +118,7 @@ def os_errors_as(what: str, *, where: object, expected: str = "", hint: str = ""
     try:
         yield
     except OSError as error:
-        raise InputError(what, where=where, got=error.strerror or error, expected=expected, hint=hint) from error
+        raise InputError(what, where=where, got=error, expected=expected, hint=hint) from error
 
 
 @contextmanager

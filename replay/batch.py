@@ -287,7 +287,7 @@ class Dataset:
             for each in others:
                 each.unlink()
         except OSError as error:
-            raise InputError("the dataset cannot be written", where=path, got=error.strerror or error) from error
+            raise InputError("the dataset cannot be written", where=path, got=error) from error
         finally:
             _remove_if_empty(path.parent)
 

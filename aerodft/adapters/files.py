@@ -160,7 +160,7 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
             "the file exists", where=path, hint="somebody made it meanwhile: choose another name"
         ) from None
     except OSError as error:
-        raise InputError("the file cannot be written", where=path, got=error.strerror or error) from error
+        raise InputError("the file cannot be written", where=path, got=error) from error
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.files import check_ending, write_whole
 from aerodft.adapters.images import NamedImage, common_mode, image_files, named_images
 from aerodft.app import Progress, no_progress
-from aerodft.errors import InputError, NoAnswerError, os_errors_as
+from aerodft.errors import InputError, NoAnswerError, counted, os_errors_as
 from aerodft.model import Camera
 from aerodft.reports.lens import lens_document, lens_notes, parameter_names, write_lens_page
 from aerodft.version import SOFTWARE
@@ -196,7 +196,7 @@ def _no_board(paths: Sequence[Path], board: Board, count: int) -> InputError:
             break
         hint = suggestion(image.pixels, board)
     where = paths[0] if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
-    got = f"{count} image{'' if count == 1 else 's'} without it"
+    got = f"{counted(count, 'image')} without it"
     general = "is it whole in the image, flat, evenly lit, with a white margin, and are its counts right?"
     return InputError("no board found", where=where, got=got, expected=str(board), hint=hint or general)
 

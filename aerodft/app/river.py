@@ -18,7 +18,7 @@ from aerodft.app.assembly import build_pipeline, check_size, reoffset, stations_
 from aerodft.app.measure import CameraPose, MeasuredSurface, image_setup, in_range, read_photograph
 from aerodft.conventions import LARGEST, SECOND_NS
 from aerodft.dft import Setup, zoomed
-from aerodft.errors import InputError, NoAnswerError, UsageError
+from aerodft.errors import InputError, NoAnswerError, Reason, UsageError
 from aerodft.model import Camera, Event, Image, ImageArray, IntArray, PoseSample, Status
 from aerodft.reports.river import (
     COLUMNS,
@@ -360,7 +360,7 @@ def recorded_images(
     posed = [(index, sample) for index, sample in kept if sample.status is Status.OK]
     if not posed:
         got = ", ".join(f"{count} {status}" for status, count in without_pose.items())
-        raise NoAnswerError("no image has a pose", where=folder, got=got, hint="see `diagnose`")
+        raise NoAnswerError("no image has a pose", where=folder, got=Reason(got), hint="see `diagnose`")
     stamps = np.array([sample.stamp_ns for _, sample in posed])
     views = []
     for row in _rows(len(posed), most):

@@ -27,7 +27,7 @@ from typer.exceptions import TyperException
 
 from aerodft.cli.interrupts import INTERRUPTED, TERMINATED, ending_on_signals
 from aerodft.cli.options import as_typed, help_record
-from aerodft.errors import AerodftError, InputError, UsageError, printable
+from aerodft.errors import AerodftError, InputError, Reason, UsageError, printable
 from aerodft.version import SOFTWARE
 
 _PIPE_CLOSED = 141
@@ -105,7 +105,7 @@ class _Stream(io.FileIO):
             if self.fileno() == 1 and isinstance(error, BrokenPipeError):
                 raise _ReaderGone from error
             if self.fileno() == 1:
-                raise InputError("the output cannot be written", where="stdout", got=error.strerror) from error
+                raise InputError("the output cannot be written", where="stdout", got=error) from error
         return len(data)
 
 
@@ -218,7 +218,7 @@ def _run(arguments: list[str]) -> NoReturn:
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
-        raise InputError("no file has such a name", where=error.filename, got=error.strerror) from None
+        raise InputError("no file has such a name", where=error.filename, got=error) from None
     raise SystemExit(code or 0)
 
 
@@ -317,7 +317,7 @@ def _invalid(message: str, arguments: list[str], command: str, hint: str) -> Usa
     if bound:
         expected = bound["expected"].replace("valid number", "number").replace("valid integer", "whole number")
         return UsageError(label, where=command, got=_given(arguments, label), expected=expected, hint=hint)
-    return UsageError(label, where=command, got=why.rstrip("."), hint=hint)
+    return UsageError(label, where=command, got=Reason(why.rstrip(".")), hint=hint)
 
 
 def _given(arguments: list[str], option: str) -> str:

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from aerodft.cli.options import JsonOption, OverwriteOption, as_typed
 from aerodft.cli.output import print_json, say, tables
-from aerodft.errors import UsageError
+from aerodft.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from aerodft.adapters.config.camera import KnownCamera
@@ -98,7 +98,9 @@ def cameras(
     if output is not None:
         if len(found) > 1:
             names = "; ".join(each.camera.name for each in found[:6])
-            raise UsageError("--output", got=f"{len(found)} cameras: {names}", expected="one, by more of its name")
+            raise UsageError(
+                "--output", got=f"{counted(len(found), 'camera')}: {names}", expected="one, by more of its name"
+            )
         write_camera(found[0], output)
         say(f"aerodft: wrote {output}: {found[0].camera.name}")
     if json:

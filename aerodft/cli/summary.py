@@ -9,7 +9,7 @@ import typer
 
 from aerodft.cli.output import LOSS, end_with_gaps, print_json, say
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import NoAnswerError
+from aerodft.errors import NoAnswerError, Reason
 
 if TYPE_CHECKING:
     from aerodft.app.assembly import RunResult, RunStatistics
@@ -60,9 +60,9 @@ def report(
     if live and not statistics.poses:
         say("nothing was measured: no image came")
     elif not statistics.poses.get("ok"):
-        got = ", then ".join(f"{status} ({why})" for status, why in statistics.reasons.items()) or "no image"
+        got = ", then ".join(f"{status} ({why})" for status, why in statistics.reasons.items()) or "no image came"
         hint = "the recording is kept"
-        raise NoAnswerError("no image has a usable pose", where=result.recording, got=got, hint=hint)
+        raise NoAnswerError("no image has a usable pose", where=result.recording, got=Reason(got), hint=hint)
     end_with_gaps(result.left_out)
     if result.lost:
         raise typer.Exit(LOSS)

@@ -22,7 +22,7 @@ from aerodft.adapters.files import output_folder
 from aerodft.adapters.images import read_camera_image
 from aerodft.dft import MAX_RELATIVE_RANGE_STD, Setup, to_ground_frame
 from aerodft.dft.maps import DepthMap, Sampling, TopView, Z, depth_map, plane_at_elevation, range_std, top_view
-from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
+from aerodft.errors import InputError, NoAnswerError, Reason, UsageError, os_errors_as
 from aerodft.geometry import (
     Float32Array,
     Ground,
@@ -93,7 +93,7 @@ def _scene_of(setup: Setup, sample: PoseSample) -> _Scene:
         NoAnswerError: There is no pose, the camera is not above the ground, or the image shows no ground.
     """
     if sample.pose is None or sample.status is not Status.OK:
-        raise NoAnswerError("no pose", got=f"{sample.status}: {'; '.join(sample.reasons)}")
+        raise NoAnswerError("no pose", got=Reason(f"{sample.status}: {'; '.join(sample.reasons)}"))
     camera, pose, ground, elevation_m = setup.camera, sample.pose, setup.ground, setup.elevation_m
     height = _height_above(ground, elevation_m, pose)
     limit = FARTHEST_HEIGHTS * height if setup.max_range_m is None else setup.max_range_m

@@ -12,7 +12,7 @@ from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_S
 from aerodft.adapters.wire.pose import HEIGHT_SWITCH_SCHEMA, POSE_SCHEMA
 from aerodft.adapters.wire.status import CAMERA_MOTION_SCHEMA, STATUS_SCHEMA
 from aerodft.dft import PROBE_KINDS
-from aerodft.errors import InputError, located, printable
+from aerodft.errors import InputError, Reason, located, printable
 from aerodft.model import FloatArray, IntArray, ProbeKind, Status
 from replay.export import Item, parse_measurement, row_of
 from replay.recordings import Recording
@@ -135,7 +135,7 @@ def read_series(recording: Recording) -> RecordingSeries:
                 else:
                     reader.add(found, message.channel.schema, parse_measurement(message.data))
             except (KeyError, TypeError, ValueError, IndexError) as error:
-                got = f"{message.channel.topic}: {type(error).__name__} {error}"
+                got = Reason(f"{message.channel.topic}: {type(error).__name__} {error}")
                 raise InputError("a recorded message is damaged", got=got) from error
     for gap in recording.left_out().gaps:
         if gap.from_ns is not None:

@@ -10,7 +10,7 @@ import orjson
 
 from aerodft.adapters.files import read_whole
 from aerodft.adapters.wire.payload import load_bounded_json
-from aerodft.errors import InputError
+from aerodft.errors import InputError, Reason
 from replay.export import MapFeature
 
 _RESULT: Final = "result.json"
@@ -56,7 +56,7 @@ def read_river_folder(path: Path) -> RiverFolder:
         for key in ("status", "reasons", "transects", "width_m"):
             document[key]
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise InputError("no river's map", where=on_map, got=f"{type(error).__name__}: {error}") from error
+        raise InputError("no river's map", where=on_map, got=Reason(f"{type(error).__name__}: {error}")) from error
     return RiverFolder(path, document, features, is_local)
 
 
@@ -65,7 +65,7 @@ def _read(path: Path) -> dict[str, Any]:
         found = load_bounded_json(read_whole(path))
     except OSError as error:
         hint = "folders of rivers are those that `aerodft river` writes"
-        raise InputError("the file cannot be read", where=path, got=error.strerror, hint=hint) from error
+        raise InputError("the file cannot be read", where=path, got=error, hint=hint) from error
     except orjson.JSONDecodeError as error:
         raise InputError("the file is no JSON", where=path, got=error) from error
     if not isinstance(found, dict):

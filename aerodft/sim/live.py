@@ -123,7 +123,7 @@ def udp_sender(text: str) -> Iterator[Send]:
             try:
                 link.sendto(data, address)
             except OSError as error:
-                raise LinkError("cannot send", where=text, got=error.strerror, hint="check the network") from error
+                raise LinkError("cannot send", where=text, got=error, hint="check the network") from error
 
         yield send
 

@@ -51,7 +51,7 @@ def write_video(path: Path, images: Iterable[tuple[int, ImageArray]], *, fps: fl
             if stream is not None:
                 container.mux(stream.encode(None))
     except av.FFmpegError as error:
-        raise InputError("cannot be written", where=path, got=error.strerror, hint="choose another folder") from None
+        raise InputError("cannot be written", where=path, got=error, hint="choose another folder") from None
 
 
 def _write_start(container: OutputContainer, start_ns: int) -> None:

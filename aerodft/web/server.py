@@ -46,7 +46,7 @@ async def serve_view(view: View, access: Access, opened: Callable[[str], None]) 
     except OSError as error:
         where = f"{access.host}:{access.port}"
         raise LinkError(
-            "the page's port cannot be opened", where=where, got=error.strerror, hint="`port` 0 takes a free one"
+            "the page's port cannot be opened", where=where, got=error, hint="`port` 0 takes a free one"
         ) from error
     server.add_sockets(sockets)
     try:

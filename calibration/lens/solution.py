@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from aerodft.errors import NoAnswerError
+from aerodft.errors import NoAnswerError, counted
 from aerodft.geometry import (
     distorted_with_jacobian,
     pixels_from_rays,
@@ -79,7 +79,7 @@ def check_before(views: Sequence[BoardView], size_px: tuple[int, int]) -> None:
         NoAnswerError: Says what to add.
     """
     if len(views) < MIN_VIEWS:
-        got = f"{len(views)} usable view{'' if len(views) == 1 else 's'} of the board"
+        got = f"{counted(len(views), 'usable view')} of the board"
         expected = f"{MIN_VIEWS}, better 15"
         raise NoAnswerError("too few views to determine the lens", got=got, expected=expected, hint=_ADD)
     if largest_turn_rad(normals(views, size_px)) < math.radians(_PARALLEL_DEG):

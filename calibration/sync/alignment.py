@@ -12,7 +12,7 @@ import numpy as np
 
 from aerodft.adapters.timestamps import zone_hint
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import NoAnswerError
+from aerodft.errors import NoAnswerError, counted
 from aerodft.model import FloatArray, GimbalSource, IntArray
 from aerodft.service import AttitudeSettings
 from aerodft.service.attitude import AttitudeHistory
@@ -133,7 +133,7 @@ def align(
     if len(coarse) < _MIN_PAIRS:
         raise NoAnswerError(
             "the images do not tell how the camera turned",
-            got=f"{len(coarse)} pairs of images with a common plane",
+            got=f"{counted(len(coarse), 'pair')} of images with a common plane",
             expected=f"at least {_MIN_PAIRS}",
             hint="the ground must be in view, sharp and textured",
         )

@@ -17,7 +17,7 @@ import orjson
 from aerodft.adapters.files import cell_text, check_is_no_pipe
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.dft import PROBE_KINDS
-from aerodft.errors import InputError, located, os_errors_as
+from aerodft.errors import InputError, Reason, located, os_errors_as
 from aerodft.model import CODE_OF, Batch, FloatArray, IntArray, ProbeKind, Status
 from replay.export import LARGEST_NUMBER, Item, check_on_earth, parquet_rows, parse_measurement, row_of
 from replay.recordings import Recording
@@ -145,7 +145,9 @@ def _row(row: Item, where: Path) -> _Row:
             _place(row) if key.kind == ProbeKind.POSITION else (),
         )
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise InputError("a measurement is none", where=where, got=f"{type(error).__name__}: {error}") from error
+        raise InputError(
+            "a measurement is none", where=where, got=Reason(f"{type(error).__name__}: {error}")
+        ) from error
 
 
 def _key(row: Item) -> ProbeKey:
@@ -216,7 +218,7 @@ def _series(rows: Iterable[_Row], where: Path) -> dict[ProbeKey, ProbeSeries]:
         try:
             builders[row.key].add(row)
         except (TypeError, ValueError, OverflowError) as error:
-            raise InputError("a measurement is damaged", where=where, got=f"{row.key.name}: {error}") from error
+            raise InputError("a measurement is damaged", where=where, got=Reason(f"{row.key.name}: {error}")) from error
     return {key: builder.series() for key, builder in builders.items()}
 
 

@@ -24,7 +24,7 @@ from aerodft.adapters.recording.read import ChannelFilter, SegmentScan, content_
 from aerodft.adapters.telemetry.mavlink import FrameCounts, StreamFramer
 from aerodft.adapters.wire.payload import LATEST_NS
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, NoAnswerError
+from aerodft.errors import InputError, NoAnswerError, Reason
 from aerodft.model import Camera, Event, Image, RawBlock, StampClock, WireProtocol
 from aerodft.service import ArrivalLimiter, first_arrival_ns
 from replay.foreign.messages import (
@@ -501,7 +501,7 @@ class ForeignImages:
         """Refuse a recording by its first message: a fault in that is most likely one of all."""
         if index == 0:
             channel = self._recording.channels[self._topic]
-            got = f"{channel.schema or 'no schema'} ({channel.encoding}): {error}"
+            got = Reason(f"{channel.schema or 'no schema'} ({channel.encoding}): {error}")
             expected = "Foxglove's or ROS's CompressedImage, Foxglove's CompressedVideo, or a JPEG"
             raise InputError("the images cannot be read", where=self._where(), got=got, expected=expected) from error
 

@@ -264,10 +264,10 @@ def live_link(document):
         (stamp_and_pose, "beside utc, expected a pose, or one stamp"),
         (stamp_without_log, 'no pose, expected telemetry = "flight.tlog"'),
         (nothing_seen, 'image[4]: got no observation in it, expected an observation with image = "IMG_5"'),
-        (camera_height, "camera.height_agl_m: got it beside [[image]]"),
+        (camera_height, "camera.height_agl_m: it stands beside [[image]]"),
         (wrong_size, "image: got 4000 x 3000 pixels, expected 1920 x 1080"),
         (two_sizes, "got 4000 x 3000 and 1920 x 1080 pixels, expected images of one size"),
-        (live_link, "telemetry.connection: got it beside [[image]]"),
+        (live_link, "telemetry.connection: it stands beside [[image]]"),
     ],
 )
 def test_bad_files_are_named(aerodft, tmp_path, change, words):

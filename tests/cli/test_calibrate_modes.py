@@ -128,6 +128,6 @@ def test_a_disk_that_fills_up_leaves_the_file_that_was_there(tmp_path):
     with no_file_above(512):
         done = run_aerodft("calibrate", tmp_path / "evidence.toml", *given)
     assert done.code == 3, done.err
-    assert "calibration.toml: the calibration cannot be written: got File too large" in done.last
+    assert "calibration.toml: the calibration cannot be written: File too large" in done.last
     assert output.read_bytes() == before
     assert sorted(each.name for each in tmp_path.iterdir()) == ["calibration.toml", "camera.toml", "evidence.toml"]

@@ -193,11 +193,11 @@ def test_an_existing_recording_is_not_touched(aerodft, desk):
 
 def test_a_folder_that_cannot_be_written(aerodft, desk):
     found = aerodft("import", desk.log, "-c", desk.config, "-o", desk.log / "out")
-    refused(found, 3, f"{desk.log}/out: the recording cannot be written: got Not a directory")
+    refused(found, 3, f"{desk.log}/out: the recording cannot be written: Not a directory")
     found = aerodft("import", desk.log, "-c", desk.config, "-o", desk.log)
-    refused(found, 3, f"{desk.log}: the recording cannot be written: got File exists")
+    refused(found, 3, f"{desk.log}: the recording cannot be written: File exists")
     found = aerodft("import", desk.log, "-c", desk.config, "-o", "/proc/aerodft/out")
-    refused(found, 3, "/proc/aerodft/out: the recording cannot be written: got No such file or directory")
+    refused(found, 3, "/proc/aerodft/out: the recording cannot be written: No such file or directory")
 
 
 @pytest.mark.parametrize("ending", [InputError("the disk went away"), KeyboardInterrupt()])
@@ -224,7 +224,7 @@ def test_not_one_usable_pose_is_exit_4_and_the_recording_is_kept(aerodft, desk):
     refused(
         found,
         4,
-        f"{out}: no image has a usable pose: got BELOW_MIN_HEIGHT (home says 40.00 m, the minimum is 100 m)",
+        f"{out}: no image has a usable pose: BELOW_MIN_HEIGHT (home says 40.00 m, the minimum is 100 m)",
         "the recording is kept",
     )
     assert found.json["measurements"] == {"BELOW_MIN_HEIGHT": 15}

@@ -46,7 +46,7 @@ def test_a_clock_that_is_set_from_1970_to_today_is_no_flight_of_fifty_years(aero
 def test_a_log_of_one_instant_holds_no_image(aerodft, desk, stamp_us):
     done = imported(aerodft, desk, stamped(desk.tlog(), lambda _us, _n: stamp_us))
     assert done.code == 4
-    assert done.last.endswith("rec: no image has a usable pose: got no image; the recording is kept")
+    assert done.last.endswith("rec: no image has a usable pose: no image came; the recording is kept")
     assert done.json["images"] == 0
 
 

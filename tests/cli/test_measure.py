@@ -238,7 +238,7 @@ POSE = ("--height", 50, "--tilt", 60)
         ((*POSE, "--model", "dft", "--roll", 2, "--probe", "range 1,1"), 2, "the paper's camera does not roll"),
         ((*POSE, "--std", "hight=1", "--probe", "range 1,1"), 2, "got name 'hight', expected one of height, position"),
         ((*POSE, "--probe", "girth 1,1"), 2, "got kind 'girth', expected one of position, range, distance"),
-        ((*POSE, "--probe", "distance 1,1"), 2, "got 1 pixels, expected 2 for distance"),
+        ((*POSE, "--probe", "distance 1,1"), 2, "got 1 pixel, expected 2 for distance"),
         ((*POSE, "--at", "5", "--probe", "range 1,1"), 2, "--recording and --at go together"),
     ],
 )

@@ -30,7 +30,7 @@ def test_a_link_leads_to_the_file(aerodft, flight_recording, tmp_path):
 def test_a_folder_is_no_file(aerodft, flight_recording):
     done = aerodft("export", flight_recording, "-o", "/")
     assert (done.code, done.out) == (3, b"")
-    assert done.last == "aerodft: /: the file cannot be written: got Is a directory"
+    assert done.last == "aerodft: /: the file cannot be written: Is a directory"
 
 
 @pytest.mark.parametrize("output", [("-o", ""), ("--output", ""), ("--output=",)])

@@ -40,7 +40,7 @@ def test_an_elevation_may_be_the_name_of_a_height():
     ("texts", "said"),
     [
         (["range 1,2", "height 1,2 3,4 name=range-1"], "got the name range-1 again"),
-        (["width 1,2 3,4 elevation=mast"], "got probe width-1 lies on top of mast: got none"),
+        (["width 1,2 3,4 elevation=mast"], "probe width-1 lies on top of mast: got none"),
         (["width 1,2 3,4 elevation=mast", "range 1,2 name=mast"], "got none"),
         (["width 1,2 3,4 elevation=mats", "height 1,2 3,4 name=mast"], "got mast, expected a height"),
         (["height 1,2 3,4 elevation=height-1"], "expected a height on the ground"),

@@ -152,7 +152,7 @@ def test_where_nothing_is_left_nothing_is_touched(aerodft, tmp_path):
     (tmp_path / "data_000.mcap").write_bytes(b"\0" * 5000)
     done = aerodft("recover", tmp_path)
     assert (done.code, done.last) == (
-        4, f"aerodft: {tmp_path}: nothing can be recovered: got no whole message in any segment",
+        4, f"aerodft: {tmp_path}: nothing can be recovered: no segment holds a whole message",
     )  # fmt: skip
     assert [path.name for path in tmp_path.iterdir()] == ["data_000.mcap"]
     assert (tmp_path / "data_000.mcap").read_bytes() == b"\0" * 5000
@@ -275,7 +275,7 @@ def test_without_room_for_the_copy_the_segment_stays_as_it_was(aerodft, flight):
     with no_file_above(5000):
         done = aerodft("recover", folder)
     assert done.code == 3
-    assert done.last.endswith("the recording cannot be recovered: got File too large")
+    assert done.last.endswith("the recording cannot be recovered: File too large")
     assert data.read_bytes() == content
     assert sorted(path.name for path in folder.iterdir()) == ["config.toml", "data_000.mcap", "images_000.mcap"]
     assert content.startswith(MAGIC)

@@ -32,7 +32,7 @@ def test_a_pipe_that_nobody_reads_ends_the_command_quietly():
 def test_a_full_disk_behind_stdout_is_one_sentence():
     done = shell(f"{AERODFT} --version > /dev/full")
     assert done.returncode == 3
-    assert done.stderr == "aerodft: stdout: the output cannot be written: got No space left on device\n"
+    assert done.stderr == "aerodft: stdout: the output cannot be written: No space left on device\n"
 
 
 def test_closed_streams_are_as_good_as_unread_ones():

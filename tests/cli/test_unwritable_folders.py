@@ -112,7 +112,7 @@ def test_a_recording_that_vanishes_while_it_is_read_is_one_sentence(desk, aerodf
     delete_while_computing(folder)
     done = aerodft("recompute", folder, "-o", desk.folder / "again")
     assert done.code == 3, done.err
-    assert done.last.startswith(f"aerodft: {folder}/data_000.mcap: the recording cannot be read: got No such file")
+    assert done.last.startswith(f"aerodft: {folder}/data_000.mcap: the recording cannot be read: No such file")
     assert "holds what was read so far" in done.err
     assert Recording(desk.folder / "again").end_ns > 0, "what was computed until then is whole"
 
@@ -154,5 +154,5 @@ def test_a_folder_that_may_not_be_read_is_one_sentence(aerodft, tmp_path: Path, 
     done = aerodft(command, closed, *more.get(command, ()))
     assert (done.code, done.last) == (
         3,
-        f"aerodft: {closed}: the recording cannot be read: got Permission denied",
+        f"aerodft: {closed}: the recording cannot be read: Permission denied",
     )

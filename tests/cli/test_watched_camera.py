@@ -144,8 +144,8 @@ def test_computed_anew_without_images_it_is_the_same_to_the_byte(imported, aerod
 
 PAPER = {**camera_document(CAMERA), "model": "dft"}
 REFUSALS = {
-    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "camera_motion: got it beside"),
-    "in the paper's model": ({"camera": PAPER}, "camera_motion: got it beside camera.model"),
+    "with telemetry": ({"pose": None, "telemetry": {"height": {"order": ["home"]}}}, "camera_motion: it stands beside"),
+    "in the paper's model": ({"camera": PAPER}, "camera_motion: it stands beside camera.model"),
     "under its own name": ({"probe": [{"name": "steady", "kind": "range", "observed": True}]}, "another name"),
     "without a limit": ({"camera_motion": {"limit_deg": 0.0}}, "camera_motion.limit_deg"),
     "with a line for a polygon": ({"camera_motion": {"ignore": [[[0, 0], [1, 1]]]}}, "camera_motion.ignore[0]"),

@@ -157,7 +157,7 @@ def test_a_cold_boot_yields_no_number_and_says_why(flown, order):
     assert imported.code == 4
     assert {m["value"] for m in imported.measurements()} == {None}
     assert list(imported.summary["poses"]) == ["NO_TELEMETRY", "NO_HEIGHT", "BELOW_MIN_HEIGHT"]
-    assert "no image has a usable pose: got NO_TELEMETRY (no height received yet from" in imported.err
+    assert "no image has a usable pose: NO_TELEMETRY (no height received yet from" in imported.err
     assert "), then NO_HEIGHT (" in imported.err
     assert "), then BELOW_MIN_HEIGHT (home says 0.00 m, the minimum is 1 m); the recording is kept" in imported.err
 

@@ -12,7 +12,7 @@ from aerodft.adapters.config.keys import Matrix, impossible
 from aerodft.adapters.config.reading import validated
 from aerodft.adapters.config.tables import SiAttribute, Table
 from aerodft.adapters.files import content_looks_like, looks_like, read_whole
-from aerodft.errors import InputError, located
+from aerodft.errors import InputError, Reason, counted, located
 from aerodft.model import FloatArray
 
 Rows: TypeAlias = tuple[tuple[float, ...], ...]
@@ -41,7 +41,9 @@ def check_covariance(rows: Rows | None, size: int, of: str) -> None:
     lengths = [len(row) for row in rows]
     if lengths != [size] * size:
         wrong = next((i for i, length in enumerate(lengths) if length != size), None)
-        got = f"{len(lengths)} rows" if len(lengths) != size or wrong is None else f"{lengths[wrong]} in [{wrong}]"
+        got = (
+            counted(len(lengths), "row") if len(lengths) != size or wrong is None else f"{lengths[wrong]} in [{wrong}]"
+        )
         raise impossible("covariance", got=got, expected=f"{size} rows of {size} numbers ({of})")
     cov = np.array(rows, dtype=np.float64)
     if np.any(np.diag(cov) < 0):
@@ -69,10 +71,10 @@ def check_lens_covariance(covariance: Rows | None, lens: Rows | None, count: int
     if lens is None:
         return
     if covariance is None:
-        raise impossible("lens_covariance", got="it without covariance", expected="both")
+        raise impossible("lens_covariance", got=Reason("it stands without covariance"), expected="both")
     if len(lens) != count or len({len(row) for row in lens}) != 1:
         expected = f"{count} rows of as many as the lens has"
-        raise impossible("lens_covariance", got=f"{len(lens)} rows", expected=expected)
+        raise impossible("lens_covariance", got=counted(len(lens), "row"), expected=expected)
 
 
 def symmetric(rows: Sequence[Sequence[float]]) -> FloatArray:

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from aerodft.conventions import LARGEST
+from aerodft.errors import Reason
 
 _LONGEST_S = 1e6
 TILT_RANGE = "0 to 180 deg from straight down: 0 nadir, 90 horizon"
@@ -20,15 +21,12 @@ def impossible(key: str, *, got: object, expected: str, hint: str = "") -> Pydan
 
     Args:
         key: The key at fault, below the table that is validated; empty for the table itself.
-        got: What was found.
+        got: What was found; a ``Reason`` where it is a clause of its own.
         expected: What would have been right.
         hint: What to do next.
     """
-    return PydanticCustomError(
-        "impossible",
-        "got {got}, expected {expected}",
-        {"key": key, "got": str(got), "expected": expected, "hint": hint},
-    )
+    context = {"key": key, "got": str(got), "is_reason": isinstance(got, Reason), "expected": expected, "hint": hint}
+    return PydanticCustomError("impossible", "got {got}, expected {expected}", context)
 
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from aerodft.adapters.config.tables import Table
 from aerodft.adapters.files import check_is_no_pipe, content_looks_like, hint_for_kind, looks_like
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, Reason
 
 TableT = TypeVar("TableT", bound=Table)
 
@@ -140,9 +140,8 @@ def validated(model: type[TableT], document: object, prefix: str = "") -> TableT
     context: dict[str, Any] = problem.get("ctx", {})
     key = prefix + dotted_key((*loc, *([context["key"]] if context.get("key") else [])))
     if problem["type"] == "impossible":
-        raise ConfigError(
-            key.rstrip(".") or "its keys", got=context["got"], expected=context["expected"], hint=context["hint"]
-        )
+        got = Reason(context["got"]) if context["is_reason"] else context["got"]
+        raise ConfigError(key.rstrip(".") or "its keys", got=got, expected=context["expected"], hint=context["hint"])
     expected = _EXPECTED[problem["type"]].format(**context) if problem["type"] in _EXPECTED else problem["msg"]
     got = "nothing" if problem["type"] == "missing" else toml_excerpt(problem["input"])
     raise ConfigError(key, got=got, expected=expected)

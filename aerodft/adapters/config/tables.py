@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from aerodft.adapters.config.keys import Quantity, impossible
 from aerodft.conventions import LARGEST, SECOND_NS
+from aerodft.errors import Reason
 
 LOCAL: Final = "local"
 """What a file may call its coordinates, beside the codes of maps: metres east, north and up of somewhere."""
@@ -46,7 +47,7 @@ class Table(BaseModel):
         for key, others in self.INSTEAD_OF.items():
             stated = [each for each in others if each in self.model_fields_set and getattr(self, each) is not None]
             if getattr(self, key) is not None and stated:
-                raise impossible(stated[0], got=f"it beside {key}", expected="one of the two")
+                raise impossible(stated[0], got=Reason(f"it stands beside {key}"), expected="one of the two")
         return self
 
     @classmethod
@@ -110,7 +111,9 @@ class FromFile(Table):
         if self.file is not None and self.model_extra:
             own = " and ".join(type(self).model_fields)
             key = next(iter(self.model_extra))
-            raise impossible(key, got="it beside file", expected=f"{own} alone, or what such a file holds")
+            raise impossible(
+                key, got=Reason("it stands beside file"), expected=f"{own} alone, or what such a file holds"
+            )
         return self
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from aerodft.adapters.files import looks_like, read_whole
-from aerodft.errors import InputError, os_errors_as
+from aerodft.errors import InputError, counted, os_errors_as
 from aerodft.model import Camera, Image, ImageArray
 
 STILLS: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
@@ -201,7 +201,7 @@ def decode_jpeg(data: bytes, where: str, most_px: int | None = None) -> ImageArr
         raise InputError("the JPEG is larger than the image that it is of", where=where, expected=f"{most_px} pixels")
     pixels = _decoded(data)
     if pixels is None:
-        raise InputError("the JPEG is damaged", where=where, got=f"{len(data)} bytes")
+        raise InputError("the JPEG is damaged", where=where, got=counted(len(data), "byte"))
     return pixels
 
 

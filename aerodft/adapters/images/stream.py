@@ -145,7 +145,7 @@ class UdpFile:
         except OSError as error:
             self._socket.close()
             hint = "another program listens there; choose another port" if error.errno == errno.EADDRINUSE else ""
-            raise LinkError("cannot listen for images", where=url, got=error.strerror or "", hint=hint) from None
+            raise LinkError("cannot listen for images", where=url, got=error, hint=hint) from None
         self._socket.settimeout(_POLL_S)
 
     def await_format(self) -> str | None:

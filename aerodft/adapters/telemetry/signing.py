@@ -26,7 +26,7 @@ import orjson
 
 from aerodft.adapters.files import check_is_no_pipe, read_whole
 from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
-from aerodft.errors import ConfigError, InputError
+from aerodft.errors import ConfigError, InputError, counted
 from aerodft.service import RADIO_STATUS, SigningSettings
 from aerodft.service.clocks import WallClock
 
@@ -102,7 +102,7 @@ class SigningState:
         except OSError as error:
             state._release()
             hint = "name a file that can be written with state_file"
-            raise InputError("cannot keep signing time stamps", where=path, got=error.strerror, hint=hint) from error
+            raise InputError("cannot keep signing time stamps", where=path, got=error, hint=hint) from error
         except InputError:
             state._release()
             raise
@@ -360,7 +360,9 @@ def _key_of(text: str, path: Path) -> bytes:
             _LOG.warning("%s: a passphrase of %d characters is soon guessed; take %d or more", path, len(text), _SHORT)
         return hashlib.sha256(text.encode()).digest()
     if len(digits) != 2 * KEY_SIZE:
-        raise ConfigError("no signing key", where=path, got=f"{len(digits)} hexadecimal digits", expected=_EXPECTED)
+        raise ConfigError(
+            "no signing key", where=path, got=counted(len(digits), "hexadecimal digit"), expected=_EXPECTED
+        )
     return bytes.fromhex(digits)
 
 

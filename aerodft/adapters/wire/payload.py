@@ -13,7 +13,7 @@ import orjson
 from pydantic import BeforeValidator, Field
 
 from aerodft.conventions import LARGEST
-from aerodft.errors import InputError
+from aerodft.errors import InputError, Reason
 from aerodft.version import SOFTWARE
 
 JsonValue: TypeAlias = Any
@@ -161,7 +161,9 @@ def _built(schema: str, payload: Json, build: Callable[[Json], T]) -> T:
     try:
         return build(payload)
     except _WRONG as error:
-        raise InputError(f"{schema} payload is incomplete or wrong", got=f"{type(error).__name__}: {error}") from error
+        raise InputError(
+            f"{schema} payload is incomplete or wrong", got=Reason(f"{type(error).__name__}: {error}")
+        ) from error
 
 
 def _refuse(schema: str, data: bytes, error: Exception | None = None) -> NoReturn:

@@ -26,7 +26,7 @@ from aerodft.adapters.config import (
 from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.wire.payload import COUNT, TEXT, Payload, StampNs, doc, load_object
 from aerodft.dft import PROBE_KINDS
-from aerodft.errors import InputError, located, os_errors_as
+from aerodft.errors import InputError, Reason, counted, located, os_errors_as
 from aerodft.model import Box, Observation, Probe, ProbeKind, StampClock
 
 ERROR_SCHEMA = "aerodft.error/1"
@@ -68,7 +68,7 @@ class _MeasureQuestion(Table):
         kind = PROBE_KINDS[ProbeKind(self.kind)]
         if not kind.takes_pixels(len(self.pixels)):
             expected = f"{kind.pixels_wanted} x [u, v] for {self.kind}"
-            raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
+            raise impossible("pixels", got=counted(len(self.pixels), "pixel"), expected=expected)
         if wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, len(self.pixels)):
             expected = f"{kind.elevations_wanted(len(self.pixels))} of {self.kind}"
             raise impossible("elevation_m", got=wrong, expected=expected)
@@ -184,11 +184,13 @@ class ObservationTable(Table):
     def _one_way(self) -> Self:
         stated = [key for key in ("pixels", "box", "contour") if getattr(self, key)]
         if len(stated) > 1:
-            raise impossible(stated[0], got=f"it beside {stated[1]}", expected="one of pixels, box and contour")
+            raise impossible(
+                stated[0], got=Reason(f"it stands beside {stated[1]}"), expected="one of pixels, box and contour"
+            )
         if not stated and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or [] where nothing was seen")
         if self.unseen is not None and stated:
-            raise impossible("unseen", got="it beside what was seen", expected='"pixels": [] beside it')
+            raise impossible("unseen", got=Reason("it stands beside what was seen"), expected='"pixels": [] beside it')
         if self.stamp_ns is None and self.image is None:
             raise impossible("stamp_ns", got="nothing", expected="nanoseconds UTC as a decimal string, or image")
         return self

@@ -26,7 +26,7 @@ from aerodft.adapters.telemetry import decoder_of
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.conventions import SECOND_NS
 from aerodft.dft import Request
-from aerodft.errors import ConfigError, InputError
+from aerodft.errors import ConfigError, InputError, counted
 from aerodft.geometry import extrapolate_pose
 from aerodft.model import Camera, Image, Measurement, PixelSource, PoseSample, Status
 from aerodft.service import (
@@ -160,7 +160,7 @@ def _camera_motion_schedule(settings: CameraMotionSettings, camera: Camera) -> O
         raise InputError(
             "the reference image shows too little that can be found again",
             where=settings.reference,
-            got=f"{points.corners} corners outside camera_motion.ignore",
+            got=f"{counted(points.corners, 'corner')} outside camera_motion.ignore",
             expected=f"at least {LEAST_CORNERS}",
         )
     return ObserverSchedule(points, settings.every_s)

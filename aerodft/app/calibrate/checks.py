@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.adapters.config.evidence import EvidenceFile
-from aerodft.errors import NotDetermined, UsageError
+from aerodft.errors import NotDetermined, Reason, UsageError
 from aerodft.model import Camera, EvidenceSet, ProjectionModel
 from aerodft.reports.calibration import values_of
 from calibration.flight import ImagesResult
@@ -115,7 +115,7 @@ def not_determined(
         accept_misfit: Observations may contradict each other by more than stated stds explain.
     """
     why_not = _why_not(result, evidence, accept_misfit=accept_misfit)
-    return NotDetermined("no calibration", where=evidence.path, got=why_not) if why_not else None
+    return NotDetermined("no calibration", where=evidence.path, got=Reason(why_not)) if why_not else None
 
 
 def _why_not(result: Result | ImagesResult, evidence: EvidenceFile, *, accept_misfit: bool) -> str:

@@ -14,7 +14,7 @@ from aerodft.adapters.telemetry import decoder_of, open_log
 from aerodft.adapters.timestamps import unix_ns_to_iso, zone_hint
 from aerodft.app.assembly import recorded_station
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import ConfigError, InputError, UsageError
+from aerodft.errors import ConfigError, InputError, Reason, UsageError
 from aerodft.geometry import Ground, camera_attitude, from_rotation_vector, matrix, multiply
 from aerodft.model import (
     FloatArray,
@@ -160,7 +160,7 @@ def _as_reported(
     if middle.pose is None or middle.reasons:
         got = "; ".join((str(middle.status), *middle.reasons))
         hint = "see `diagnose`, and height and attitude in [telemetry]"
-        raise InputError(f'image "{image.name}" has no pose', where=path, got=got, hint=hint)
+        raise InputError(f'image "{image.name}" has no pose', where=path, got=Reason(got), hint=hint)
     if middle.lat_rad is None and _needs_place(image):
         expected = "a position: landmarks are seen in it"
         raise InputError(f'image "{image.name}"', where=path, got="no position in the telemetry", expected=expected)

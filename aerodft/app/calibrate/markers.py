@@ -14,7 +14,7 @@ from aerodft.adapters.config.evidence import EvidenceFile, MarkersFile, load_mar
 from aerodft.adapters.images import STILLS, NamedImage, check_mode, image_files, named_images, refuse_other_size
 from aerodft.app import Progress, no_progress
 from aerodft.app.calibrate.checks import check_unknowns
-from aerodft.errors import InputError, NotDetermined, UsageError
+from aerodft.errors import InputError, NotDetermined, Reason, UsageError
 from aerodft.model import Camera, FloatArray, ImageArray, MarkerSighting, ProjectionModel, Px, marker_name
 from calibration.markers import MIN_SIDE_PX, Judgement, Miss, find_markers, judge, other_dictionary
 from calibration.pose import calibrate
@@ -76,7 +76,7 @@ def detected_evidence(
     if judgement.conflict:
         hint = "check ids, places, side_m and std_m, or add markers"
         got = f"{_ids(together)}: {judgement.conflict}"
-        raise NotDetermined("the markers contradict each other", where=markers, got=got, hint=hint)
+        raise NotDetermined("the markers contradict each other", where=markers, got=Reason(got), hint=hint)
     unseen = sorted(set(file.survey.by_id).difference(*seen.values()))
     notes = (*doubts, *_notes(unseen, moved, together, judgement))
     kept = {each.name for each in judgement.known.evidence}

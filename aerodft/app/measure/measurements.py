@@ -25,7 +25,7 @@ from aerodft.conventions import LARGEST
 from aerodft.dft import PROBE_KINDS, Request, Share, advice, ground_frame_pose, link_requests
 from aerodft.dft import measure as measure_batch
 from aerodft.dft.maps import GroundMap, ground_covariances
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.errors import NoAnswerError, UsageError, counted
 from aerodft.model import Camera, FloatArray, Measurement, Pose, PoseBatch, PoseSample, ProbeKind, ProjectionModel
 
 Pixels: TypeAlias = Sequence[float] | Sequence[tuple[float, float]] | FloatArray
@@ -108,7 +108,7 @@ class ImageProbe:
         kind = PROBE_KINDS[self.kind]
         if not kind.takes_pixels(len(pairs)):
             wanted = f"{kind.pixels_wanted} for {self.kind}"
-            raise UsageError(f"a {self.kind}", got=f"{len(pairs)} pixels", expected=wanted)
+            raise UsageError(f"a {self.kind}", got=counted(len(pairs), "pixel"), expected=wanted)
         if wrong := kind.wrong_elevations(elevation_m, stds_m, len(pairs)):
             wanted = f"{kind.elevations_wanted(len(pairs))} of {self.kind}"
             raise UsageError(f"the elevations of a {self.kind}", got=wrong, expected=wanted)
@@ -293,7 +293,7 @@ def requests_of(probes: Iterable[ImageProbe]) -> tuple[Request, ...]:
     try:
         return link_requests(Request(probe=probe, pixels=probe.pixels, std_px=probe.std_px) for probe in named.values())
     except ValueError as error:
-        raise UsageError("`on_top_of`", got=str(error), expected="the name of a height of the same image") from None
+        raise UsageError("`on_top_of`", got=error) from None
 
 
 @overload

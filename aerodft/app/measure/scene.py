@@ -268,7 +268,7 @@ class CameraPose:
             raise UsageError("`altitude_m` without an elevation model", expected="`height_m`, or the ground's altitude")
         height_m = self.altitude_m - origin.alt_msl_m
         if not height_m >= _LOWEST_M:
-            got = f"{self.altitude_m:g} m, the ground there is at {origin.alt_msl_m:.2f} m"
+            got = f"{self.altitude_m:g} m where the ground is at {origin.alt_msl_m:.2f} m"
             raise InputError("`altitude_m`", got=got, expected="the camera above the ground")
         return height_m
 

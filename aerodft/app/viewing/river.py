@@ -10,7 +10,7 @@ from aerodft.adapters.wire.payload import as_json
 from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.questions import MOST_POINTS, is_pixel
 from aerodft.app.viewing.view import View
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.errors import NoAnswerError, Reason, UsageError
 from aerodft.vision.river import River, RiverHints, RiverView
 
 _MOST_STROKES: Final = 64
@@ -48,7 +48,7 @@ def river_in(view: View, number: int, strokes: object, hinted: int) -> dict[str,
 def _river_view(view: View, number: int) -> RiverView:
     setup, sample = view.scene(number)
     if sample.pose is None:
-        raise NoAnswerError("the image has no pose", got="; ".join(sample.reasons))
+        raise NoAnswerError("the image has no pose", got=Reason("; ".join(sample.reasons)))
     return RiverView(number, setup, sample, partial(view.pixels, number))
 
 

@@ -376,7 +376,7 @@ def add_probe(path: Path, probe: ImageProbe, *, at_ns: int | None) -> None:
     try:
         before = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError("the station's file cannot be read", where=path, got=error.strerror) from error
+        raise InputError("the station's file cannot be read", where=path, got=error) from error
     after = f"{before.rstrip()}\n\n{tomli_w.dumps({'probe': [table]})}"
     parse_station(after.encode(), where=str(path), folder=path.parent)
     with whole_file(path, overwrite=True) as partial:

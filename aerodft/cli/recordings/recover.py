@@ -9,7 +9,7 @@ import typer
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.cli.options import JsonOption
 from aerodft.cli.output import LOSS, print_json, say
-from aerodft.errors import NoAnswerError
+from aerodft.errors import NoAnswerError, Reason
 
 if TYPE_CHECKING:
     from aerodft.adapters.recording.recover import DataLoss, Recovery, SegmentRecovery
@@ -38,7 +38,7 @@ def recover(
     for recovery in recoveries:
         _say(recovery)
     if recoveries and not any(recovery.messages for recovery in recoveries):
-        raise NoAnswerError("nothing can be recovered", where=folder, got="no whole message in any segment")
+        raise NoAnswerError("nothing can be recovered", where=folder, got=Reason("no segment holds a whole message"))
     if any(recovery.is_lossy for recovery in recoveries):
         raise typer.Exit(LOSS)
 

@@ -10,7 +10,7 @@ import typer
 from aerodft.app import no_progress
 from aerodft.cli.options import JsonOption, grouped
 from aerodft.cli.output import check_output, print_json, progress, say, tables
-from aerodft.errors import UsageError
+from aerodft.errors import UsageError, counted
 from aerodft.model import ProjectionModel
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def calibrate(
 
     check_output(output, [*observations, camera, *([] if detect is None else [detect])])
     if detect is None and len(observations) != 1:
-        got, expected = f"{len(observations)} files", "one; images go with --detect MARKERS"
+        got, expected = counted(len(observations), "file"), "one; images go with --detect MARKERS"
         raise UsageError("observations", got=got, expected=expected)
     with nullcontext(no_progress) if detect is None else progress("looking for markers") as advance:
         found = solve(

@@ -11,7 +11,7 @@ from aerodft.cli.options import ConfigOption, JsonOption, SettingOptions, groupe
 from aerodft.cli.output import LOSS, print_json, progress, say
 from aerodft.cli.scenes.image_options import SurfaceOptions, refuse_beside
 from aerodft.conventions import LARGEST
-from aerodft.errors import NoAnswerError, UsageError
+from aerodft.errors import NoAnswerError, Reason, UsageError
 
 if TYPE_CHECKING:
     from aerodft.reports.river import RiverImages
@@ -127,7 +127,8 @@ def river(
     if survey.status == _CONTRADICTORY and survey.width_m is not None:
         raise typer.Exit(LOSS)
     if survey.status != "ok":
-        raise NoAnswerError("no river width", where=what, got=f"{survey.status}: {'; '.join(survey.reasons)}")
+        why = Reason(f"{survey.status}: {'; '.join(survey.reasons)}")
+        raise NoAnswerError("no river width", where=what, got=why)
 
 
 def _recorded(

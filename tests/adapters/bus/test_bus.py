@@ -209,7 +209,7 @@ def test_questions_are_answered(endpoint: str) -> None:
         (None, "not JSON"),
         ([1], "no JSON object"),
         ({"kind": "volume"}, 'kind: got "volume", expected one of'),
-        ({"kind": "distance", "pixels": [[1, 2]]}, "pixels: got 1 of them, expected 2 x [u, v] for distance"),
+        ({"kind": "distance", "pixels": [[1, 2]]}, "pixels: got 1 pixel, expected 2 x [u, v] for distance"),
         ({"kind": "distance", "pixels": "ab"}, 'pixels: got "ab", expected a list'),
         ({"kind": "range", "pixels": [[1, None]]}, "pixels[0][1]: got null, expected a number"),
         ({"kind": "range", "pixels": [[1, 2]], "colour": 1}, "unknown key"),

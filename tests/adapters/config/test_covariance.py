@@ -67,7 +67,7 @@ def test_what_is_exact_has_no_variance_and_no_covariance():
 @pytest.mark.parametrize(
     ("rows", "sentence"),
     [
-        ([[1.0, 0.0]], "got 1 rows, expected 2 rows of 2 numbers (a, b)"),
+        ([[1.0, 0.0]], "got 1 row, expected 2 rows of 2 numbers (a, b)"),
         ([[1.0, 0.0], [0.0]], "got 1 in [1], expected 2 rows of 2 numbers (a, b)"),
         ([[1.0, 0.2], [0.3, 1.0]], "got [0][1] = 0.2 and [1][0] = 0.3, expected the same number twice: it is symm"),
         ([[1.0, 0.0], [0.0, -0.25]], "got [1][1] = -0.25, expected variances of 0 or more on its diagonal"),
@@ -96,7 +96,7 @@ def test_a_file_of_rows(tmp_path):
         (b"", "cov.json: not JSON: got an empty file, expected a JSON list of rows"),
         (b"{}", "cov.json: covariance: got a table, expected a list"),
         (b"[]", "cov.json: covariance: got 0 rows, expected 6 rows of 6 numbers (east, north, up, then rotation"),
-        (b"[[]]", "cov.json: covariance: got 1 rows, expected 6 rows of 6 numbers"),
+        (b"[[]]", "cov.json: covariance: got 1 row, expected 6 rows of 6 numbers"),
         (b"[1, 2]", "cov.json: covariance[0]: got 1, expected a list"),
         (b'[[1, "2"]]', 'cov.json: covariance[0][1]: got "2", expected a number'),
         (b"[[1, true]]", "cov.json: covariance[0][1]: got true, expected a number"),

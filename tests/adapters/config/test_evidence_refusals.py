@@ -84,20 +84,20 @@ def sentence_of(folder, text, name="x.toml", crs=None, camera=None):
         ("[camera]\nposition_m = [1]\n" + P, "x.toml: camera.position_m.value: got [1], expected at least 2 of them"),
         (
             "[camera]\nposition_m = { value = [1, 2], std = [1, 2, 3] }\n" + P,
-            "x.toml: camera.position_m.std: got 3 of them, expected one, or 2 as the position has",
+            "x.toml: camera.position_m.std: got 3 stds, expected one, or 2 as the position has",
         ),
         (
             "[camera]\nposition_m = [1, 2, 3]\nheight_agl_m = 3\n" + P,
-            "x.toml: camera.height_agl_m: got it beside a height in position_m, expected one of the two",
+            "x.toml: camera.height_agl_m: it stands beside a height in position_m, expected one of the two",
         ),
         (
             "[camera]\nposition_m = [1, 2, 3]\nlat_deg = 3\n" + P,
-            "x.toml: camera.lat_deg: got it beside position_m, expected one of the two",
+            "x.toml: camera.lat_deg: it stands beside position_m, expected one of the two",
         ),
         ("[camera]\nlat_deg = 3\n" + P, "x.toml: camera.lon_deg: got nothing, expected a number"),
         (
             "[camera]\nposition_m = [1, 2]\nposition_std_m = 1\n" + P,
-            "x.toml: camera.position_std_m: got it without lat_deg, expected lat_deg and lon_deg; write position_m =",
+            "x.toml: camera.position_std_m: it stands without lat_deg, expected lat_deg and lon_deg; write position_m",
         ),
         ("[image]\nwidth_px = 3\n" + P, "x.toml: image.height_px: got nothing, expected both width_px and height_px"),
         ("[[range]]\npixel = [1, 2]\nrange_m = 0\n", "x.toml: range[0].range_m: got 0, expected more than 0"),
@@ -178,7 +178,7 @@ def test_a_wrong_value_is_named_with_its_table(tmp_path, text, sentence):
         ),
         (
             GEO + point(place=degrees(50, 5) + "\nposition_m = [1, 2, 3]"),
-            "x.toml: landmark[0].lat_deg: got it beside position_m, expected one of the two",
+            "x.toml: landmark[0].lat_deg: it stands beside position_m, expected one of the two",
         ),
         (
             GEO + point(place=degrees(149.1, -35.3)),

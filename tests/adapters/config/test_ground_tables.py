@@ -191,15 +191,21 @@ def test_a_terrain_is_laid_out_once(dem, tmp_path):
             (FIXED + PLACE + TERRAIN).replace("heading_deg = 0\n", ""),
             "x.toml: pose.heading_deg: got nothing, expected degrees from north, because the ground is laid out on",
         ),
-        (PLACED.replace("[camera]", '[camera]\nmodel = "dft"') + SLOPE, 'ground: got it beside camera.model = "dft"'),
+        (
+            PLACED.replace("[camera]", '[camera]\nmodel = "dft"') + SLOPE,
+            'ground: it stands beside camera.model = "dft"',
+        ),
         (PLACED + "[ground]\n", "x.toml: ground: got neither of them, expected either slope_deg with uphill_azimuth"),
         (
             PLACED + SLOPE + 'terrain = "dem.tif"\n',
-            "ground.uphill_azimuth_deg: got it beside terrain, expected",
+            "ground.uphill_azimuth_deg: it stands beside terrain, expected",
         ),
         (PLACED + "[ground]\nslope_deg = 5\n", "ground.uphill_azimuth_deg: got nothing, expected where the ground r"),
-        (PLACED + SLOPE + "cell_m = 5\n", "x.toml: ground.cell_m: got it beside slope_deg, expected one of the two"),
-        (PLACED + TERRAIN + "uphill_azimuth_deg = 5\n", "ground.uphill_azimuth_deg: got it beside terrain, expected"),
+        (PLACED + SLOPE + "cell_m = 5\n", "x.toml: ground.cell_m: it stands beside slope_deg, expected one of the two"),
+        (
+            PLACED + TERRAIN + "uphill_azimuth_deg = 5\n",
+            "ground.uphill_azimuth_deg: it stands beside terrain, expected",
+        ),
         (PLACED + "[ground]\nslope_deg = 90\nuphill_azimuth_deg = 0\n", "slope_deg: got 90, expected less than 90"),
         (PLACED + "[ground]\nslope = 9\n", "x.toml: ground.slope: unknown key; did you mean slope_deg?"),
         (PLACED + TERRAIN + "refraction = 1.0\n", "x.toml: ground.refraction: got 1.0, expected less than 1"),
@@ -252,7 +258,10 @@ def test_a_full_covariance_is_taken_as_it_is():
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        (rows(COV) + "std = { tilt_deg = 1 }\n", "x.toml: pose.std: got it beside covariance, expected one of the two"),
+        (
+            rows(COV) + "std = { tilt_deg = 1 }\n",
+            "x.toml: pose.std: it stands beside covariance, expected one of the two",
+        ),
         (rows(COV[:5]), "x.toml: pose.covariance: got 5 rows, expected 6 rows of 6 numbers (east, north, up, then rot"),
         (rows(COV - 0.02 * np.eye(6)), "x.toml: pose.covariance: got [2][2] = -0.0075"),
         (rows(COV + np.outer(*2 * [[0, 1, 0, 0, 0, 0]]) @ np.ones((6, 6))), "got [0][1] = "),
@@ -299,8 +308,14 @@ def test_a_probe_on_top_of_an_object():
             'probe[2].on_top_of: lies on no object: got "two", which lies on top of "pole", expected a height',
         ),
         (POLE + 'on_top_of = "pole"\n', 'lies on no object: got "pole", which lies on top of "pole"'),
-        (POLE + LINE + "elevation_m = 1\n", "x.toml: probe[1].elevation_m: got it beside on_top_of, expected one of t"),
-        (POLE + LINE + "elevation_std_m = 1\n", "probe[1].elevation_std_m: got it beside on_top_of, expected one of"),
+        (
+            POLE + LINE + "elevation_m = 1\n",
+            "x.toml: probe[1].elevation_m: it stands beside on_top_of, expected one of t",
+        ),
+        (
+            POLE + LINE + "elevation_std_m = 1\n",
+            "probe[1].elevation_std_m: it stands beside on_top_of, expected one of",
+        ),
     ],
 )
 def test_nothing_lies_on_top_of_what_is_no_object(text, sentence):

@@ -78,7 +78,7 @@ def test_landmarks_count_for_the_configurations_id_and_their_settings_only_with_
     ("text", "sentence"),
     [
         (FLIGHT + LOCAL + LOCAL, 'x.toml: landmark[1].name: got "post" again, expected a name of its own'),
-        (FLIGHT + LOCAL + "lat_deg = 3\n", "landmark[0].lat_deg: got it beside position_m, expected one of the two"),
+        (FLIGHT + LOCAL + "lat_deg = 3\n", "landmark[0].lat_deg: it stands beside position_m, expected one of the two"),
         (
             FLIGHT + ON_MAP.replace("alt_msl_m", "# "),
             "landmark[0].alt_msl_m: got nothing, expected lat_deg, lon_deg and alt_msl_m, or position_m",
@@ -93,11 +93,11 @@ def test_landmarks_count_for_the_configurations_id_and_their_settings_only_with_
         ),
         (
             ANYWHERE.replace("[telemetry]", "[pose]\nheight_agl_m = 8\ntilt_deg = 60") + LOCAL,
-            "x.toml: landmark: got it beside [pose], expected [telemetry]; find a fixed camera's pose with aerodft cal",
+            "x.toml: landmark: it stands beside [pose], expected [telemetry]; find a fixed camera's pose with aerodft",
         ),
         (
             FLIGHT.replace("[camera]", '[camera]\nmodel = "dft"') + LOCAL,
-            'x.toml: landmark: got it beside camera.model = "dft", expected "pinhole", or no [[landmark]]',
+            'x.toml: landmark: it stands beside camera.model = "dft", expected "pinhole", or no [[landmark]]',
         ),
         (
             FLIGHT + "[live_calibration]\nnoise_share = 1\n",

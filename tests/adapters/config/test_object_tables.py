@@ -65,7 +65,7 @@ def test_a_tracked_probe_has_pixels_of_the_first_image_or_of_its_time() -> None:
         ((FLYING, BANKS, "observed = true\n"), "one of the two"),
         ((FLYING, BANKS.replace("tracked = true\n", ""), 'at = "2026-11-21T10:00:00Z"\n'), "without tracked = true"),
         ((FLYING, BANKS.replace("distance", "track")), r'kind: got "track"'),
-        ((FLYING, BANKS.replace("[10, 20], ", "")), "1 of them"),
+        ((FLYING, BANKS.replace("[10, 20], ", "")), "got 1 pixel"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(parts: tuple[str, ...], sentence: str) -> None:
@@ -74,7 +74,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(parts: tuple[str, ...], se
 
 
 def test_the_paper_s_equations_follow_no_objects() -> None:
-    with pytest.raises(ConfigError, match=r"objects: got it beside camera.model"):
+    with pytest.raises(ConfigError, match=r"objects: it stands beside camera.model"):
         station(FIXED, "[objects]\n", camera=CAMERA + 'model = "dft"\n')
 
 

@@ -226,7 +226,7 @@ REFUSED = [
     (fill(KALIBR, "fov", [1.0]), "cam0.distortion_model: got the lens model 'fov', expected radtan or equidistant or"),
     (KALIBR_RADTAN.replace("pinhole", "omni"), "cam0.camera_model: got the lens model 'omni', expected pinhole"),
     (KALIBR_RADTAN + KALIBR_RADTAN.replace("cam0", "cam1"), "its cameras: got 2 cameras, expected one"),
-    (KALIBR_RADTAN.replace("[1920, 1080]", "[1920]"), "cam0.resolution: got 1 numbers, expected 2"),
+    (KALIBR_RADTAN.replace("[1920, 1080]", "[1920]"), "cam0.resolution: got 1 number, expected 2"),
     (FRAME.replace("frame", "spherical"), "calibration.projection: got the lens model 'spherical', expected frame or"),
     (FRAME.replace("<k1>", "<b2>0.4</b2><k1>"), "calibration.b2: got 0.4, expected 0: no lens model here has it"),
     (FRAME.replace("<f>1390.0</f>", "<f/>"), "calibration.f: got nothing, expected a finite number"),

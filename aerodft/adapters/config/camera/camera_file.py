@@ -16,7 +16,7 @@ from aerodft.adapters.config.covariance import COVARIANCE, check_covariance
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import SiAttribute, Table, si_value, unless_zero
-from aerodft.errors import located
+from aerodft.errors import Reason, counted, located
 from aerodft.model import Camera, CameraMode, CameraStd, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -92,7 +92,7 @@ class CameraTable(Table):
         elif lens := [key for key in _LENS_ONLY if key in stated]:
             raise impossible(
                 lens[0],
-                got="it beside a field of view",
+                got=Reason("it stands beside a field of view"),
                 expected="intrinsics",
                 hint="a distorted lens needs fx_px, fy_px, cx_px, cy_px from a lens calibration",
             )
@@ -137,7 +137,7 @@ class CameraTable(Table):
         if len(self.distortion) not in allowed:
             raise impossible(
                 "distortion",
-                got=f"{len(self.distortion)} coefficients",
+                got=counted(len(self.distortion), "coefficient"),
                 expected=f"{' or '.join(map(str, allowed))} for a {self.lens} lens",
             )
         if len(self.distortion_std) not in {0, len(self.distortion)}:

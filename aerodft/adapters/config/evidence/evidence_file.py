@@ -47,7 +47,7 @@ from aerodft.adapters.config.station import OriginTable, TelemetryTable, telemet
 from aerodft.adapters.config.tables import LOCAL, si_value
 from aerodft.adapters.files import content_looks_like
 from aerodft.adapters.timestamps import iso_to_unix_ns
-from aerodft.errors import ConfigError, located
+from aerodft.errors import ConfigError, Reason, located
 from aerodft.model import Camera, Evidence, EvidenceSet, GeoOrigin, KnownPoint, Landmark, Prior
 from aerodft.service import ErrorStd, TelemetrySettings
 
@@ -79,17 +79,21 @@ class ImageEntry(ImageTable, CameraPriorTable):
     @model_validator(mode="after")
     def _one_pose(self) -> Self:
         if self.focal_px is not None:
-            raise impossible("focal_px", got="it in an image", expected="it in [camera]: all images share the lens")
+            raise impossible(
+                "focal_px", got=Reason("it stands in an image"), expected="it in [camera]: all images share the lens"
+            )
         if self.utc is not None:
             try:
                 iso_to_unix_ns(self.utc)
             except ValueError as error:
-                raise impossible("utc", got=str(error), expected="UTC like 2026-11-21T01:57:26.5Z") from None
+                raise impossible("utc", got=Reason(error), expected="UTC") from None
         stated = [key for key in _POSE if key in self.model_fields_set]
         stamps = [key for key in ("utc", "index") if getattr(self, key) is not None]
         if len(stamps) > 1 or (stamps and stated):
             other = stamps[1] if len(stamps) > 1 else stated[0]
-            raise impossible(other, got=f"it beside {stamps[0]}", expected="a pose, or one stamp to look it up at")
+            raise impossible(
+                other, got=Reason(f"it stands beside {stamps[0]}"), expected="a pose, or one stamp to look it up at"
+            )
         if not stamps:
             has_height = self.height_agl_m is not None or len(self.place or ()) > 2  # noqa: PLR2004 - a height
             missing = "height_agl_m" if not has_height else "tilt_deg"
@@ -117,7 +121,7 @@ class FlightTable(TelemetryTable):
     def _is_recorded(self) -> Self:
         for key in _LIVE:
             if key in self.model_fields_set:
-                raise impossible(key, got="it beside [[image]]", expected="telemetry as it was recorded")
+                raise impossible(key, got=Reason("it stands beside [[image]]"), expected="telemetry as it was recorded")
         return self
 
 
@@ -214,7 +218,7 @@ class ImagesEvidenceTable(EvidenceTable):
             got = " and ".join(f"{width} x {height}" for width, height in sizes[:2])
             raise impossible("image", got=f"{got} pixels", expected="images of one size: one camera in one mode")
         for key in self.camera.model_fields_set - {"focal_px"}:
-            raise impossible(f"camera.{key}", got="it beside [[image]]", expected="it in the images")
+            raise impossible(f"camera.{key}", got=Reason("it stands beside [[image]]"), expected="it in the images")
         return self
 
 
@@ -228,7 +232,7 @@ def read_tables(document: dict[str, Any]) -> EvidenceTable:
         return validated(ImagesEvidenceTable, document)
     if "telemetry" in document:
         expected = "[[image]] tables, each with a name and utc or index"
-        raise ConfigError("telemetry", got="it without [[image]]", expected=expected)
+        raise ConfigError("telemetry", got=Reason("it stands without [[image]]"), expected=expected)
     return validated(EvidenceTable, document)
 
 
@@ -497,7 +501,7 @@ def _check_image(row: _Row, names: list[str] | None) -> None:
     """Refuse an observation of which nobody knows what image it is in; no names are one image alone."""
     image = row.table.image
     if image is not None and names is None:
-        raise ConfigError(f"{row.label}.image", got="it without [[image]]", expected="one image alone")
+        raise ConfigError(f"{row.label}.image", got=Reason("it stands without [[image]]"), expected="one image alone")
     if names is not None and image not in names:
         got = "nothing" if image is None else f'"{image}"'
         expected = f"one of {', '.join(names[:_MOST_NAMES])}{', ...' if len(names) > _MOST_NAMES else ''}"

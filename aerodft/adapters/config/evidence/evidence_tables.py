@@ -11,6 +11,7 @@ from aerodft.adapters.config import keys
 from aerodft.adapters.config.evidence.local_frame import LocalFrame
 from aerodft.adapters.config.keys import Quantity, impossible
 from aerodft.adapters.config.tables import LOCAL, SiAttribute, Table, ValueOrTable, si_value
+from aerodft.errors import Reason, counted
 from aerodft.model import (
     Evidence,
     GroundLines,
@@ -293,7 +294,7 @@ class PlaceTable(ValueOrTable):
 
 def _check_stds(key: str, std: tuple[float, ...] | None, size: int) -> None:
     if std is not None and len(std) not in {1, size}:
-        raise impossible(key, got=f"{len(std)} of them", expected=f"one, or {size} as the position has")
+        raise impossible(key, got=counted(len(std), "std"), expected=f"one, or {size} as the position has")
 
 
 class CameraPriorTable(InDegrees):
@@ -340,11 +341,15 @@ class CameraPriorTable(InDegrees):
         if self.position_std_m is not None:
             if not in_degrees:
                 hint = "write position_m = { value = [...], std = ... }"
-                raise impossible("position_std_m", got="it without lat_deg", expected="lat_deg and lon_deg", hint=hint)
+                raise impossible(
+                    "position_std_m", got=Reason("it stands without lat_deg"), expected="lat_deg and lon_deg", hint=hint
+                )
             _check_stds("position_std_m", self.position_std_m, len(in_degrees))
         if self.place is not None and len(self.place) == SPACE and self.height_agl_m is not None:
             key = "alt_m" if self.is_geo else "position_m"
-            raise impossible("height_agl_m", got=f"it beside a height in {key}", expected="one of the two")
+            raise impossible(
+                "height_agl_m", got=Reason(f"it stands beside a height in {key}"), expected="one of the two"
+            )
         return self
 
 

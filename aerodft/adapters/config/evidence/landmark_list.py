@@ -20,7 +20,7 @@ from aerodft.adapters.config.evidence.evidence_tables import GEO_KEYS, UNKNOWN
 from aerodft.adapters.config.evidence.local_frame import checked_crs, takes_degrees
 from aerodft.adapters.config.tables import GEO, LOCAL
 from aerodft.adapters.files import content_looks_like
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, counted
 
 _Rows: TypeAlias = list[tuple[str, dict[str, Any]]]
 
@@ -104,7 +104,7 @@ def _gcp_list(text: str, image: str | None) -> LandmarkList:
     for number, line in lines:
         cells = line.partition(" #")[0].split(maxsplit=_NUMBERS)
         if len(cells) <= _NUMBERS:
-            got, expected = f"{len(cells)} columns", "geo_x geo_y geo_z im_x im_y image_name, apart by spaces"
+            got, expected = counted(len(cells), "column"), "geo_x geo_y geo_z im_x im_y image_name, apart by spaces"
             raise ConfigError(f"line {number}", got=got, expected=expected)
         x, y, height, u, v = (_gcp_number(cell, number) for cell in cells[:_NUMBERS])
         place = dict(zip(GEO_KEYS, (y, x, height), strict=True)) if in_degrees else {"position_m": [x, y, height]}
@@ -226,7 +226,7 @@ def _landmark(
     if len(cells) != len(header):
         is_comma = len(cells) > len(header)
         hint = "decimals take a point, and a name with a separator in it stands in quotes" if is_comma else ""
-        got, expected = f"{len(cells)} cells", f"{len(header)} as the header"
+        got, expected = counted(len(cells), "cell"), f"{len(header)} as the header"
         raise ConfigError(f"line {number}", got=got, expected=expected, hint=hint)
     row: dict[str, object] = {}
     for key, places in columns.items():

@@ -37,7 +37,7 @@ from aerodft.adapters.config.evidence.evidence_tables import (
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, toml_excerpt, validated
-from aerodft.errors import ConfigError, located
+from aerodft.errors import ConfigError, Reason, located
 from aerodft.model import MarkerSighting, MarkerSurvey, SurveyedMarker, marker_name
 
 _PREFIX = "DICT_"
@@ -77,7 +77,7 @@ class MarkerTable(InDegrees):
             expected = f"position_m of its centre, or {', '.join(GEO_KEYS)}, or corners_m"
             raise impossible("position_m", got="nothing", expected=expected)
         if len(ways) > 1:
-            raise impossible(ways[1], got=f"it beside {ways[0]}", expected="one of the two")
+            raise impossible(ways[1], got=Reason(f"it stands beside {ways[0]}"), expected="one of the two")
         if self.is_geo:
             check_geo(self, needs_alt=True)
         if self.corners_m is None and None in self.places[0]:

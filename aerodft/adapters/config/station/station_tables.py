@@ -24,7 +24,7 @@ from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, ROWS, UNLESS_ZERO, FromFile, SiAttribute, Table, si_value
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
 from aerodft.dft import PROBE_KINDS
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, Reason, counted
 from aerodft.model import (
     FIXED_POINTS,
     Camera,
@@ -176,13 +176,15 @@ class ImagesTable(Table):
     def _one_input(self) -> Self:
         inputs = [key for key in _INPUTS if getattr(self, key) is not None]
         if len(inputs) > 1:
-            raise impossible(inputs[1], got=f"it beside {inputs[0]}", expected=f"one of {', '.join(_INPUTS)}")
+            raise impossible(
+                inputs[1], got=Reason(f"it stands beside {inputs[0]}"), expected=f"one of {', '.join(_INPUTS)}"
+            )
         for key, owner in (("start", "video"), ("pattern", "stills"), ("utc_offset", "stills")):
             if getattr(self, key) is not None and getattr(self, owner) is None:
-                raise impossible(key, got=f"it without {owner}", expected=f"{owner} beside it")
+                raise impossible(key, got=Reason(f"it stands without {owner}"), expected=f"{owner} beside it")
         if self.time_drift and self.time_reference is None:
             expected = "time_reference beside it, the instant of the camera's clock at which time_offset_s holds"
-            raise impossible("time_drift", got="it without time_reference", expected=expected)
+            raise impossible("time_drift", got=Reason("it stands without time_reference"), expected=expected)
         if self.time_offset_s is None and (self.time_drift or self.time_reference is not None):
             raise impossible("time_offset_s", got='"auto" beside a drift', expected="a number, or no drift")
         return self
@@ -253,17 +255,19 @@ class ProbeTable(Table):
     @model_validator(mode="after")
     def _fixed_or_observed(self) -> Self:
         if self.observed and self.pixels is not None:
-            raise impossible("pixels", got="it beside observed = true", expected="one of the two")
+            raise impossible("pixels", got=Reason("it stands beside observed = true"), expected="one of the two")
         if self.observed and self.tracked:
-            raise impossible("tracked", got="it beside observed = true", expected="one of the two")
+            raise impossible("tracked", got=Reason("it stands beside observed = true"), expected="one of the two")
         if self.at is not None and not self.tracked:
-            raise impossible("at", got="it without tracked = true", expected="the time of the image of tracked pixels")
+            raise impossible(
+                "at", got=Reason("it stands without tracked = true"), expected="the time of the image of tracked pixels"
+            )
         if not self.observed and self.pixels is None:
             raise impossible("pixels", got="nothing", expected="[[u, v], ...], or observed = true")
         kind = PROBE_KINDS[ProbeKind(self.kind)]
         if self.pixels is not None and not kind.takes_pixels(len(self.pixels)):
             expected = f"{kind.pixels_wanted} for {self.kind}"
-            raise impossible("pixels", got=f"{len(self.pixels)} of them", expected=expected)
+            raise impossible("pixels", got=counted(len(self.pixels), "pixel"), expected=expected)
         count = self.elevation_count if self.pixels is None else len(self.pixels)
         if wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, count):
             raise impossible("elevation_m", got=wrong, expected=f"{kind.elevations_wanted(count)} of {self.kind}")
@@ -316,7 +320,7 @@ class ConfigTable(Table):
             raise impossible("", got=got, expected="either [telemetry] or [pose]", hint="[pose] is for a fixed camera")
         if self.camera_motion is not None and self.pose is None:
             hint = "a camera that moves has no image to be held against"
-            raise impossible("camera_motion", got="it beside [telemetry]", expected="[pose]", hint=hint)
+            raise impossible("camera_motion", got=Reason("it stands beside [telemetry]"), expected="[pose]", hint=hint)
         if self.pose is not None and (tracked := next((each.name for each in self.probe if each.tracked), None)):
             got, hint = (
                 f'tracked = true of "{tracked}" beside [pose]',
@@ -326,7 +330,7 @@ class ConfigTable(Table):
         for key in ("landmark", "markers"):
             if getattr(self, key) and self.telemetry is None:
                 hint = "find a fixed camera's pose with aerodft calibrate"
-                raise impossible(key, got="it beside [pose]", expected="[telemetry]", hint=hint)
+                raise impossible(key, got=Reason("it stands beside [pose]"), expected="[telemetry]", hint=hint)
         return self
 
     @model_validator(mode="after")
@@ -335,7 +339,7 @@ class ConfigTable(Table):
         if self.camera.model is ProjectionModel.DFT and (key := next(stated, None)):
             expected = f'"pinhole", or no {"[[landmark]]" if key == "landmark" else f"[{key}]"}'
             hint = f"the equations of the paper know {_NOT_IN_THE_PAPER[key]}"
-            raise impossible(key, got='it beside camera.model = "dft"', expected=expected, hint=hint)
+            raise impossible(key, got=Reason('it stands beside camera.model = "dft"'), expected=expected, hint=hint)
         return self
 
     @model_validator(mode="after")

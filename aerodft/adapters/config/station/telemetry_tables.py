@@ -19,6 +19,7 @@ from aerodft.adapters.config.tables import (
     to_percent,
     to_s,
 )
+from aerodft.errors import Reason
 from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
 from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, AngleScale, HeightSettings, TelemetrySettings
 
@@ -276,7 +277,7 @@ class TelemetryTable(Table):
     @model_validator(mode="after")
     def _a_link_to_sign(self) -> Self:
         if self.signing is not None and self.connection is None:
-            raise impossible("signing", got="it without connection", expected="connection beside it")
+            raise impossible("signing", got=Reason("it stands without connection"), expected="connection beside it")
         return self
 
 

@@ -204,7 +204,7 @@ def content_bytes(place: ChunkLocation) -> int:
             file.seek(place.offset)
             return chunk_head(file.read(min(HEAD_BYTES, place.length)), place.length).content_bytes
     except OSError as error:
-        raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
+        raise InputError("the recording cannot be read", where=place.path, got=error) from error
     except ValueError:
         return 0
 

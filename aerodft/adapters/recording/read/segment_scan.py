@@ -239,7 +239,7 @@ def log_times(place: ChunkLocation) -> dict[int, tuple[int, ...]] | None:
                 index = MessageIndex.read(ReadDataStream(BytesIO(content)))
                 times[index.channel_id] = tuple(at for at, _ in index.records)
     except OSError as error:
-        raise InputError("the recording cannot be read", where=place.path, got=error.strerror) from error
+        raise InputError("the recording cannot be read", where=place.path, got=error) from error
     except DAMAGED:
         return None
     return times or None

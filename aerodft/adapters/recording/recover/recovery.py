@@ -150,7 +150,7 @@ def recover_folder(folder: Path) -> Recovery:
         segments = [each for stem in SERIES for each in _recover_series(stem, scans, owners)]
     except OSError as error:
         where = error.filename or folder
-        raise InputError("the recording cannot be recovered", where=where, got=error.strerror) from error
+        raise InputError("the recording cannot be recovered", where=where, got=error) from error
     return Recovery(folder=folder, segments=tuple(segments))
 
 

@@ -547,4 +547,4 @@ def _refusal(address: LinkAddress, error: OSError) -> LinkError:
     if error.errno == errno.EADDRNOTAVAIL:
         return LinkError("not an address of this machine", where=address.text, got=address.host)
     what = "the device cannot be opened" if address.kind is LinkKind.SERIAL else "cannot be opened"
-    return LinkError(what, where=address.text, got=error.strerror or error)
+    return LinkError(what, where=address.text, got=error)

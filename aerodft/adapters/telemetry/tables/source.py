@@ -11,7 +11,7 @@ from aerodft.adapters.telemetry.mavlink import FrameCounts
 from aerodft.adapters.telemetry.tables.decoding import PROTOCOL, layout_frame
 from aerodft.adapters.telemetry.tables.layouts import LOCAL, MISSION_PLANNER, UTC, Layout, layout_of, mapped_layout
 from aerodft.conventions import SECOND_NS
-from aerodft.errors import InputError, os_errors_as
+from aerodft.errors import InputError, counted, os_errors_as
 from aerodft.model import Event
 from aerodft.service import block_of
 
@@ -48,7 +48,7 @@ class TableLog:
         stamps_ns = self._stamps_ns([self._layout.cells(row) for row in rows])
         kept = rows_that_go_on(stamps_ns)
         if not kept:
-            raise InputError("no row states a time", where=path, got=f"{len(rows)} rows", expected=TITLE)
+            raise InputError("no row states a time", where=path, got=counted(len(rows), "row"), expected=TITLE)
         self._rows = [(stamp, rows[k]) for k in kept if (stamp := stamps_ns[k]) is not None]
         self._left_out = len(rows) - len(kept)
 

@@ -84,7 +84,7 @@ class RiverHints:
                 return RiverHints(document.get("water", []), document.get("land", []))
             except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
                 expected = '{"water": [[u, v], ...], "land": [[[u, v], [u, v]], ...]}'
-                raise InputError("no hints can be read", where=path, got=str(error), expected=expected) from error
+                raise InputError("no hints can be read", where=path, got=error, expected=expected) from error
         try:
             mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         except cv2.error:  # a header that claims more pixels than OpenCV believes

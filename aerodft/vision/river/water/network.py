@@ -47,7 +47,7 @@ class WaterNetwork:
         try:
             data = np.fromfile(path, dtype=np.uint8, count=min(path.stat().st_size, _MOST_BYTES))
         except OSError as error:
-            raise InputError("the water model cannot be read", where=path, got=error.strerror) from error
+            raise InputError("the water model cannot be read", where=path, got=error) from error
         try:
             return cls(cv2.dnn.readNetFromONNX(data), path)
         except cv2.error:

@@ -7,7 +7,7 @@ import re
 from typing import Any, Final
 
 from aerodft.adapters.config.camera.formats.values import Values, camera_keys, named_distortion, refused_model
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, counted
 from aerodft.model import LensModel
 
 _CENTRE_OF_FIRST_PX: Final = 0.5
@@ -39,7 +39,9 @@ def read(text: str) -> dict[str, Any]:
     """
     lines = _lines(text)
     if len(lines) > 1:
-        raise ConfigError("its cameras", got=f"{len(lines)} cameras", expected="one", hint="keep one line of them")
+        raise ConfigError(
+            "its cameras", got=counted(len(lines), "camera"), expected="one", hint="keep one line of them"
+        )
     found = _LINE.fullmatch(lines[0])
     if found is None:
         raise ConfigError("its camera", got=lines[0][:62], expected="CAMERA_ID MODEL WIDTH HEIGHT PARAMS")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, counted
 
 _MAX_YAML_LETTERS: Final = 200_000  # 5 s of the parser; files of calibrations have 500 to 20,000
 _OPENCV_HEADER: Final = re.compile(r"\A\s*%YAML:\S*[^\n]*\n")
@@ -21,7 +21,7 @@ def yaml_table(text: str) -> Mapping[str, Any]:
     import yaml  # noqa: PLC0415 - for these files alone
 
     if len(text) > _MAX_YAML_LETTERS:
-        raise ConfigError("too large for a camera's YAML", got=f"{len(text)} letters", expected="200 kB at most")
+        raise ConfigError("too large for a camera's YAML", got=counted(len(text), "letter"), expected="200 kB at most")
     try:
         # BaseLoader makes nothing but text, lists and tables, so that no tag and no number costs or runs anything.
         document = next(yaml.load_all(_OPENCV_HEADER.sub("", text), Loader=yaml.BaseLoader), None)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from aerodft.conventions import LARGEST
-from aerodft.errors import ConfigError
+from aerodft.errors import ConfigError, counted
 from aerodft.model import LensModel
 
 _BROWN: Final = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -89,7 +89,7 @@ class Values:
         rows = [each if isinstance(each, list) else [each] for each in value]
         found = tuple(self._checked(key, each) for row in rows for each in row)
         if count is not None and len(found) != count:
-            raise ConfigError(self.path(key), got=f"{len(found)} numbers", expected=f"{count}")
+            raise ConfigError(self.path(key), got=counted(len(found), "number"), expected=f"{count}")
         return found
 
     def _checked(self, key: str, value: object) -> float:
@@ -110,7 +110,7 @@ def only_table(tables: Mapping[str, Any], path: str = "") -> Values:
     """
     if len(tables) != 1:
         hint = "keep one of them in a copy of the file" if tables else "give a file that holds a camera"
-        raise ConfigError("its cameras", got=f"{len(tables)} cameras", expected="one", hint=hint)
+        raise ConfigError("its cameras", got=counted(len(tables), "camera"), expected="one", hint=hint)
     return Values(tables, path).table(next(iter(tables)))
 
 

@@ -26,7 +26,7 @@ _STEP_PER_RISE: Final = 1.5  # of a step beside a climb: 1 is a height that stan
 _TRAVEL_M, _TRAVEL_PER_STEP = 1.0, 0.2  # of the point below, with which the surface may step
 _REPEATS: Final = 3  # of one reading to the last digit, which has noise
 _MAX_EDGE_M: Final = 20.0  # between two readings: banks, canopies and houses are lower
-_NOTED_REPEAT_STDS: Final = 1.5  # of motion that such a reading did not follow: from here on it is in the std
+_NOTED_REPEAT_M: Final = 0.3  # of motion that such a reading did not follow: from here on it is in the std
 _MIN_REPEAT_M: Final = 1.5  # from here on it stands still; 3.5 times the noise of two heights above home of 0.3 m
 _SECOND_DIFFERENCES: Final = 11  # a bank's edge makes two of them large, a scattering sensor all
 _OF_SLOPE: Final = 2  # values that a second difference needs before
@@ -144,7 +144,7 @@ def _judge_repeats(state: FloatArray, raw: float, h: float, std_m: float) -> flo
         state[_RAW], state[_RUN], state[_RUN_H] = raw, 0.0, h
     state[_RUN] += 1
     risen_m = abs(h - state[_RUN_H])
-    if state[_RUN] < _REPEATS or risen_m <= _NOTED_REPEAT_STDS * std_m:
+    if state[_RUN] < _REPEATS or risen_m <= max(_NOTED_REPEAT_M, 1.5 * std_m):
         return 0.0
     if risen_m > max(_MIN_REPEAT_M, _CONTRADICTION_STDS * std_m):
         state[_VERDICT] = STUCK

@@ -127,7 +127,8 @@ def test_what_import_says_is_an_option_of_import(options):
             for name in re.findall(r"`([a-z_]+)`", text):
                 typed = as_typed(f"`{name}`").split()[0]
                 seen.add(typed)
-                if typed.startswith("--") and typed not in options["import"]:
+                is_of_photo = name == "camera"  # a photo's own camera is read by commands that take one
+                if typed.startswith("--") and typed not in options["import"] and not is_of_photo:
                     wrong.append((path.name, name, typed))
     assert seen >= {"--max-offset", "--utc-offset", "--video-start"}
     assert wrong == []

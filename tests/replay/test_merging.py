@@ -12,8 +12,7 @@ from mcap.writer import Writer
 from aerodft.adapters.recording import encode_records
 from aerodft.adapters.recording.recover import recover_folder
 from aerodft.errors import InputError
-from replay.export import merge_segments
-from replay.export.merging import FileAttachment, MergedRecordingWriter
+from replay.export.merging import FileAttachment, MergedRecordingWriter, merge_segments
 from replay.recordings import Recording, segments
 
 COUNT = 300

@@ -11,7 +11,7 @@ from pymavlink import mavutil
 from aerodft.adapters.telemetry import TlogSource
 from aerodft.adapters.telemetry.mavlink import frame_table, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.decoding import WANTED
-from aerodft.adapters.telemetry.mavlink.kernels import named_images, read_headers
+from aerodft.adapters.telemetry.mavlink.kernels import copy_payloads, read_headers
 from aerodft.model import RawBlock
 from tests.nights import at_night
 
@@ -34,7 +34,7 @@ def ours(path: Path) -> dict[str, np.ndarray]:
         for message_id in WANTED:
             index, dtype = np.flatnonzero(heads[0] == message_id), payload_dtype(message_id)
             raw = np.zeros((len(index), dtype.itemsize), dtype=np.uint8)
-            named_images(data, heads[3:, index], raw)
+            copy_payloads(data, heads[3:, index], raw)
             found[message_name(message_id)].append(raw.view(dtype)[:, 0])
     return {name: np.concatenate(parts) for name, parts in found.items()}
 

@@ -94,7 +94,7 @@ def test_a_pipe_among_the_segments_holds_nobody_up(tmp_path: Path, command: str)
     done = run_aerodft(command, folder, *out.get(command, ()))
     assert done.code == 3
     assert f"{folder / 'data_000.mcap'}: the recording cannot be re" in done.err
-    assert "got a pipe or a device" in done.err
+    assert "it is a pipe or a device, not a file" in done.err
     assert not (tmp_path / "out").exists()
 
 

@@ -349,15 +349,19 @@ def all_of(*lies: Lie) -> Lie:
     return lie
 
 
-def stuck(name: str, *fields: str, from_s: float = LIE_FROM_S) -> Lie:
-    """A lie that repeats a message's fields as they were at a time."""
-    held: dict[str, Any] = {}
+def stuck(name: str, *fields: str, from_s: float = LIE_FROM_S) -> Callable[[Flight], Lie]:
+    """A lie that repeats a message's fields as they were at a time of each flight."""
 
-    def change(row: dict[str, Any], _: float) -> None:
-        for each in fields:
-            row[each] = held.setdefault(each, row[each])
+    def lie(_: Flight) -> Lie:
+        held: dict[str, Any] = {}
 
-    return later(name, change, from_s)
+        def change(row: dict[str, Any], _: float) -> None:
+            for each in fields:
+                row[each] = held.setdefault(each, row[each])
+
+        return later(name, change, from_s)
+
+    return lie
 
 
 def added(name: str, from_s: float = LIE_FROM_S, to_s: float = SECONDS, **steps: float) -> Lie:
@@ -496,14 +500,14 @@ HEIGHTS = {
     "height steps by -12 m": _lie(later("global_position_int", lambda r, _: _height(r, -12))),
     "height drifts by 1 m/s": _lie(later("global_position_int", _height)),
     "height is random": Kind(lie=_random_heights),
-    "height is stuck": _lie(stuck("global_position_int", "relative_alt")),
+    "height is stuck": Kind(lie=stuck("global_position_int", "relative_alt")),
     "height is scaled": _lie(scaled("global_position_int", factors={"relative_alt": 1.4})),
     "height is in feet": _lie(scaled("global_position_int", 0, factors={"relative_alt": 1 / 0.3048})),
     "home moves by 20 m": _lie(
         all_of(added("global_position_int", relative_alt=-20_000), added("home_position", altitude=20_000))
     ),
     "height is 3 m while landed": _lie(added("global_position_int", 0, relative_alt=3000)),
-    "rangefinder is stuck": _lie(stuck("distance_sensor", "current_distance"), has_rangefinder=True),
+    "rangefinder is stuck": Kind(lie=stuck("distance_sensor", "current_distance"), has_rangefinder=True),
     "rangefinder is random": Kind(lie=_random_range, has_rangefinder=True),
     "rangefinder is pinned": _lie(
         later("distance_sensor", lambda row, _: row.update(current_distance=12_999)), has_rangefinder=True
@@ -515,7 +519,7 @@ GIMBALS = {
     "pitch is negated": _lie(gimbal(lambda r, p, y: (r, -p, y))),
     "pitch is negated, alone": _lie(gimbal(lambda r, p, y: (r, -p, y), 0), has_mount=False),
     "pitch is scaled": _lie(gimbal(lambda r, p, y: (r, 0.7 * p, y))),
-    "gimbal is stuck": _lie(stuck("gimbal_device_attitude_status", "q")),
+    "gimbal is stuck": Kind(lie=stuck("gimbal_device_attitude_status", "q")),
     "gimbal is 3 s late": Kind(lie=_delayed(3.0)),
     "degrees in a hundredth": _lie(gimbal(lambda r, p, y: (r / 100, p / 100, y / 100))),
     "degrees hundredfold": _lie(scaled("mount_orientation", factors={"pitch": 100.0})),
@@ -529,7 +533,7 @@ GIMBALS = {
 }
 
 ATTITUDES = {
-    "attitude is stuck": _lie(stuck("attitude", "roll", "pitch", "yaw"), has_mount=False),
+    "attitude is stuck": Kind(lie=stuck("attitude", "roll", "pitch", "yaw"), has_mount=False),
     "attitude is in degrees": _lie(
         scaled("attitude", factors=dict.fromkeys(("roll", "pitch", "yaw"), 180 / math.pi)), has_mount=False
     ),
@@ -545,7 +549,7 @@ POSITIONS = {
     "position jumps by 300 m": _lie(_place(300, 0)),
     "position glitches by 40 m for 3 s": _lie(_place(0, 40, to_s=LIE_FROM_S + 3)),
     "position is 15 m off": _lie(_place(15, 0)),
-    "position is frozen": _lie(stuck("global_position_int", "lat", "lon")),
+    "position is frozen": Kind(lie=stuck("global_position_int", "lat", "lon")),
     "latitude and longitude are swapped": _lie(later("global_position_int", _swapped)),
     "swapped from the start": _lie(later("global_position_int", _swapped, 0)),
     "position is zero": _lie(scaled("global_position_int", factors={"lat": 0, "lon": 0})),
@@ -573,7 +577,7 @@ CLOCKS = {
     "gimbal's time is 2 s off": _lie(clock(lambda ms: ms - 2000, "gimbal_device_attitude_status", "mount_orientation")),
     "position's time is 3 s off": _lie(clock(lambda ms: ms - 3000, "global_position_int")),
     "UTC steps by 10 s": _lie(added("system_time", time_unix_usec=10_000_000)),
-    "UTC is frozen": _lie(stuck("system_time", "time_unix_usec")),
+    "UTC is frozen": Kind(lie=stuck("system_time", "time_unix_usec")),
     "the recording machine's clock steps by 4 s": _lie(_arrivals(4.0)),
 }
 

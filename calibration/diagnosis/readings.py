@@ -25,7 +25,7 @@ _LARGE_M: Final = 1e5
 _WEB_MERCATOR: Final = "EPSG:3857"
 _PLACE: Final = ("east", "north", "heading")
 POSE: Final = ("east", "north", "height", "tilt", "roll", "heading")
-OWN_PLACE: Final = {"east", "north", "height", "heading", "elevation"}
+_OWN_PLACE: Final = {"east", "north", "height", "heading", "elevation"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +38,7 @@ class Reading:
         hint: What to do.
         known: The evidence, read so.
         names: The unknowns to solve for.
+        dropped: Number of priors that have no meaning then.
     """
 
     kind: str
@@ -45,6 +46,7 @@ class Reading:
     hint: str
     known: EvidenceSet
     names: tuple[str, ...]
+    dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,12 +99,13 @@ def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, 
     if not points.landmarks:
         return
     priors = found.known.priors
-    others = {name: prior for name, prior in priors.items() if name not in OWN_PLACE}
+    others = {name: prior for name, prior in priors.items() if name not in _OWN_PLACE}
     unknowns = tuple(dict.fromkeys((*expand_groups(names), *(name for name in _PLACE if name in priors))))
     for kind, what, hint, places_m in _other_places(found.frame, points.places):
         if np.all(np.isfinite(places_m)):
             known = EvidenceSet(evidence=(*points.at(points.pixels, places_m), *points.others), priors=others)
-            yield Reading(kind=kind, what=what, hint=hint, known=known, names=unknowns)
+            dropped = len(priors) - len(others)
+            yield Reading(kind=kind, what=what, hint=hint, known=known, names=unknowns, dropped=dropped)
     here_m = found.frame.local_m(points.places)
     for kind, what, hint, pixels in _other_pixels(points.pixels, camera):
         if in_image(camera, pixels).all():
@@ -163,7 +166,8 @@ def _other_pixels(pixels: FloatArray, camera: Camera) -> Iterator[tuple[str, str
     flipped = np.column_stack([u, camera.height_px - 1 - v])
     yield MIRROR, "v looks as if counted from the bottom of the image", "count v from the top", flipped
     mirrored = np.column_stack([camera.width_px - 1 - u, v])
-    yield MIRROR, MIRRORED_IMAGE, "read the pixels in the image as the camera took it", mirrored
+    hint = "read the pixels in the image as the camera took it, unless two coordinates of the places are interchanged"
+    yield MIRROR, MIRRORED_IMAGE, hint, mirrored
     for step, where in ((1, "next"), (-1, "previous")):
         if len(pixels) > 1:
             what = f"each pixel looks as if it belonged to the {where} landmark"

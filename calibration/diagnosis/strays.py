@@ -14,6 +14,7 @@ from aerodft.geometry import rays_from_pixels, reproject
 from aerodft.model import Evidence, FloatArray, GroundPoint, Landmark, SlantRange
 from calibration.pose import Result, State
 
+INTERCHANGED: Final = "look interchanged"
 _MIN_SHIFT_M: Final = 10.0  # by which datums differ at least, where it matters
 _SAME_M, _SAME = 2.0, 0.05  # how well the shifts of several landmarks agree
 _NEAR_STDS, _NEAR_PX = 6.0, 3.0
@@ -123,7 +124,7 @@ def _swapped(found: EvidenceFile, state: State, strays: Sequence[_Stray]) -> Inp
             and math.dist(other, first.landmark.pixel) <= first.near_px
         ):
             return InputError(
-                f"{first.stated.label} and {second.stated.label} look interchanged",
+                f"{first.stated.label} and {second.stated.label} {INTERCHANGED}",
                 where=found.path,
                 got=f"{first.landmark.name} where {second.landmark.name} is seen, and the other way round",
                 expected="each at its own pixel",

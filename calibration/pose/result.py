@@ -42,11 +42,12 @@ _MIN_REMAINDER: Final = 1e-9
 _MAX_RESIDUAL_PX: Final = 1e6  # larger ones are of points near the camera's own plane, without meaning
 _MAX_UNEXPLAINED_SHARE: Final = 0.003
 """Largest unexplained residual (rms), as a share of the image's diagonal, that may be one of careless clicks and of a
-lens without distortion in its file: 7 px of 1920 x 1080, 15 px of 4000 x 3000. At half of it surveys with a phone's
-clicks are refused. At twice of it a camera 6 std from the truth passes, read in an image of half the size."""
+lens without distortion in its file: 7 px of 1920 x 1080, 15 px of 4000 x 3000. At half of it surveys by a phone are
+refused; at twice of it a camera 9 std from the truth passes whose landmarks' heights were in feet."""
 _MAX_RESIDUAL_SHARE: Final = 0.03
 """Largest residual (rms) of any fit, as a share of the image's diagonal: 66 px of 1920 x 1080. Chosen: beyond it the
 landmarks are seen elsewhere, whatever their stds."""
+_MAX_PRIOR_STDS: Final = 6.0  # distance of a prior from its fitted value, beyond which observations contradict it
 LIMIT: Final = 0.5
 """An unknown whose standard deviation is a larger fraction of its natural size is not determined."""
 
@@ -406,10 +407,20 @@ class Result(Outcome[Problem, Solution]):
         return self.kept_rms_px <= _MAX_RESIDUAL_SHARE * self._diagonal_px
 
     @property
+    def is_pulled(self) -> bool:
+        """Whether a prior is far from its fitted value, in its std."""
+        residuals = self.solution.residuals
+        return bool(np.any(np.abs(residuals.values[residuals.owner < 0]) > _MAX_PRIOR_STDS))
+
+    @property
+    def is_near(self) -> bool:
+        """Whether the residuals are as small as those of careless clicks."""
+        return self.kept_rms_px <= _MAX_UNEXPLAINED_SHARE * self._diagonal_px
+
+    @property
     def is_consistent(self) -> bool:
         """Whether stated stds explain the residuals, or these are as small as those of careless clicks."""
-        is_small = self.kept_rms_px <= _MAX_UNEXPLAINED_SHARE * self._diagonal_px
-        return self.is_in_view and (self.solution.is_explained or is_small)
+        return self.is_in_view and (self.solution.is_explained or (self.is_near and not self.is_pulled))
 
     @property
     def _diagonal_px(self) -> float:

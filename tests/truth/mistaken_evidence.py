@@ -15,6 +15,10 @@ from .scenes import camera_axes
 FOOT_M = 0.3048
 UTM = "EPSG:32633"
 UTM_ZERO_M = np.array([592_850.0, 6_582_050.0, 62.0])
+TO_GEO = Transformer.from_pipeline(
+    "+proj=pipeline +step +inv +proj=tmerc +lat_0=47.3 +lon_0=11.4 +ellps=WGS84 +step +proj=unitconvert"
+    " +xy_in=rad +xy_out=deg"
+)
 INSIDE = 0.03
 """Share of the image's width and height along its border where no landmark is taken."""
 LENSES = {
@@ -103,82 +107,76 @@ class Scene:
     """A camera, its landmarks and what is right of them.
 
     Attributes:
-        truth: East, north (m), height above the plane (m), tilt, roll, heading (deg), as ``calibrate`` names them.
+        truth: What ``calibrate`` finds, by its names; east and north where the crs is in metres.
         evidence: Without a mistake.
+        eye_m: Camera in the frame of ``places_m``.
+        places_m: ``(n, 3)`` true places, metres.
     """
 
     truth: dict
     evidence: Evidence
+    eye_m: np.ndarray
+    places_m: np.ndarray
 
 
 def drawn_scene(seed):
-    """A scene that somebody may have: tilts of 2 to 82 deg, 4 to 150 m high, 6 to 12 landmarks."""
+    """A scene that somebody may have: tilts of 2 to 80 deg, 4 to 150 m high, 6 to 12 landmarks."""
     rng = np.random.default_rng([7, seed])
-    width, height = SIZES[seed % len(SIZES)]
-    model, distortion = LENSES[list(LENSES)[int(rng.integers(len(LENSES)))]]
-    focal = width * (
-        0.45 if model == "fisheye" else rng.uniform(0.7, 0.9) if distortion[0] < -0.1 else rng.uniform(0.7, 2.0)
-    )
-    lens = Lens(width, height, round(focal, 1), model, distortion)
+    lens = _drawn_lens(rng, SIZES[seed % len(SIZES)])
     tilt = float(np.linspace(2, 80, 20)[seed % 20])
     above, heading, roll = math.exp(rng.uniform(math.log(4), math.log(150))), rng.uniform(0, 360), rng.normal(0, 2)
-    relief = (0.0, 0.05, 0.3)[int(rng.integers(3))] * above
     axes = camera_axes(*map(math.radians, (tilt, roll, heading)))
     eye = np.array([rng.normal(0, 5), rng.normal(0, 5), above])
+    relief = (0.0, 0.05, 0.3)[int(rng.integers(3))] * above
     count, std_px = int(rng.integers(6, 13)), (1.0, 3.0)[int(rng.integers(2))]
+    places = _drawn_places(rng, lens, (axes, eye, tilt, heading), relief, count)
+    pixels = lens.pixels((places - eye) @ axes) + rng.normal(0, std_px, (count, 2))
+    std_m = (0.0, 0.003 * above)[int(rng.integers(2))]
+    said = places + rng.normal(0, 1, places.shape) * std_m
+    crs = ("local", UTM, "geo", "local")[seed % 4]
+    plane = 0.0 if crs == "local" else float(np.median(said[:, 2]))
+    truth = {"height_agl_m": above - plane, "tilt_deg": tilt, "roll_deg": roll, "heading_deg": heading}
+    zero = {"local": np.zeros(3), UTM: UTM_ZERO_M, "geo": np.array([0.0, 0.0, 580.0])}[crs]
+    if crs != "geo":
+        truth |= {"east_m": eye[0] + zero[0], "north_m": eye[1] + zero[1]}
+    said = said + zero
+    if crs == "geo":
+        lon, lat = TO_GEO.transform(said[:, 0], said[:, 1])
+        said = np.column_stack([lat, lon, said[:, 2]])
+    known = _drawn_knowledge(rng, seed, truth)
+    return Scene(truth, Evidence(crs, pixels, said, std_px, std_m, known, lens), eye, places)
+
+
+def _drawn_lens(rng, size):
+    model, distortion = LENSES[list(LENSES)[int(rng.integers(len(LENSES)))]]
+    low, high = (0.45, 0.45) if model == "fisheye" else (0.7, 0.9) if distortion[0] < -0.1 else (0.7, 2.0)
+    return Lens(*size, round(size[0] * rng.uniform(low, high), 1), model, distortion)
+
+
+def _drawn_places(rng, lens, camera, relief, count):
+    axes, eye, tilt, heading = camera
+    size = np.array([lens.width_px, lens.height_px])
+    ahead = np.array([math.sin(math.radians(heading)), math.cos(math.radians(heading))])
+    middle = eye[:2] + ahead * eye[2] * math.tan(math.radians(min(tilt, 76)))
     places = []
     while len(places) < count:
-        away = (
-            eye[:2]
-            + rng.normal(size=2) * above * 3
-            + np.array([math.sin(math.radians(heading)), math.cos(math.radians(heading))])
-            * above
-            * math.tan(math.radians(min(tilt, 76)))
-        )
-        place = np.array([*away, rng.uniform(0, relief) if relief else 0.0])
+        place = np.array([*(middle + rng.normal(size=2) * eye[2] * 3), rng.uniform(0, relief) if relief else 0.0])
         seen = lens.pixels(((place - eye) @ axes)[None])[0]
-        far = math.dist(place, eye) > 30 * above
-        if (
-            not far
-            and np.all(seen > INSIDE * np.array([width, height]))
-            and np.all(seen < (1 - INSIDE) * np.array([width, height]))
-        ):
+        is_inside = np.all(seen > INSIDE * size) and np.all(seen < (1 - INSIDE) * size)
+        if is_inside and math.dist(place, eye) < 30 * eye[2]:
             places.append(place)
-    places = np.array(places)
-    pixels = lens.pixels((places - eye) @ axes)
-    crs = ("local", UTM, "geo", "local")[seed % 4]
-    std_m = (0.0, 0.003 * above)[int(rng.integers(2))]
-    if crs == UTM:
-        places, eye = places + UTM_ZERO_M, eye + UTM_ZERO_M
-    said = places + rng.normal(0, 1, places.shape) * std_m
-    truth = {
-        "height_agl_m": above
-        - (0.0 if crs == "local" else float(np.median(said[:, 2]) - UTM_ZERO_M[2] * (crs == UTM))),
-        "tilt_deg": tilt,
-        "roll_deg": roll,
-        "heading_deg": heading,
-        "east_m": eye[0],
-        "north_m": eye[1],
-    }
-    camera = {}
-    if seed % 5 == 1 and crs != "geo":
-        camera = {
-            "position_m": {"value": (eye[:2] + rng.normal(0, 0.3, 2)).tolist(), "std": 0.3},
-            "height_agl_m": {"value": truth["height_agl_m"] + rng.normal(0, 0.1), "std": 0.1},
-        }
+    return np.array(places)
+
+
+def _drawn_knowledge(rng, seed, truth):
+    """What is stated of the camera in some scenes: its place, or its tilt."""
+    if seed % 5 == 1 and "east_m" in truth:
+        place = np.array([truth["east_m"], truth["north_m"]]) + rng.normal(0, 0.3, 2)
+        height = {"value": truth["height_agl_m"] + rng.normal(0, 0.1), "std": 0.1}
+        return {"position_m": {"value": place.tolist(), "std": 0.3}, "height_agl_m": height}
     if seed % 5 == 2:
-        camera = {"tilt_deg": {"value": min(max(tilt + rng.normal(0, 3), 0), 90), "std": 3.0}}
-    if crs == "geo":
-        to_geo = Transformer.from_pipeline(
-            "+proj=pipeline +step +inv +proj=tmerc +lat_0=47.3 +lon_0=11.4 +ellps=WGS84"
-            " +step +proj=unitconvert +xy_in=rad +xy_out=deg"
-        )
-        lon, lat = to_geo.transform(said[:, 0], said[:, 1])
-        said = np.column_stack([lat, lon, said[:, 2] + 580.0])
-        truth["height_agl_m"] = above + 580.0 - float(np.median(said[:, 2]))
-        for name in ("east_m", "north_m"):
-            truth.pop(name)
-    return Scene(truth, Evidence(crs, pixels + rng.normal(0, std_px, pixels.shape), said, std_px, std_m, camera, lens))
+        return {"tilt_deg": {"value": min(max(truth["tilt_deg"] + rng.normal(0, 3), 0), 90), "std": 3.0}}
+    return {}
 
 
 def _pixels(e, pixels):

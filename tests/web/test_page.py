@@ -114,6 +114,28 @@ def test_the_numbers_are_those_of_the_command_line_wherever_it_runs(page, tmp_pa
     assert "std of pixels assumed: 1 px" in reasons
 
 
+def test_heights_of_points_are_those_of_the_command_line(page, tmp_path, monkeypatch):
+    for x_m in (-6.0, 6.0):
+        click(page, seen(x_m, 30.0))
+    level = value_of(page)
+    page.fill("#heights", "0,5; 0")
+    page.fill("#heights-std", "0.1")
+    page.press("#heights-std", "Tab")
+    expect(page.locator("#measurements .value")).not_to_have_text(level, timeout=PATIENCE_MS)
+    page.wait_for_function("() => document.querySelector('#copies').ariaBusy === 'false'")
+    probe, command = copied(page, "probe"), copied(page, "command")
+    assert tomllib.loads(probe)["probe"][0]["elevation_m"] == [0.5, 0]
+    monkeypatch.chdir(tmp_path)
+    (found,) = run_aerodft(*shlex.split(command)[1:], "--json").json
+    assert value_of(page) == shown_measurement(found)
+    for _ in range(2):  # the std, then the heights
+        page.keyboard.press("Control+z")
+    expect(page.locator("#measurements .value")).to_have_text(level, timeout=PATIENCE_MS)
+    page.fill("#heights", "a metre")
+    page.press("#heights", "Tab")
+    expect(page.locator("#measurements .value")).to_contain_text("elevation_m", timeout=PATIENCE_MS)
+
+
 def test_a_dragged_point_and_what_was_taken_back(page):
     for x_m in (-6.0, 6.0):
         click(page, seen(x_m, 30.0))

@@ -1,6 +1,6 @@
 // What people measure: marks in the image, the one that is being made, and their numbers.
 
-import { labelText, quality, samplingText, valueText } from "./words.js";
+import { heightsOf, labelText, quality, samplingText, valueText } from "./words.js";
 
 export const KINDS = { // how many points, the key, and what to do
   width: { least: 2, most: 2, key: "w", help: "Click two banks." },
@@ -17,7 +17,7 @@ export class Marks {
   constructor(link, changed) {
     this.link = link;
     this.changed = changed;
-    this.items = []; // { name, kind, points, colour, found: its measurement, before: what it was }
+    this.items = []; // { name, kind, points, heights: as typed, colour, found: its measurement, before: what it was }
     this.draft = []; // points of the mark that is being made
     this.vertical = []; // the line that stands on the base of a height
     this.kind = "width";
@@ -132,6 +132,6 @@ export class Marks {
   }
 }
 
-export const probeOf = (mark) => ({ kind: mark.kind, pixels: mark.points, name: mark.name });
+export const probeOf = (mark) => ({ kind: mark.kind, pixels: mark.points, name: mark.name, ...heightsOf(mark) });
 
 const refusal = (text) => ({ status: "", reasons: [text], value: null, pixels: [] });

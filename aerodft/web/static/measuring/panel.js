@@ -4,7 +4,7 @@ import { element, fillList, find } from "../elements.js";
 import { COLOURS, probeOf } from "./marks.js";
 import { copyText, plain, quality, QUALITY_WORDS, stdText, valueText } from "./words.js";
 
-const LEAST_SHARE = 0.01;
+const LEAST_SHARE = 0.01, HEIGHTS = { heights: "elevation_m", "heights-std": "elevation_std_m" };
 
 export class Panel {
   constructor(marks, history, link) {
@@ -14,6 +14,7 @@ export class Panel {
     this.rows = new Map(); // mark: its row, made once, so that nothing moves under a finger
     find("copies").onclick = (event) => this.copy(event.target.dataset.copy);
     find("saving").onclick = (event) => this.save(event.target.dataset.save);
+    for (const [id, key] of Object.entries(HEIGHTS)) find(id).onchange = ({ target }) => this.raise(key, target.value);
   }
 
   draw(units, probes) {
@@ -24,7 +25,7 @@ export class Panel {
     const rows = items.map((mark) => this.rows.get(mark).row), list = find("measurements");
     if (rows.length !== list.children.length || rows.some((row, at) => row !== list.children[at])) list.replaceChildren(...rows);
     for (const mark of items) this.fill(mark, mark === current);
-    this.detail(current?.found);
+    this.detail(current);
     find("copies").ariaBusy = String(this.marks.measured !== this.marks.image); // numbers of the image before
     this.showProbes(probes);
   }
@@ -60,9 +61,17 @@ export class Panel {
     value.replaceChildren(element("b", head), element("span", rest));
   }
 
-  detail(found) {
+  raise(key, text) { // the selected mark's points
+    this.history.keep();
+    this.marks.current.heights = { ...this.marks.current.heights, [key]: text };
+    this.marks.measure();
+  }
+
+  detail(mark) {
+    const found = mark?.found;
     find("details").hidden = !found;
     if (!found) return;
+    for (const [id, key] of Object.entries(HEIGHTS)) if (document.activeElement !== find(id)) find(id).value = mark.heights?.[key] || "";
     const parts = (found.budget || []).map((part, at) => ({ ...part, colour: COLOURS[at % COLOURS.length] }));
     find("budget").replaceChildren(...parts.map(({ share, colour }) => {
       const bar = element("span");

@@ -113,6 +113,14 @@ export const plain = (sentence) => PAGE_WORDS.reduce((text, [from, to]) => text.
 export const handText = (text) => (matchMedia("(pointer: coarse)").matches // fingers tap
   ? text.replaceAll("click", "tap").replaceAll("Click", "Tap") : text);
 
+// ---- what is typed
+
+export function heightsOf({ heights = {} }) { // one number, or one for each point; null for what is no number
+  const numbers = (text) => text.split(/[\s;]+/).filter(Boolean).map((word) => Number(word.replace(/,$/, "").replace(",", ".")));
+  return Object.fromEntries(Object.entries(heights).map(([key, text]) => [key, numbers(text)])
+    .filter(([, several]) => several.length).map(([key, several]) => [key, several.length > 1 ? several : several[0]]));
+}
+
 // ---- what is taken along
 
 export function copyText(form, mark, units) {
@@ -125,5 +133,6 @@ export function copyText(form, mark, units) {
   if (form === "geojson") return found.geojson || "Nobody knows where on the map this is: the pose has no place.";
   if (form === "text") return `${name}: ${valueText(found, units)}`;
   const pixels = points.map(([u, v]) => `[${u}, ${v}]`).join(", ");
-  return `[[probe]]\nname = "${name}"\nkind = "${kind}"\npixels = [${pixels}]\n`;
+  const heights = Object.entries(heightsOf(mark)).map(([key, value]) => `${key} = ${JSON.stringify(value)}\n`).join("");
+  return `[[probe]]\nname = "${name}"\nkind = "${kind}"\npixels = [${pixels}]\n${heights}`;
 }

@@ -8,8 +8,8 @@ Units
     from outside is larger than ``LARGEST`` in its unit, so that squares and products of them stay finite.
 
 Heights
-    ``_agl_m`` above the measured (ground or water) plane, ``_home_m`` above the take-off point, ``_msl_m`` above mean
-    sea level, ``_ellipsoid_m`` above WGS84.
+    ``_agl_m`` above the measured (ground or water) plane of the stamp, ``_home_m`` above the take-off point, ``_msl_m``
+    above mean sea level, ``_ellipsoid_m`` above WGS84.
 
 Pixels
     (u, v), u right, v down; (0, 0) is the centre of the top-left pixel, the image spans -0.5 to W - 0.5.
@@ -24,7 +24,9 @@ Angles
     with the camera's right side down. Heading: clockwise from true north.
 
 Frames
-    ENU: x east, y north, z up, origin fixed on the measured plane. NED: x north, y east, z down, in MAVLink handling.
+    ENU: x east, y north, z up, origin fixed on the measured plane; where the water's level changes, at the station's
+    elevation 0. In memory a pose's up counts from the water at its stamp, so that the measured plane is always z = 0;
+    published ups and altitudes count from elevation 0. NED: x north, y east, z down, in MAVLink handling.
     Ground frame: origin on the plane straight below the camera, X right, Y ahead (the horizontal projection of the
     optical axis; at nadir of the image's up direction), Z up.
     ``dst_SO3_src`` and ``dst_SE3_src`` take points in ``src`` and return points in ``dst``.

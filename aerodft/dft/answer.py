@@ -160,7 +160,8 @@ class ProjectedPixels:
         zoom = None if is_unknown.all() else np.where(is_unknown, [1.0, 0.0], poses.zoom)
         magnification = None if zoom is None else zoom[:, 0]
         if shared_cov is None:
-            shared_cov = shared_covariance(setup.camera, poses.pose, np.zeros(len(poses)), zoom)
+            level_std_m = np.where(poses.has_own_height, 0.0, poses.level_std_m)
+            shared_cov = shared_covariance(setup.camera, poses.pose, level_std_m, zoom)
         ground = project(setup.camera, poses.pose, pixels_px, elevation_m, setup.model, setup.ground, magnification)
         elevation_m = np.broadcast_to(elevation_m, ground.status.shape)
         rays = pixel_rays(setup.camera, pixels_px, magnification)
@@ -253,12 +254,24 @@ class Answers:
         else:
             numbers["ellipse95"] = ellipses95(self._cov)
         if places["enu_m"].shape[2]:
-            numbers |= {**places, "cov_enu_m2": self._cov}
+            numbers |= {**places, "cov_enu_m2": self._cov_over_station()}
         missing = ~self.is_open
         if missing.any():
             for name, values in numbers.items():
                 numbers[name] = np.where(missing.reshape(*missing.shape, *[1] * (values.ndim - 2)), np.nan, values)
         return numbers
+
+    def _cov_over_station(self) -> FloatArray:
+        """Covariances of the points in the station's ENU ``(n, g, 3, 3)``.
+
+        The level of the water is in a point's up, also where the camera's height was measured to the water itself.
+        """
+        poses = self._view.poses
+        if not np.any(poses.has_own_height):
+            return self._cov
+        cov = self._cov.copy()
+        cov[..., 2, 2] += np.where(poses.has_own_height, np.square(poses.level_std_m), 0.0)[:, None]
+        return cov
 
     def variance_terms(self, request: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """One request's variance in each image as ``jac_shared``, the pixels' part, and the shared covariance."""

@@ -47,6 +47,7 @@ _REMEDIES = {
     "principal point": "calibrate the lens",
     "distortion": "calibrate the lens",
     "elevation": "survey the elevation of the measured plane",
+    "water level": "have readings of ground.level closer to the stamp, and survey level_zero_m",
     "time": "align the clocks of images and telemetry, or hold still",
     "pixels": "pick the pixels more precisely, come closer, or use more resolution",
 }
@@ -305,6 +306,7 @@ def variance_budgets(
         "time": np.square(by_motion * poses.pose.time_std_s),
         "pixels": own_var[0],
     }
+    variances_by_source |= _by_level(variances_by_source["elevation"], poses, shared_cov[:, ELEVATION, ELEVATION])
     variances_by_source["elevation"] = variances_by_source["elevation"] + own_var[1]
     total = np.sum(list(variances_by_source.values()), axis=0)
     is_settled = np.sqrt(pose_cov[:, _ROTATION_AXES, _ROTATION_AXES]).max(axis=-1) <= _MAX_SETTLED_STD_RAD
@@ -320,6 +322,19 @@ def variance_budgets(
         )
         for *row, total_var, settled, remedy in zip(*(column.tolist() for column in columns), remedies, strict=True)
     ]
+
+
+def _by_level(elevation_var: FloatArray, poses: PoseBatch, cov: FloatArray) -> dict[str, FloatArray]:
+    """The part of the shared elevation's error, split into that of the water's level and the rest.
+
+    Args:
+        elevation_var: ``(r,)`` parts of the scalars' variances.
+        poses: The ``(r,)`` poses.
+        cov: ``(r,)`` variances of the shared elevation, by both.
+    """
+    level_var = np.where(poses.has_own_height, 0.0, np.square(poses.level_std_m))
+    of_level = elevation_var * np.divide(level_var, cov, out=np.zeros_like(cov), where=cov > 0)
+    return {"water level": of_level, "elevation": elevation_var - of_level}
 
 
 def _share(source: str, variance: float, total: float, attitude_remedy: str | None) -> Share:

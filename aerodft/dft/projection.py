@@ -74,6 +74,8 @@ def lat_lon_alt(origin: GeoOrigin, points_enu_m: FloatArray) -> FloatArray:
 def position_columns(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dict[str, FloatArray]]:
     """Position numbers of a ``MeasurementColumn`` for each group of points: ground frame, ENU, WGS84, range.
 
+    Reported ups and altitudes count from the station's elevation 0, those of the groups from the measured plane.
+
     Args:
         poses: The ``(n,)`` poses of the points' images.
         groups: ENU points ``(n, g, q, 3)``.
@@ -81,10 +83,12 @@ def position_columns(poses: PoseBatch, groups: Sequence[FloatArray]) -> list[dic
     count = len(poses)
     enu_m = np.concatenate([each.reshape(count, -1, 3) for each in groups], axis=1)
     sight = enu_m - poses.pose.position_enu_m[:, None]
-    numbers = {"ground_m": to_ground_frame(poses.pose, enu_m), "enu_m": enu_m}
+    station_m = enu_m.copy()
+    station_m[..., 2] += poses.plane_elevation_m[:, None]
+    numbers = {"ground_m": to_ground_frame(poses.pose, enu_m), "enu_m": station_m}
     origins = [variant.origin for variant in poses.variants]
     if any(origin is not None for origin in origins):
-        numbers["geo"] = _lat_lon_alt_columns(poses, origins, enu_m)
+        numbers["geo"] = _lat_lon_alt_columns(poses, origins, station_m)
     numbers["range_m"] = np.sqrt(sight[..., 0] ** 2 + sight[..., 1] ** 2 + sight[..., 2] ** 2)
     ends = np.cumsum([each.shape[1] * each.shape[2] for each in groups])[:-1]
     split = {name: np.split(values, ends, axis=1) for name, values in numbers.items()}

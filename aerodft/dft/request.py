@@ -1,5 +1,6 @@
 """Input of the engine: a station's setup, and requests, each a probe with its pixels."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Optional
@@ -20,6 +21,7 @@ class Setup:
         ground: Ground below the probes' elevations; None for the level plane at 0, the dft model's only one.
         elevation_m: Height of the measured surface above the ground for whole images (probes have their own).
         elevation_std_m: Its standard deviation.
+        level_std_m: Standard deviation of the water's level, which elevations count from, at one stamp.
         max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
         config_id: Named in every measurement.
     """
@@ -29,8 +31,14 @@ class Setup:
     ground: Ground | None = None
     elevation_m: float = 0.0
     elevation_std_m: float = 0.0
+    level_std_m: float = 0.0
     max_range_m: float | None = None
     config_id: str | None = None
+
+    @property
+    def surface_std_m(self) -> float:
+        """Standard deviation of the measured surface's height, by its elevation and by the water's level."""
+        return math.hypot(self.elevation_std_m, self.level_std_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,12 +83,14 @@ class Request:
 
 
 def zoomed(setup: Setup, sample: PoseSample) -> tuple[Setup, PoseSample]:
-    """Setup and sample with the camera zoomed as at the sample's stamp, for work on whole images.
+    """Setup and sample with the camera zoomed and the water's level as at the sample's stamp, for whole images.
 
     The covariance of pose and lens errors, where calibrated together, is scaled from the camera file's focal lengths to
     the zoomed ones.
     """
-    zoom, pose = sample.zoom, sample.pose
+    zoom, pose, level = sample.zoom, sample.pose, sample.level
+    if level is not None and not level.is_height_own:
+        setup = replace(setup, level_std_m=level.std_m)
     if zoom is None:
         return setup, sample
     setup = replace(setup, camera=setup.camera.zoomed(zoom.magnification, zoom.std))

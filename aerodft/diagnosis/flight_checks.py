@@ -25,7 +25,7 @@ from aerodft.model import (
     Status,
 )
 from aerodft.service import LAST, Calibrator, PipelineSettings, TelemetrySettings, fixed_requests
-from aerodft.service.pose import PoseSource
+from aerodft.service.pose import PoseSource, over_water
 
 _FINE_FOR_NS: Final = 10 * SECOND_NS  # a link is listened to for that long
 _MOST_MOMENTS, _FEWEST_MOMENTS = 2000, 50  # asked for at once: the fewer, the more often the clock has jumped
@@ -173,6 +173,7 @@ class ImageCheck:
             time_std_s=settings.time_std_s,
             ground=settings.ground,
             camera=settings.camera if self._zooms else None,
+            level=settings.level,
         )
 
     def answers(self, poses: PoseBatch) -> list[ImageAnswer]:
@@ -180,6 +181,7 @@ class ImageCheck:
         if self._calibrator is not None:
             states, which = [self._calibrator.known()], np.zeros(len(poses), dtype=np.int64)
             poses = self._calibrator.refine(poses, states, which)
+        poses = over_water(poses, self._pipeline.level)
         columns = measure(self._pipeline.setup, poses, (*self._probes, *self._around)).columns
         is_ok: BoolArray = np.stack([column.status for column in columns]) == CODE_OF[Status.OK]
         of_probes, is_seen = is_ok[: len(self._probes)], np.asarray(np.any(is_ok, axis=0))

@@ -92,3 +92,4 @@ from aerodft.model.telemetry import (
     WireProtocol,
     concatenate_tracks,
 )
+from aerodft.model.water_level import MIN_READINGS, LevelSeries, WaterLevel

@@ -10,6 +10,7 @@ import numpy as np
 from aerodft.model.arrays import Batch, BoolArray, FloatArray, FloatLike, IntArray, Selection, read_only
 from aerodft.model.camera import Zoom
 from aerodft.model.status import CODE_OF, Status
+from aerodft.model.water_level import WaterLevel
 
 _TRAILING = {"position_enu_m": (3,), "wxyz": (4,), "cov": (6, 6), "velocity_enu_mps": (3,), "rate_cam_radps": (3,)}
 
@@ -23,7 +24,8 @@ class Pose(Batch):
     """``enu_SE3_cam``: the camera in the station's ENU frame; batch-first.
 
     Attributes:
-        position_enu_m: ``(..., 3)``; up is the height above the measured (ground or water) plane.
+        position_enu_m: ``(..., 3)``; up is the height above the measured (ground or water) plane; after
+            ``service.pose.over_water`` that of the water at the stamp.
         wxyz: ``(..., 4)`` unit quaternion ``enu_SO3_cam``; camera axes x right, y down, z forward.
         cov: ``(..., 6, 6)``: position (ENU, m^2), then a small rotation in camera axes (rad^2). Never Euler angles.
         lens_cov: ``(..., 6, m)`` covariance of those errors with the intrinsics', where one calibration found both;
@@ -144,7 +146,8 @@ class PoseSample:
     """The camera at one stamp with the source of each part; ``pose`` is None where ``status`` is not ok.
 
     ``datum_enu_m`` is the ENU height of the height's datum: 0 unless the ground is not level. ``zoom`` is the focal
-    length reported by the vehicle, if it is followed; None where the camera file's applies.
+    length reported by the vehicle, if it is followed; None where the camera file's applies. ``level`` is the water's
+    at the stamp, which the pose's height then counts from; None where the measured plane is always the same.
     """
 
     stamp_ns: int
@@ -164,6 +167,12 @@ class PoseSample:
     telemetry_age_s: float | None = None
     calibration: str | None = None
     zoom: Zoom | None = None
+    level: WaterLevel | None = None
+
+    @property
+    def plane_elevation_m(self) -> float:
+        """Height of the measured plane above the station's elevation 0."""
+        return 0.0 if self.level is None else self.level.elevation_m
 
     @property
     def lat_lon_alt(self) -> tuple[float | None, float | None, float | None]:
@@ -198,9 +207,10 @@ class PoseBatch(Batch, Sequence[PoseSample]):
         telemetry_age_s: ``(n,)`` time to the nearest sample, of height or attitude, whichever is older; NaN if unknown.
         datum_enu_m: ``(n,)`` ENU height of the height's datum.
         zoom: ``(n, 2)`` magnification relative to the camera file and its std; NaN where the file applies.
+        level: ``(n, 2)`` level of the water in its datum (m) and its std; NaN where there is none.
         variant_index: ``(n,)`` indices into ``variants``.
         variants: Samples without the numbers above: status, reasons, origin, sources, calibration; of the zoom only
-            its source.
+            its source, of the level only what does not change with time.
     """
 
     stamp_ns: IntArray
@@ -211,6 +221,7 @@ class PoseBatch(Batch, Sequence[PoseSample]):
     telemetry_age_s: FloatArray
     datum_enu_m: FloatArray
     zoom: FloatArray
+    level: FloatArray
     variant_index: IntArray
     variants: tuple[PoseSample, ...]
 
@@ -219,6 +230,7 @@ class PoseBatch(Batch, Sequence[PoseSample]):
         """A batch of samples, in order."""
         variants, variant_index = _unique_variants([_variant(sample) for sample in samples])
         zooms = [(np.nan, np.nan) if s.zoom is None else (s.zoom.magnification, s.zoom.std) for s in samples]
+        levels = [(np.nan, np.nan) if s.level is None else (s.level.level_m, s.level.std_m) for s in samples]
         return PoseBatch(
             stamp_ns=np.array([sample.stamp_ns for sample in samples], dtype=np.int64),
             pose=_stack_poses([sample.pose for sample in samples]),
@@ -228,6 +240,7 @@ class PoseBatch(Batch, Sequence[PoseSample]):
             telemetry_age_s=_nan_for_none([sample.telemetry_age_s for sample in samples]),
             datum_enu_m=np.array([sample.datum_enu_m for sample in samples], dtype=np.float64),
             zoom=np.array(zooms).reshape(-1, 2),
+            level=np.array(levels).reshape(-1, 2),
             variant_index=variant_index,
             variants=variants,
         )
@@ -295,6 +308,22 @@ class PoseBatch(Batch, Sequence[PoseSample]):
         """Whether a sample has a pose that can be measured with, ``(n,)``."""
         return np.asarray((self.status == CODE_OF[Status.OK]) & self.has_pose)
 
+    @property
+    def plane_elevation_m(self) -> FloatArray:
+        """Heights ``(n,)`` of the measured plane above the station's elevation 0."""
+        zero_m = np.array([0.0 if each.level is None else each.level.zero_m for each in self.variants])
+        return np.where(np.isnan(self.level[:, 0]), 0.0, self.level[:, 0] - zero_m[self.variant_index])
+
+    @property
+    def level_std_m(self) -> FloatArray:
+        """Standard deviations ``(n,)`` of the measured plane's level, 0 where it is always the same."""
+        return np.where(np.isnan(self.level[:, 1]), 0.0, self.level[:, 1])
+
+    @property
+    def has_own_height(self) -> BoolArray:
+        """Whether a height ``(n,)`` was measured to the water itself, so that the level's error is not in it."""
+        return self.by_variant(lambda variant: variant.level is not None and variant.level.is_height_own) > 0
+
     def where(self, chosen: BoolArray, change: Callable[["PoseBatch", IntArray], "PoseBatch"]) -> "PoseBatch":
         """The batch with the samples ``chosen (n,)`` changed.
 
@@ -347,6 +376,8 @@ class PoseBatch(Batch, Sequence[PoseSample]):
         lat, lon, alt = (_none_if_nan(value) for value in self.lat_lon_alt[row].tolist())
         magnification, std = self.zoom[row].tolist()
         zoom = None if variant.zoom is None else Zoom(magnification=magnification, std=std, source=variant.zoom.source)
+        level_m, level_std_m = self.level[row].tolist()
+        level = None if variant.level is None else replace(variant.level, level_m=level_m, std_m=level_std_m)
         return replace(
             variant,
             stamp_ns=int(self.stamp_ns[row]),
@@ -359,6 +390,7 @@ class PoseBatch(Batch, Sequence[PoseSample]):
             telemetry_age_s=_none_if_nan(float(self.telemetry_age_s[row])),
             datum_enu_m=float(self.datum_enu_m[row]),
             zoom=zoom,
+            level=level,
         )
 
 
@@ -376,7 +408,8 @@ _KEY_FIELDS: Final = (
 def _variant(sample: PoseSample) -> PoseSample:
     """The sample's variant: the sample without its numbers."""
     zoom = None if sample.zoom is None else Zoom(magnification=np.nan, std=np.nan, source=sample.zoom.source)
-    return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _KEY_FIELDS}, zoom=zoom)
+    level = None if sample.level is None else replace(sample.level, level_m=np.nan, std_m=np.nan)
+    return PoseSample(stamp_ns=0, **{name: getattr(sample, name) for name in _KEY_FIELDS}, zoom=zoom, level=level)
 
 
 def _unique_variants(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, ...], IntArray]:
@@ -389,7 +422,9 @@ def _unique_variants(variants: Sequence[PoseSample]) -> tuple[tuple[PoseSample, 
 
 def _key(variant: PoseSample) -> Hashable:
     fields_of = (getattr(variant, name) for name in _KEY_FIELDS)
-    return (*fields_of, None if variant.zoom is None else variant.zoom.source)
+    level = variant.level
+    of_level = None if level is None else (level.zero_m, level.datum, level.source, level.is_height_own)
+    return (*fields_of, None if variant.zoom is None else variant.zoom.source, of_level)
 
 
 _NO_POSE: Final = Pose(position_enu_m=np.full(3, np.nan), wxyz=np.full(4, np.nan), cov=np.full((6, 6), np.nan))

@@ -54,6 +54,8 @@ class Status(StrEnum):
     # Cure: zoom back, or give telemetry.zoom.curve.
     NOT_SEEN = "NOT_SEEN"  # it was looked for in the image, and is not there or cannot be told
     # Cure: the reason says what was missing; a seed in the water helps a river.
+    NO_LEVEL = "NO_LEVEL"  # no reading of the water's level close enough to the image's stamp
+    # Cure: add the gauge's readings of that time to ground.level, or raise ground.level_max_gap_s.
 
 
 CODES: tuple[Status, ...] = tuple(Status)

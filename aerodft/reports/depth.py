@@ -108,7 +108,7 @@ def _scene_of(setup: Setup, sample: PoseSample) -> _Scene:
     std_m = None
     uncertain = np.any(pose.cov) or pose.time_std_s or np.any(intrinsics_covariance(camera))
     if uncertain and (ground is None or isinstance(ground, Plane)):
-        std_m = range_std(camera, pose, plane_at_elevation(ground, elevation_m), setup.elevation_std_m)
+        std_m = range_std(camera, pose, plane_at_elevation(ground, elevation_m), setup.surface_std_m)
         std_m[np.isnan(seen.range_m)] = np.nan
     return _Scene(setup, sample, pose, limit, seen, std_m)
 

@@ -58,6 +58,7 @@ from aerodft.service.ports import (
     SingleOutput,
     StepOutputs,
 )
+from aerodft.service.pose import over_water
 from aerodft.service.settings import OBJECTS, PipelineSettings
 
 _OUTLINE_KINDS: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
@@ -254,6 +255,7 @@ class Answering:
         self._observed = {p.name: p for p in settings.probes if p.source is not PixelSource.FIXED}
         self._fixed = fixed_requests(settings.probes)
         self._setup = setup
+        self._level = settings.level
         self._is_watched = settings.fixed_pose is not None and estimators.calibrator is not None
         self._calibrator, self._observer, self._tracker = estimators.calibrator, estimators.observer, estimators.tracker
         self._learns_of_same_image = self._observer is not None and self._observer.observes(FIXED_POINTS)
@@ -329,11 +331,16 @@ class Answering:
         self._singles.append(SingleOutput(tick=tick, order=next(self._order), content=content))
 
     def refined(self, poses: PoseBatch, state_index: IntArray | None = None) -> PoseBatch:
-        """Poses refined by the calibrator's newest state, or by its states ``state_index (n,)`` in this step."""
-        if self._calibrator is None:
-            return poses
-        state_index = np.full(len(poses), len(self._states) - 1) if state_index is None else state_index
-        return self._calibrator.refine(poses, self._states, state_index)
+        """Poses over the water of their time, refined by the calibrator's newest state.
+
+        Args:
+            poses: ``(n,)``.
+            state_index: ``(n,)`` of the calibrator's states in this step; None for the newest.
+        """
+        if self._calibrator is not None:
+            state_index = np.full(len(poses), len(self._states) - 1) if state_index is None else state_index
+            poses = self._calibrator.refine(poses, self._states, state_index)
+        return over_water(poses, self._level)
 
     def _refined(self, parts: Sequence[_WorkPart]) -> _WorkPart | None:
         """Parts as one, with refined poses; None if all are empty."""

@@ -44,6 +44,8 @@ class HeightReader:
         is_above_home: Whether heights are above home and come with the position: independent of the ground below,
             subject to GPS accuracy and to reboots. Other heights are above the surface below the camera.
         is_live: Whether it comes in tracks; else it is a number in the settings.
+        senses_water: Whether heights are measured to the water as it is, whatever its level; other heights count from
+            something that the water does not move.
     """
 
     name: HeightSource
@@ -51,6 +53,7 @@ class HeightReader:
     std_m: float
     is_above_home: bool = False
     is_live: bool = True
+    senses_water: bool = True
 
     def gap_ns(self, settings: "HeightSettings") -> int:
         """Longest gap between two samples that is interpolated over."""
@@ -104,9 +107,9 @@ HEIGHT_SOURCES: Final[dict[HeightSource, HeightReader]] = {
     reader.name: reader
     for reader in (
         _Rangefinder(name=HeightSource.RANGEFINDER, datum="surface", std_m=0.2),
-        _TerrainDatabase(name=HeightSource.TERRAIN, datum="terrain", std_m=3.0),
-        _AboveHome(name=HeightSource.HOME, datum="home", std_m=1.0, is_above_home=True),
-        _ManualHeight(name=HeightSource.MANUAL, datum="manual", std_m=0.5, is_live=False),
+        _TerrainDatabase(name=HeightSource.TERRAIN, datum="terrain", std_m=3.0, senses_water=False),
+        _AboveHome(name=HeightSource.HOME, datum="home", std_m=1.0, is_above_home=True, senses_water=False),
+        _ManualHeight(name=HeightSource.MANUAL, datum="manual", std_m=0.5, is_live=False, senses_water=False),
     )
 }
 """All sources by name, in the default order of preference."""

@@ -83,6 +83,7 @@ class Pipeline:
             time_std_s=settings.time_std_s,
             ground=settings.ground,
             camera=settings.camera,
+            level=settings.level,
         )
         self._telemetry_intake = _TelemetryIntake(decoder, self._poses)
         self._work = WorkList.empty()
@@ -132,10 +133,12 @@ class Pipeline:
 
         Args:
             requests: Probes with pixels.
-            stamp_ns: UTC of the recent past; None for the newest answered image, or a fixed camera's pose.
+            stamp_ns: UTC of the recent past; None for the newest answered image, or for a fixed camera's pose where
+                the water's level is always the same.
         """
         with self._lock:
-            has_pose = stamp_ns is not None or self._settings.fixed_pose is not None
+            is_always_the_same = self._settings.fixed_pose is not None and self._settings.level is None
+            has_pose = stamp_ns is not None or is_always_the_same
             sample = self._refined_at(stamp_ns or 0) if has_pose else self.last_pose
         if sample is None:
             reason = "no image has been measured yet"

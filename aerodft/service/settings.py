@@ -14,6 +14,7 @@ from aerodft.model import (
     GeoOrigin,
     GimbalSource,
     HeightSource,
+    LevelSeries,
     MountAxes,
     PoseSample,
     PoseStd,
@@ -330,6 +331,7 @@ class PipelineSettings:
         probes: Probes to measure in every image.
         model: Projection model.
         ground: Ground below the probes' elevations; None for the level plane at 0.
+        level: The water's level, by which the ground is raised; None where it is always 0.
         telemetry: None for a fixed camera.
         fixed_pose: The fixed camera's pose; None where telemetry gives it.
         origin: ENU origin; None for the first good fix.
@@ -345,6 +347,7 @@ class PipelineSettings:
     probes: tuple[Probe, ...]
     model: ProjectionModel = ProjectionModel.PINHOLE
     ground: Ground | None = None
+    level: LevelSeries | None = None
     telemetry: TelemetrySettings | None = None
     fixed_pose: PoseSample | None = None
     origin: GeoOrigin | None = None

@@ -5,7 +5,7 @@ double survives JSON exactly; degrees and back cost up to ``DEGREES_RTOL``.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from typing import Annotated, Any, Final, NoReturn, TypeAlias, TypeVar
 
@@ -222,12 +222,12 @@ def list_of(items: Schema, *, length: int | None = None) -> Schema:
     return {"type": "array", "items": items, **size}
 
 
-def object_of(properties: Schema) -> Schema:
-    """An object with exactly these properties."""
+def object_of(properties: Schema, optional: Collection[str] = ()) -> Schema:
+    """An object with exactly these properties; those that are ``optional`` are absent where they would be null."""
     return {
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": [key for key in properties if key not in optional],
         "additionalProperties": False,
     }
 
@@ -246,10 +246,12 @@ def payload_of(schema: Schema, value: object, /, **known: object) -> Json:
         value: What has the attributes.
         known: Keys that are known otherwise, as JSON has them.
     """
-    return {
+    found = {
         key: known[key] if key in known else _json(own, _attribute(value, key))
         for key, own in schema["properties"].items()
     }
+    optional = schema["properties"].keys() - set(schema["required"])
+    return {key: each for key, each in found.items() if each is not None or key not in optional}
 
 
 def _attribute(value: object, key: str) -> JsonValue:
@@ -277,19 +279,20 @@ class Payload:
         name: For instance ``aerodft.image/1``.
         title: What it is, for people.
         properties: The schema of each of its keys.
+        optional: Keys that are absent where they would be null.
 
     Attributes:
         name: As given.
         schema: Of the whole payload.
     """
 
-    def __init__(self, name: str, title: str, properties: Schema) -> None:
+    def __init__(self, name: str, title: str, properties: Schema, optional: Collection[str] = ()) -> None:
         self.name = name
         self.schema: Schema = {
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "$id": f"urn:{name.replace('/', ':')}",
             "title": title,
-            **object_of({"schema": {"const": name}, **properties, "software": TEXT}),
+            **object_of({"schema": {"const": name}, **properties, "software": TEXT}, optional),
         }
 
     def to_json(self, value: object, /, **known: object) -> Json:

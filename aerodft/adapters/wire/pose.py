@@ -37,6 +37,7 @@ from aerodft.model import (
     PoseSample,
     PoseStd,
     Status,
+    WaterLevel,
     Zoom,
     ZoomSource,
     read_only,
@@ -63,8 +64,22 @@ _SUMMARY_KEYS = {
     "lat_deg": NUMBER,
     "lon_deg": NUMBER,
     "telemetry_age_s": NUMBER,
+    "level": doc(
+        object_of(
+            {
+                "level_m": doc(NUMBER, "Of the water at the stamp, in its datum"),
+                "std_m": NUMBER,
+                "elevation_m": doc(NUMBER, "Of the water above the station's elevation 0"),
+                "datum": TEXT,
+                "source": TEXT,
+                "in_height": doc({"type": "boolean"}, "Whether the height was measured to the water itself"),
+            }
+        ),
+        "The water that height_agl_m counts from; absent where the measured plane is always the same",
+    ),
 }
-SUMMARY: Final = object_of({**_SUMMARY_KEYS, "std": object_of(_SUMMARY_STD)})
+_OPTIONAL: Final = ("level",)  # so stations without a level have the bytes that they had before there were any
+SUMMARY: Final = object_of({**_SUMMARY_KEYS, "std": object_of(_SUMMARY_STD)}, _OPTIONAL)
 """A pose as it stands in a measurement."""
 
 POSE: Final = Payload(
@@ -98,6 +113,7 @@ POSE: Final = Payload(
         ),
         "origin": or_null(object_of(GEO)),
     },
+    _OPTIONAL,
 )
 
 _ARRAYS: Final = ("position_enu_m", "wxyz", "cov", "velocity_enu_mps", "rate_cam_radps")
@@ -111,6 +127,7 @@ def encode_poses(poses: PoseBatch) -> PackedBytes:
     parts.append(np.broadcast_to(pose.time_std_s, len(poses))[:, None])
     parts.append(flat(np.broadcast_to(pose.lens_cov, (len(poses), *pose.lens_cov.shape[-2:]))))
     arrays = np.where(poses.has_pose[:, None], np.concatenate(parts, axis=1), np.nan)
+    arrays[:, 2] += poses.plane_elevation_m
     others = (poses.std[:, [HORIZONTAL, TIME]], poses.lat_lon_alt[:, 2:], poses.zoom)
     return encode_payloads(
         poses.kind_index[:, None],
@@ -125,6 +142,8 @@ def encode_poses(poses: PoseBatch) -> PackedBytes:
 def _payload(sample: PoseSample) -> Json:
     pose = sample.pose
     arrays = {name: getattr(pose, name) if pose else None for name in (*_ARRAYS, "time_std_s", "lens_cov")}
+    if pose is not None:
+        arrays["position_enu_m"] = pose.position_enu_m + [0.0, 0.0, sample.plane_elevation_m]
     arrays["lens_cov"] = arrays["lens_cov"] if pose and pose.lens_cov.size else None
     return POSE.to_json(sample, **_view(sample), **arrays)
 
@@ -139,7 +158,9 @@ def decode_pose(data: bytes) -> PoseSample:
 
 
 def _sample(payload: Json) -> PoseSample:
-    origin, zoom, pose = payload["origin"], payload.get("zoom"), _pose(payload)  # recordings of old have no zoom
+    origin, zoom = payload["origin"], payload.get("zoom")  # recordings of old have no zoom, and no level
+    level = _level(payload.get("level"))
+    pose = _pose(payload, 0.0 if level is None else level.elevation_m)
     return PoseSample(
         stamp_ns=int(payload["stamp_ns"]),
         status=Status(payload["status"]),
@@ -158,15 +179,32 @@ def _sample(payload: Json) -> PoseSample:
         telemetry_age_s=payload["telemetry_age_s"],
         calibration=payload["calibration"],
         zoom=zoom and Zoom(**{**zoom, "source": ZoomSource(zoom["source"])}),
+        level=level,
     )
 
 
-def _pose(payload: Json) -> Pose | None:
+def _level(payload: Json | None) -> WaterLevel | None:
+    if payload is None:
+        return None
+    level_m = number_or_nan(payload["level_m"])
+    return WaterLevel(
+        level_m=level_m,
+        std_m=number_or_nan(payload["std_m"]),
+        zero_m=level_m - number_or_nan(payload["elevation_m"]),
+        datum=payload["datum"],
+        source=payload["source"],
+        is_height_own=payload["in_height"],
+    )
+
+
+def _pose(payload: Json, plane_m: float) -> Pose | None:
+    """The pose above the measured plane, which is ``plane_m`` above the station's elevation 0."""
     if payload["wxyz"] is None:
         return None
     lens_cov = payload.get("lens_cov")
     lens = {} if lens_cov is None else {"lens_cov": _numbers(lens_cov)}
     arrays = {name: _numbers(payload[name]) for name in _ARRAYS}
+    arrays["position_enu_m"] = read_only(arrays["position_enu_m"] - [0.0, 0.0, plane_m])
     return Pose(**arrays, **lens, time_std_s=number_or_nan(payload["time_std_s"]))
 
 
@@ -206,20 +244,30 @@ def summary_payload(sample: PoseSample) -> Json:
 
 
 def _view(sample: PoseSample) -> Json:
-    """Height and angles."""
+    """Height and angles, and the level of the water."""
     pose = sample.pose
     height_m = None if pose is None else float(pose.position_enu_m[2]) - sample.datum_enu_m
     angles_deg = (None,) * 3 if pose is None else np.degrees(camera_angles(pose.wxyz)).tolist()
-    return dict(zip(("height_agl_m", "tilt_deg", "roll_deg", "heading_deg"), (height_m, *angles_deg), strict=True))
+    names = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg")
+    return {**dict(zip(names, (height_m, *angles_deg), strict=True)), "level": _level_payload(sample.level)}
+
+
+def _level_payload(level: WaterLevel | None) -> Json | None:
+    if level is None:
+        return None
+    numbers = {"level_m": level.level_m, "std_m": level.std_m, "elevation_m": level.elevation_m}
+    return {**numbers, "datum": level.datum, "source": level.source, "in_height": level.is_height_own}
 
 
 def summary_numbers(poses: PoseBatch) -> FloatArray:
-    """The numbers ``(n, 13)`` of the poses' summaries in their order, NaN for what is not known."""
+    """The numbers ``(n, 16)`` of the poses' summaries in their order, NaN for what is not known."""
     angles_deg = np.degrees(camera_angles(poses.pose.wxyz))
     height_m = poses.pose.position_enu_m[:, 2] - poses.datum_enu_m
     places_deg = np.degrees(poses.lat_lon_alt[:, :2])
     height_std_m, _, *stds_rad, _ = poses.std.T
-    parts = (height_m, poses.height_age_s, *angles_deg, *places_deg.T, poses.telemetry_age_s)
+    elevation_m = np.where(np.isnan(poses.level[:, 0]), np.nan, poses.plane_elevation_m)
+    level = (*poses.level.T, elevation_m)
+    parts = (height_m, poses.height_age_s, *angles_deg, *places_deg.T, poses.telemetry_age_s, *level)
     return np.stack([*parts, height_std_m, *np.degrees(stds_rad)], axis=1)
 
 

@@ -200,7 +200,8 @@ def _place_near(pipeline: Pipeline, image: Image) -> "CameraPlace | None":
         return None
     elapsed_s = (pipeline.in_utc(image).stamp_ns - sample.stamp_ns) / SECOND_NS
     std_m = float(np.sqrt(np.trace(sample.pose.cov[:3, :3])))
-    return CameraPlace(sample.pose.position_enu_m + elapsed_s * sample.pose.velocity_enu_mps, std_m)
+    position_m = sample.pose.position_enu_m + [0.0, 0.0, sample.plane_elevation_m]
+    return CameraPlace(position_m + elapsed_s * sample.pose.velocity_enu_mps, std_m)
 
 
 def build_pipeline(station: StationConfig) -> Pipeline:

@@ -22,6 +22,7 @@ from aerodft.model import (
     HeightSource,
     Image,
     Landmark,
+    LevelSeries,
     Pose,
     PoseSample,
     PoseStd,
@@ -195,6 +196,7 @@ class _Telemetry:
         settings: How they become poses.
         origin: East and north count from it; None for the first fix.
         ground: What heights count from; None for the level plane at 0.
+        level: The water's level, for heights that were measured to it; None where it is always 0.
         has_images: It is a recording, which has images.
         offset_ns: Of these, what an older calibration had added to their stamps.
     """
@@ -204,12 +206,13 @@ class _Telemetry:
     settings: TelemetrySettings
     origin: GeoOrigin | None
     ground: Ground | None = None
+    level: LevelSeries | None = None
     has_images: bool = False
     offset_ns: int = 0
 
     def pose_source(self) -> PoseSource:
         """Poses of events that are appended to it."""
-        return PoseSource(self.settings, origin=self.origin, time_std_s=0.0, ground=self.ground)
+        return PoseSource(self.settings, origin=self.origin, time_std_s=0.0, ground=self.ground, level=self.level)
 
 
 def _open_telemetry(
@@ -245,6 +248,7 @@ def _open_telemetry(
         settings=settings if are_settings_stated else own,
         origin=origin or station.pipeline.origin,
         ground=station.pipeline.ground,
+        level=station.pipeline.level,
         has_images=True,
         offset_ns=round(before * SECOND_NS),
     )

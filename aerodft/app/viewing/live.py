@@ -31,10 +31,12 @@ from aerodft.model import (
     ImageArray,
     Measurement,
     MotionState,
+    PoseBatch,
     PoseSample,
     RawBlock,
 )
 from aerodft.service import Batches, StepOutputs
+from aerodft.service.pose import over_water
 
 if TYPE_CHECKING:
     from aerodft.app.station import Station
@@ -257,7 +259,8 @@ class LiveView(View):
             raise self._gone(number)
         if self.finder is not None and self.finder.scene is not None:
             setup, fixed = self.finder.scene
-            return setup, replace(fixed, stamp_ns=sample.stamp_ns)
+            fixed = replace(fixed, stamp_ns=sample.stamp_ns)
+            return setup, over_water(PoseBatch.from_samples([fixed]), self._settings.level)[0]
         setup, sample = zoomed(self._setup, sample)
         return setup, replace(sample, zoom=None)
 

@@ -318,7 +318,7 @@ class View(ABC):
         found = measure(setup, PoseBatch.from_samples([sample]), requests_of([base]))[0][0]
         if found.enu_m is None or sample.pose is None:
             return []
-        foot = np.asarray(found.enu_m[0], dtype=np.float64)
+        foot = np.array(found.enu_m[0]) - [0.0, 0.0, sample.plane_elevation_m]
         rises_m = np.linspace(0.0, 0.95, _VERTICAL_POINTS) * max(sample.pose.position_enu_m[2] - foot[2], 0.0)
         points = foot + rises_m[:, None] * [0.0, 0.0, 1.0]
         directions = (points - sample.pose.position_enu_m) @ matrix(sample.pose.wxyz)

@@ -111,7 +111,7 @@ def river_widths(setup: Setup, pose: Pose, banks: BankPair) -> RiverWidths:
     jac_shared = np.einsum("nki,nkis->ns", by_points, ground.jac_shared)
     by_offset = np.einsum("nki,nkij,nkj->nk", by_points, ground.jac_px, banks.across_px)
     own = np.sqrt(np.sum(np.square(by_offset * banks.std_px), axis=-1))
-    root = _symmetric_root(shared_covariance(setup.camera, pose, np.array(setup.elevation_std_m)))
+    root = _symmetric_root(shared_covariance(setup.camera, pose, np.array(setup.surface_std_m)))
     common = banks.common_px * by_offset.sum(axis=-1)
     shared = np.concatenate([jac_shared @ root, common[:, None], banks.alternative_width_delta_m[:, None]], axis=-1)
     downstream = np.stack([unit[:, 1], -unit[:, 0], np.zeros(count)], axis=-1)

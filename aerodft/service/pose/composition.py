@@ -16,6 +16,7 @@ from aerodft.model import (
     FloatArray,
     GeoOrigin,
     IntArray,
+    LevelSeries,
     Pose,
     PoseBatch,
     PoseSample,
@@ -76,6 +77,13 @@ def raised_by_ground(pose: Pose, height_m: FloatArray, slope: FloatArray) -> Pos
     position = pose.position_enu_m.copy()
     position[:, 2] += height_m
     return replace(pose, position_enu_m=position, cov=by_pose @ pose.cov @ by_pose.swapaxes(-1, -2))
+
+
+def raised(poses: PoseBatch, by_m: FloatArray) -> PoseBatch:
+    """Poses ``(n,)`` with their heights raised by ``by_m (n,)``."""
+    position = poses.pose.position_enu_m.copy()
+    position[:, 2] += by_m
+    return replace(poses, pose=replace(poses.pose, position_enu_m=position))
 
 
 REBOOTED: Final = "the vehicle rebooted: what it had said before is forgotten"
@@ -170,10 +178,14 @@ class PoseComposer:
         settings: Standard deviations and limits.
         time_std_s: Standard deviation of image stamps relative to telemetry stamps.
         ground: Ground below the camera, for heights above the surface; None for the level plane at 0.
+        level: The water's level, for heights that were measured to it; None where it is always 0.
     """
 
-    def __init__(self, settings: TelemetrySettings, time_std_s: float, ground: Ground | None) -> None:
+    def __init__(
+        self, settings: TelemetrySettings, time_std_s: float, ground: Ground | None, level: LevelSeries | None = None
+    ) -> None:
         self._settings = settings
+        self._level = level
         self._time_std_s = time_std_s
         self._ground = ground
 
@@ -183,7 +195,9 @@ class PoseComposer:
         poses = self._with_remarks(poses, inputs, clock)
         if self._ground is not None:
             poses = self._over_ground(poses, inputs, self._ground)
-        return self._check_min_height(poses, inputs.heights)
+        elevation_m = np.zeros(len(poses)) if self._level is None else self._level.elevation_m(inputs.stamps_ns)
+        poses = self._check_min_height(poses, inputs.heights, elevation_m)
+        return poses if self._level is None else raised(poses, inputs.heights.senses_water * elevation_m)
 
     def _compose(self, inputs: PoseInputs, origin: GeoOrigin | None) -> PoseBatch:
         """Poses with heights as reported, before the ground below is added."""
@@ -225,6 +239,7 @@ class PoseComposer:
             telemetry_age_s=np.maximum(heights.age_s, attitudes.age_s),
             datum_enu_m=np.zeros(len(std)),
             zoom=np.full((len(std), 2), np.nan),
+            level=np.full((len(std), 2), np.nan),
             variant_index=np.array([numbers[key] for key in variant_keys], dtype=np.int64),
             variants=tuple(variants),
         )
@@ -303,13 +318,14 @@ class PoseComposer:
             pose = replace(pose, position_enu_m=position_enu_m, wxyz=wxyz, cov=cov)
         return _with_refusals(replace(poses, pose=pose, datum_enu_m=height_m), refusals)
 
-    def _check_min_height(self, poses: PoseBatch, heights: HeightBatch) -> PoseBatch:
-        """The poses, those below the minimum height refused."""
+    def _check_min_height(self, poses: PoseBatch, heights: HeightBatch, elevation_m: FloatArray) -> PoseBatch:
+        """The poses, those below the minimum height over the measured plane refused; its elevations are ``(n,)``."""
         minimum_m = self._settings.height.min_m
-        is_low = (heights.height_agl_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
+        over_plane_m = heights.height_agl_m - ~heights.senses_water * elevation_m
+        is_low = (over_plane_m < minimum_m) & (poses.status == CODE_OF[Status.OK])
         refusals: _Refusals = {}
         for row in np.flatnonzero(is_low).tolist():
-            source, height_m = heights.order[heights.source[row]], heights.height_agl_m[row]
+            source, height_m = heights.order[heights.source[row]], over_plane_m[row]
             reason = f"{source} says {height_m:.2f} m, the minimum is {minimum_m:g} m"
             refusals[row] = Status.BELOW_MIN_HEIGHT, (reason,)
         return _with_refusals(poses, refusals)

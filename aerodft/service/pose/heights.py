@@ -20,6 +20,7 @@ from aerodft.model import (
     HeightSource,
     HeightSwitch,
     IntArray,
+    LevelSeries,
     Selection,
     Track,
 )
@@ -112,6 +113,11 @@ class HeightBatch(Batch):
         is_above_home = [HEIGHT_SOURCES[source].is_above_home for source in self.order]
         return np.array([*is_above_home, False])[self.source]
 
+    @property
+    def senses_water(self) -> BoolArray:
+        """Whether each height ``(n,)`` was measured to the water as it is."""
+        return np.array([*(HEIGHT_SOURCES[source].senses_water for source in self.order), False])[self.source]
+
     def rows(self, rows: Selection) -> "HeightBatch":
         """Heights ``(m,)`` of a selection."""
         old_rows = np.arange(len(self.source))[rows].tolist()
@@ -152,10 +158,16 @@ class _SourceHeights:
 
 
 class HeightSources:
-    """Streams of all height sources in a station's order."""
+    """Streams of all height sources in a station's order.
 
-    def __init__(self, settings: HeightSettings) -> None:
+    Args:
+        settings: Sources, stds and limits.
+        level: The water's level, by which heights to the water and above home differ; None where it is always 0.
+    """
+
+    def __init__(self, settings: HeightSettings, level: LevelSeries | None = None) -> None:
         self._settings = settings
+        self._level = level
         self._streams: dict[HeightSource, Stream] = {
             source: Stream(HEIGHT_SOURCES[source].gap_ns(settings))
             for source in settings.order
@@ -230,6 +242,8 @@ class HeightSources:
             home_std_m = self._home_std_m(stamps_ns, ticks)
             home_m, east_north_m = self._home.at(stamps_ns, ticks, home_std_m)
             home_m = home_m + self._settings.home_above_plane_m
+            if HEIGHT_SOURCES[source].senses_water and self._level is not None:
+                home_m = home_m - self._level.elevation_m(stamps_ns)
             home_std_m = np.hypot(home_std_m, self._settings.home_above_plane_std_m)
             checks.check(rows, value_m * down, std_m, (home_m, home_std_m), east_north_m + foot_m)
 
@@ -547,6 +561,10 @@ class HeightSources:
         source_m, std_m = source_heights.height_m, np.hypot(source_heights.std_m, other_std_m)
         source_m = source_m - HEIGHT_SOURCES[source].is_above_home * ground_m[rows]
         other_m = other_m - HEIGHT_SOURCES[other].is_above_home * ground_m[rows]
+        if self._level is not None:
+            elevation_m = self._level.elevation_m(when_ns)
+            source_m = source_m - (not HEIGHT_SOURCES[source].senses_water) * elevation_m
+            other_m = other_m - (not HEIGHT_SOURCES[other].senses_water) * elevation_m
         is_known = (other_missing == Missing.NOTHING) & np.isfinite(source_m)
         if only_disagreeing:
             is_known &= source_heights.missing == Missing.NOTHING

@@ -15,6 +15,7 @@ from aerodft.model import (
     HeightSource,
     HeightSwitch,
     IntArray,
+    LevelSeries,
     LinkTrack,
     PoseBatch,
     PoseSample,
@@ -49,6 +50,7 @@ class PoseSource:
         time_std_s: Standard deviation of image stamps relative to telemetry stamps.
         ground: Ground below the camera, for heights above the surface; None for the level plane at 0.
         camera: Camera file that reported zooms are relative to; None without zoom.
+        level: The water's level; None where it is always 0.
 
     Attributes:
         clock: Map of the vehicle's clock to UTC and to this machine's clock.
@@ -62,13 +64,14 @@ class PoseSource:
         time_std_s: float,
         ground: Ground | None = None,
         camera: Camera | None = None,
+        level: LevelSeries | None = None,
     ) -> None:
         self.clock = ClockMap()
         self._settings = settings
         self._ground = ground
-        self._maker = PoseComposer(settings, time_std_s, ground)
+        self._maker = PoseComposer(settings, time_std_s, ground, level)
         self._attitude = AttitudeSources(settings.attitude)
-        self._height = HeightSources(settings.height)
+        self._height = HeightSources(settings.height, level)
         self._vehicle_position = VehiclePositions(settings.height, origin, settings.attitude.std.horizontal_m)
         self._health = HealthSources(settings.health)
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)

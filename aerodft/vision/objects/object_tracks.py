@@ -96,7 +96,7 @@ class ObjectTracks:
         gone = [track for track, at in zip(self._tracks.confirmed, placed, strict=True) if at is None]
         self._tracks.drop(gone)
         inside = [at for at in placed if at is not None]
-        shared = shared_covariance(setup.camera, pose, setup.elevation_std_m)
+        shared = shared_covariance(setup.camera, pose, setup.surface_std_m)
         found = [(self._track_request(at), _track_answer(at, sample, pose, shared)) for at in inside]
         pairs = [
             (one, other)
@@ -205,10 +205,14 @@ def _column(
 
 
 def _places(sample: PoseSample, pose: Pose, enu_m: FloatArray, cov_enu_m2: FloatArray) -> dict[str, FloatArray]:
+    """Numbers of places ``(k, 3)``; ups that count from the measured plane are reported from the station's 0."""
+    station_m = enu_m + [0.0, 0.0, sample.plane_elevation_m]
+    if sample.level is not None and sample.level.is_height_own:
+        cov_enu_m2 = cov_enu_m2 + np.diag([0.0, 0.0, sample.level.std_m**2])
     numbers = {
         "ground_m": to_ground_frame(pose, enu_m),
-        "enu_m": enu_m,
+        "enu_m": station_m,
         "cov_enu_m2": cov_enu_m2,
         "range_m": np.linalg.norm(enu_m - pose.position_enu_m, axis=-1),
     }
-    return numbers if sample.origin is None else {**numbers, "geo": lat_lon_alt(sample.origin, enu_m)}
+    return numbers if sample.origin is None else {**numbers, "geo": lat_lon_alt(sample.origin, station_m)}

@@ -26,7 +26,7 @@ from aerodft.adapters.config.camera import (
     pose_sample,
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.station.ground import enu_ground, resolved_ground
+from aerodft.adapters.config.station.ground import enu_ground, level_series, resolved_ground
 from aerodft.adapters.config.station.live_tables import (
     LiveLandmarkTable,
     live_from,
@@ -50,6 +50,7 @@ from aerodft.adapters.config.station.station_tables import (
 from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import AnyValue, si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
+from aerodft.adapters.vertical_datums import Altitude
 from aerodft.errors import ConfigError, InputError, located, named_in
 from aerodft.model import Calibration, Camera, ProjectionModel
 from aerodft.service import PipelineSettings, TelemetrySettings
@@ -197,7 +198,7 @@ def _calibrated(
 
 
 def with_derived_settings(station: StationConfig) -> StationConfig:
-    """The station with ``pipeline.ground``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
+    """The station with ``pipeline.ground``, ``.level``, ``.fixed_pose`` and ``.config_id`` made anew from the rest.
 
     Args:
         station: The station.
@@ -214,7 +215,8 @@ def with_derived_settings(station: StationConfig) -> StationConfig:
         raise ConfigError(key, got="no place on the map for the station", expected=expected)
     ground = enu_ground(station.ground, place, (foot_m[0], foot_m[1]))
     fixed = None if pose is None else pose_sample(pose, origin, ground)
-    current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground))
+    level = level_series(station.ground, Altitude(place or station.pipeline.origin))
+    current = replace(station, pipeline=replace(station.pipeline, fixed_pose=fixed, ground=ground, level=level))
     return replace(current, pipeline=replace(current.pipeline, config_id=config_id(current)))
 
 
@@ -257,6 +259,9 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
     ground = station.ground
     if ground is not None and ground.terrain is not None and terrain_file is not None:
         ground = ground.model_copy(update={"terrain": terrain_file})
+    if ground is not None and pipeline.level is not None and ground.level_datum is not None:
+        zero = {"level_zero_m": pipeline.level.zero_m, "level_zero_std_m": pipeline.level.zero_std_m}
+        ground = ground.model_copy(update={**zero, "altitude_datum": None})
     from_markers = {each.name for each in marker_landmarks(station.markers)}
     landmarks = () if live is None else tuple(each for each in live.landmarks if each.name not in from_markers)
     table = ConfigTable.from_si(

@@ -16,7 +16,13 @@ HOME_ABOVE_PLANE: Final = "telemetry.height.home_above_plane_m"
 """Key of the take-off point's height above the measured plane."""
 
 _HOME_STD: Final = "telemetry.height.home_above_plane_std_m"
-_FILE_KEYS: Final = ("camera.file", "telemetry.calibration", "pose.calibration", "ground.terrain")
+_FILE_KEYS: Final = ("camera.file", "telemetry.calibration", "pose.calibration", "ground.terrain", "ground.level")
+_REPLACED_KEYS: Final[Mapping[str, tuple[str, ...]]] = {
+    "ground.level": ("level_m",),
+    "ground.level_m": ("level", "level_unit", "level_columns", "level_utc_offset", "level_max_gap_s"),
+}
+"""Keys that take the place of others: one level of the water, or the readings of a gauge."""
+
 _CLOCK_KEYS: Final = ("time_offset_s", "time_drift", "time_reference")
 _INPUT_KEYS: Final = ("video", "stills", "stream", "device")
 _LAG_KEYS: Final = ("delay_s", "lag_s")
@@ -27,6 +33,7 @@ def with_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, 
 
     A probe, landmark or other entry of a list is addressed by its name: ``probe.width-a.elevation_m``. Names of files
     start from the current folder. A stated height of the take-off point ends the std of the one that it replaces.
+    One level of the water ends the readings of a gauge, and readings end the one level.
 
     Args:
         document: The document; it is not changed.
@@ -52,7 +59,10 @@ def with_settings(document: Mapping[str, Any], settings: Settings) -> dict[str, 
             changed["camera"] = table = {each: table[each] for each in ("model",) if each in table}
         if key == HOME_ABOVE_PLANE and _HOME_STD not in settings:  # it was that of the value that is replaced
             table.pop(_HOME_STD.rpartition(".")[2], None)
-        table[path[-1]] = str(Path(value).absolute()) if key in _FILE_KEYS else value
+        for other in _REPLACED_KEYS.get(key, ()):
+            table.pop(other, None)
+        is_file = key in _FILE_KEYS and isinstance(value, str)
+        table[path[-1]] = str(Path(value).absolute()) if is_file else value
     return changed
 
 

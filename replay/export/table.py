@@ -80,6 +80,9 @@ COLUMNS: Final[Mapping[str, ColumnType]] = {
     "camera_lon_deg": ColumnType.NUMBER,
     "height_age_s": ColumnType.NUMBER,
     "telemetry_age_s": ColumnType.NUMBER,
+    "level_m": ColumnType.NUMBER,
+    "level_std_m": ColumnType.NUMBER,
+    "level_datum": ColumnType.TEXT,
     "camera": ColumnType.TEXT,
     "model": ColumnType.TEXT,
     "calibration": ColumnType.TEXT,
@@ -205,6 +208,7 @@ def _row(item: Item) -> dict[str, object]:
 
 def _pose_columns(pose: Item) -> dict[str, object]:
     std = pose["std"] if pose["tilt_deg"] is not None else {}  # without a pose there is nothing that they are of
+    level = pose.get("level") or {}  # early recordings have none
     return {
         "height_agl_m": pose["height_agl_m"],
         "height_source": pose["height_source"],
@@ -219,6 +223,9 @@ def _pose_columns(pose: Item) -> dict[str, object]:
         "camera_lon_deg": pose["lon_deg"],
         "height_age_s": pose.get("height_age_s"),
         "telemetry_age_s": pose["telemetry_age_s"],
+        "level_m": level.get("level_m"),
+        "level_std_m": level.get("std_m"),
+        "level_datum": level.get("datum"),
     }
 
 

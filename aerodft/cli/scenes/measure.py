@@ -296,6 +296,8 @@ def _pose_sentence(sample: PoseSample) -> str:
         f"tilt {summary['tilt_deg']:.2f} deg +- {std['tilt_deg']:.2g}{_source(sample.attitude_source)}",
         f"roll {summary['roll_deg']:.2f} deg, heading {summary['heading_deg']:.1f} deg",
     ]
+    if (level := sample.level) is not None:
+        parts.append(f"water level {level.level_m:.3f} m +- {level.std_m:.2g} ({level.datum}, {level.source})")
     if sample.telemetry_age_s is not None:
         parts.append(f"telemetry {sample.telemetry_age_s:.2f} s away")
     return said + ", ".join(parts) + " (+- one std)"

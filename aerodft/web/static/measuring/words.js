@@ -73,9 +73,10 @@ export function poseText(pose, units) {
   if (pose.status !== "ok") return refusalText(pose);
   const degrees = (value, std) => `${value.toFixed(2)} ± ${std.toPrecision(2)}°`;
   const height = lengthText(pose.height_agl_m, units, pose.std.height_agl_m), std = lengthText(pose.std.height_agl_m, units);
+  const level = pose.level ? `, water level ${lengthText(pose.level.level_m, units, pose.level.std_m)} ± ${stdText(pose.level.std_m, "m", units)} (${pose.level.datum}, ${pose.level.source})` : "";
   const age = pose.telemetry_age_s === null ? "" : `, telemetry ${pose.telemetry_age_s.toFixed(2)} s old`;
   return `Height ${height} ± ${std}${pose.height_source ? ` (${pose.height_source})` : ""},`
-    + ` tilt ${degrees(pose.tilt_deg, pose.std.tilt_deg)}, heading ${((Math.round(10 * pose.heading_deg) / 10) % 360).toFixed(1)}°${age}; ± is one standard deviation.`;
+    + ` tilt ${degrees(pose.tilt_deg, pose.std.tilt_deg)}, heading ${((Math.round(10 * pose.heading_deg) / 10) % 360).toFixed(1)}°${level}${age}; ± is one standard deviation.`;
 }
 
 export function samplingText(sampling, units) {

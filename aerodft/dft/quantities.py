@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.dft.equations import object_height
-from aerodft.model import BoolArray, FloatArray, read_only
+from aerodft.model import BoolArray, FloatArray, IntArray, read_only
 
 _COLLINEAR: Final = 1e-10
 """Fraction of the square of a polygon's size: a smaller doubled area means that a corner lies on a side."""
@@ -230,19 +230,32 @@ def paper_bearing(geometry: RayGeometry) -> tuple[FloatArray, Gradient]:
 def smooth_lines(pixels_px: FloatArray, std_px: FloatArray) -> FloatArray:
     """Lines ``(p, q, 2)`` smoothed by moving averages so wide that segments are longer than the pixels' noise.
 
-    A line is kept as it is where smoothing would remove more than noise of ``std_px (p,)``: a real zigzag.
+    A window that removes more than noise of ``std_px (p,)``, as of a bend or a real zigzag, is halved; a line of which
+    none removes less is kept as it is.
     """
     squares = np.sum(np.square(np.diff(pixels_px, axis=1)), axis=-1)
     step_px = np.sqrt(np.maximum(np.mean(squares, axis=-1) - 4 * std_px**2, std_px**2 / 4))
+    half_window = np.floor(_MIN_SEGMENT_STDS * std_px / step_px + 0.5).astype(np.int64)
+    lines, rough = pixels_px.copy(), np.flatnonzero(half_window)
+    while len(rough):
+        smooth, excess = _moving_average(pixels_px[rough], std_px[rough], half_window[rough])
+        is_noise = excess <= 0
+        lines[rough[is_noise]] = smooth[is_noise]
+        half_window //= 2
+        rough = rough[~is_noise & (half_window[rough] > 0)]
+    return lines
+
+
+def _moving_average(pixels_px: FloatArray, std_px: FloatArray, half_window: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Moving averages ``(p, q, 2)`` of lines; by how much ``(p,)`` the squares that they remove exceed noise, px^2."""
     vertex, last = np.arange(pixels_px.shape[1]), pixels_px.shape[1] - 1
-    half_window = np.floor(_MIN_SEGMENT_STDS * std_px / step_px + 0.5).astype(np.int64)[:, None]
-    half = np.minimum(half_window, np.minimum(vertex, last - vertex))
+    half = np.minimum(half_window[:, None], np.minimum(vertex, last - vertex))
     line, sums = np.arange(len(pixels_px))[:, None], np.pad(np.cumsum(pixels_px, axis=1), ((0, 0), (1, 0), (0, 0)))
     counts = 2 * half + 1
     smooth = (sums[line, vertex + half + 1] - sums[line, vertex - half]) / counts[..., None]
     noise = np.sum(np.square(pixels_px - smooth), axis=(1, 2))
     max_noise = 2 * std_px**2 * (np.sum(1 - 1 / counts, axis=1) + 2 * np.sqrt(last))
-    return np.where((noise <= max_noise)[:, None, None], smooth, pixels_px)
+    return smooth, np.asarray(noise - max_noise)
 
 
 def crosses_itself(points_enu_m: FloatArray) -> BoolArray:

@@ -21,6 +21,8 @@ from aerodft.model import Camera, PoseSample, PoseStd, Probe, ProbeKind, Status
 from tests.one_image import measure
 from tests.truth.scenes import as_pixels
 
+from .perimeter import KIND, PERIMETER
+
 MEAN_RANGE = ProbeKind("mean-range")
 CAMERA = Camera.from_fov(name="c", width_px=1920, height_px=1080, hfov_rad=1.1, vfov_rad=0.66)
 STD = PoseStd(height_agl_m=0.5, tilt_rad=0.005)
@@ -85,28 +87,9 @@ def test_how_many_pixels_it_takes_is_checked_where_it_is_measured_and_where_it_i
     assert request.probe.kind == MEAN_RANGE
 
 
-PERIMETER = ProbeKind("perimeter")
-
-
-def sides_of(geometry):
-    return (np.roll(geometry.points_enu_m, -1, axis=-2) - geometry.points_enu_m) * [1.0, 1.0, 0.0]
-
-
-def perimeter(geometry):
-    return np.linalg.norm(sides_of(geometry), axis=-1).sum(axis=-1)
-
-
-def perimeter_gradient(geometry):
-    sides = sides_of(geometry)
-    units = sides / np.linalg.norm(sides, axis=-1)[..., None]
-    by_points = np.roll(units, 1, axis=-2) - units
-    return Gradient(np.zeros_like(by_points[..., 0, :]), np.zeros_like(geometry.directions_enu), by_points)
-
-
 @pytest.fixture
 def perimeter_kind(monkeypatch):
-    kind = Kind(name=PERIMETER, pixels=(3, 256), scalar=perimeter, gradient=perimeter_gradient)
-    monkeypatch.setitem(PROBE_KINDS, PERIMETER, kind)
+    monkeypatch.setitem(PROBE_KINDS, PERIMETER, KIND)
 
 
 @pytest.mark.usefixtures("perimeter_kind")

@@ -148,9 +148,13 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     """The public name, out of the room that defines it."""
-    if name not in _ROOM_OF:
-        raise AttributeError(f"module 'aerodft' has no attribute {name!r}")
-    return getattr(import_module(_ROOM_OF[name]), name)
+    if name in _ROOM_OF:
+        return getattr(import_module(_ROOM_OF[name]), name)
+    if name[:1].isupper():  # the class of a kind of probe that somebody has added
+        added = import_module("aerodft.app.measure").probe_classes()
+        if name in added:
+            return added[name]
+    raise AttributeError(f"module 'aerodft' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -34,6 +34,7 @@ from aerodft.dft.quantities import (
     smooth_lines,
     upright_height,
 )
+from aerodft.dft.silhouette import ObjectPoints
 from aerodft.geometry import camera_angles
 from aerodft.model import BoolArray, FloatArray, Pose, ProbeKind, ProjectionModel, Status
 
@@ -122,7 +123,10 @@ class Kind:
         pixels: Smallest and largest number of pixels.
         scalar: The value ``(...)`` in SI units; None for a position, which is not a scalar.
         gradient: Gradient of the scalar.
-        in_pairs: Whether pixels come in pairs.
+        in_pairs: Whether pixels come in pairs, each a line of its own.
+        is_closed: Whether a line leads from the last pixel to the first.
+        object_points: Points of an outlined object that it is measured at; None where an outline has no such points.
+        quantity: What the value is, where the name does not say it.
         unit: Unit of the reported value.
         scale: Reported value over SI value.
         is_signed: Whether values may be negative; intervals of other kinds end at 0.
@@ -136,6 +140,9 @@ class Kind:
     scalar: Callable[[RayGeometry], FloatArray] | None
     gradient: Callable[[RayGeometry], Gradient] | None
     in_pairs: bool = False
+    is_closed: bool = False
+    object_points: ObjectPoints | None = None
+    quantity: str = ""
     unit: str = "m"
     scale: float = 1.0
     is_signed: bool = False
@@ -175,6 +182,10 @@ class Kind:
     def on_ground(self, count: int) -> int:
         """Number of points, of ``count`` from the first on, that must lie on the ground."""
         return count
+
+    def lines(self, count: int) -> list[slice]:
+        """Which of ``count`` points each line leads through, without its way back to the first."""
+        return [slice(first, first + 2) for first in range(0, count - 1, 2)] if self.in_pairs else [slice(count)]
 
     def reported_points(self, points_enu_m: FloatArray, value: FloatArray) -> FloatArray:  # noqa: ARG002 - for others
         """Points ``(n, g, q, 3)`` reported with the values, from the ground points of the pixels."""
@@ -419,20 +430,48 @@ def _max_cosecant(geometry: RayGeometry) -> FloatArray:
 
 _ONE, _TWO = (1, 1), (2, 2)
 
+# To first order only pixel errors along the vertical change ranges and heights, and only errors across it bearings.
 PROBE_KINDS: Final[dict[ProbeKind, Kind]] = {
     kind.name: kind
     for kind in (
-        Kind(name=ProbeKind.POSITION, pixels=_ONE, scalar=None, gradient=None),
-        _Range(name=ProbeKind.RANGE, pixels=_ONE, scalar=slant_range, gradient=range_gradient),
+        Kind(
+            name=ProbeKind.POSITION,
+            pixels=_ONE,
+            scalar=None,
+            gradient=None,
+            object_points=ObjectPoints(foot=True, errs_in_depth=True, errs_sideways=True),
+        ),
+        _Range(
+            name=ProbeKind.RANGE,
+            pixels=_ONE,
+            scalar=slant_range,
+            gradient=range_gradient,
+            object_points=ObjectPoints(foot=True, errs_in_depth=True),
+        ),
         _Length(name=ProbeKind.DISTANCE, pixels=_TWO, scalar=ground_distance, gradient=length_gradient),
-        _Length(name=ProbeKind.WIDTH, pixels=_TWO, scalar=ground_distance, gradient=length_gradient),
+        _Length(
+            name=ProbeKind.WIDTH,
+            pixels=_TWO,
+            scalar=ground_distance,
+            gradient=length_gradient,
+            object_points=ObjectPoints(sides=True, errs_in_depth=True),
+        ),
         _Length(name=ProbeKind.LENGTH, pixels=(2, _MAX_PIXELS), scalar=polyline_length, gradient=length_gradient),
-        _Area(name=ProbeKind.AREA, pixels=(3, _MAX_PIXELS), scalar=polygon_area, gradient=area_gradient, unit="m2"),
+        _Area(
+            name=ProbeKind.AREA,
+            pixels=(3, _MAX_PIXELS),
+            scalar=polygon_area,
+            gradient=area_gradient,
+            is_closed=True,
+            object_points=ObjectPoints(contour=True),
+            unit="m2",
+        ),
         _UprightHeight(
             name=ProbeKind.HEIGHT,
             pixels=_TWO,
             scalar=upright_height,
             gradient=height_gradient,
+            object_points=ObjectPoints(foot=True, top=True, errs_in_depth=True),
             is_signed=True,
             sees_rays=True,
             may_be_unbounded=True,  # its base is known: from above
@@ -442,6 +481,7 @@ PROBE_KINDS: Final[dict[ProbeKind, Kind]] = {
             pixels=(1, 2),
             scalar=bearing,
             gradient=bearing_gradient,
+            object_points=ObjectPoints(foot=True, errs_sideways=True),
             unit="deg",
             scale=math.degrees(1.0),
             is_signed=True,
@@ -454,10 +494,18 @@ PROBE_KINDS: Final[dict[ProbeKind, Kind]] = {
             scalar=median_width,
             gradient=median_gradient,
             in_pairs=True,
+            quantity="width",
         ),
     )
 }
 """Every kind of probe by name."""
+
+_UNKNOWN_KIND: Final = Kind(name=ProbeKind(""), pixels=(0, _MAX_PIXELS), scalar=None, gradient=None, unit="")
+
+
+def recorded_kind(name: str) -> Kind:
+    """The kind of a recorded measurement; one of single points or an open line where nobody here knows its name."""
+    return PROBE_KINDS.get(ProbeKind(name), _UNKNOWN_KIND)
 
 
 def scalars(

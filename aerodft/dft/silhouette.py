@@ -48,6 +48,37 @@ class Silhouette:
     lateral_std_px: float
 
 
+@dataclass(frozen=True, slots=True)
+class ObjectPoints:
+    """Points of an outlined object that a kind of probe is measured at, and the pixel errors that matter to it.
+
+    Attributes:
+        foot: Where it stands.
+        top: Its top.
+        sides: Its left and right limits, level with the foot.
+        contour: The corners of its contour, and no other points.
+        errs_in_depth: Whether errors along the vertical change the value.
+        errs_sideways: Whether errors across the vertical change the value.
+    """
+
+    foot: bool = False
+    top: bool = False
+    sides: bool = False
+    contour: bool = False
+    errs_in_depth: bool = False
+    errs_sideways: bool = False
+
+    def takes_elevations(self, count: int) -> bool:
+        """Whether the points may have so many elevations; 0 is one for all of them."""
+        return count == 0 or (self.sides and count == 2)  # noqa: PLR2004 - left and right
+
+    def pixels_and_std(self, seen: Silhouette) -> tuple[FloatArray, float]:
+        """Pixels ``(q, 2)`` of an upright object, and the standard deviation of each coordinate."""
+        points = [seen.foot_px] * self.foot + [seen.top_px] * self.top + list(seen.sides_px) * self.sides
+        stds = [seen.edge_std_px] * self.errs_in_depth + [seen.lateral_std_px] * self.errs_sideways
+        return np.array(points), max(stds)
+
+
 def down_in_image(camera: Camera, pose: Pose | None, outline_px: FloatArray) -> FloatArray | None:
     """Direction of the vertical, downwards, at an object: a unit vector ``(2,)`` in the image.
 

@@ -16,9 +16,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from aerodft.adapters.files import read_whole
+from aerodft.dft import recorded_kind
 from aerodft.errors import os_errors_as
 from aerodft.geometry import east_north
-from aerodft.model import FloatArray, GeoOrigin, ImageArray, ProbeKind, Status
+from aerodft.model import FloatArray, GeoOrigin, ImageArray, Status
 from aerodft.reports import style
 from aerodft.reports.recording_plot import amounts, draw_recording, typical
 from aerodft.reports.recording_series import RecordingSeries, Series
@@ -335,12 +336,12 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.add_subplot()
     axes.plot(*track.T, ".-", color=style.GREY, markersize=3, linewidth=0.8, label="camera")
-    kinds = {each.name: each.kind for each in probes}
+    kinds = {each.name: recorded_kind(each.kind) for each in probes}
     for row, (name, lines) in enumerate(shown.items()):
         for number, points in enumerate(lines):
-            pieces = points.reshape(-1, 2, 2) if kinds[name] == ProbeKind.RIVER and len(points) % 2 == 0 else [points]
+            pieces = [points[line] for line in kinds[name].lines(len(points))]
             for piece in pieces:
-                closed = np.vstack([piece, piece[:1]]) if kinds[name] == ProbeKind.AREA else piece
+                closed = np.vstack([piece, piece[:1]]) if kinds[name].is_closed else piece
                 label = name[:40] if not number and piece is pieces[0] else None
                 axes.plot(
                     *closed.T,

@@ -44,7 +44,6 @@ from aerodft.model import (
     PoseSample,
     PoseStd,
     Probe,
-    ProbeKind,
     Status,
 )
 from aerodft.service.pending import Task, WorkList
@@ -60,8 +59,6 @@ from aerodft.service.ports import (
 )
 from aerodft.service.pose import over_water
 from aerodft.service.settings import OBJECTS, PipelineSettings
-
-_OUTLINE_KINDS: Final = (ProbeKind.POSITION, ProbeKind.RANGE, ProbeKind.BEARING, ProbeKind.HEIGHT, ProbeKind.WIDTH)
 
 _REASONS: Final = {
     Status.LOST: "it is out of the image, or was not recognised in it",
@@ -79,15 +76,16 @@ def fixed_requests(probes: Sequence[Probe]) -> tuple[Request, ...]:
 
 def can_answer(probe: Probe, observation: Observation) -> bool:
     """Whether an observation has the pixels or the outline that a probe needs, or is empty."""
-    kind = probe.kind
+    kind = PROBE_KINDS[probe.kind]
     if observation.is_empty:
         return True
     if not observation.has_outline:
-        count, rules = len(observation.pixels), PROBE_KINDS[kind]
-        return rules.takes_pixels(count) and rules.takes_elevations(probe.elevation_count, count)
-    if probe.elevation_count not in {0, *((2,) if kind == ProbeKind.WIDTH else ())}:
+        count = len(observation.pixels)
+        return kind.takes_pixels(count) and kind.takes_elevations(probe.elevation_count, count)
+    points = kind.object_points
+    if points is None or (points.contour and not observation.contour):
         return False
-    return kind in _OUTLINE_KINDS or (kind == ProbeKind.AREA and bool(observation.contour))
+    return points.takes_elevations(probe.elevation_count)
 
 
 def unseen_batch(
@@ -119,18 +117,18 @@ def request_of(probe: Probe, observations: Sequence[Observation], setup: Setup, 
         setup: Camera, model and ground.
         poses: Poses of the images.
     """
-    observation = observations[0]
-    if not observation.has_outline:
+    observation, points = observations[0], PROBE_KINDS[probe.kind].object_points
+    if points is None or not observation.has_outline:
         pixels = np.array([each.pixels for each in observations], dtype=np.float64)
         return Request(probe=probe, pixels=pixels, std_px=observation.std_px or probe.std_px)
     std_px = observation.std_px or probe.std_px or EDGE_STD_PX
-    if probe.kind == ProbeKind.AREA:
+    if points.contour:
         corners = simplify_outline(np.array(observation.contour))
         return Request(probe=probe, pixels=_pairs(corners), std_px=std_px)
     zoomed_setup, sample = zoomed(setup, poses[0])
     silhouette = locate_observation(observation, zoomed_setup.camera, sample.pose, std_px)
-    points, std_px = _PIXELS_OF[probe.kind].pixels_and_std(silhouette)
-    return Request(probe=probe, pixels=points, std_px=std_px)
+    pixels_px, std_px = points.pixels_and_std(silhouette)
+    return Request(probe=probe, pixels=_pairs(pixels_px), std_px=std_px)
 
 
 def locate_observation(observation: Observation, camera: Camera, pose: Pose | None, edge_std_px: float) -> Silhouette:
@@ -140,32 +138,6 @@ def locate_observation(observation: Observation, camera: Camera, pose: Pose | No
         down = down_in_image(camera, pose, np.array([[left, top], [right, bottom]]))
         return locate_box(observation.box, down, edge_std_px)
     return locate_outline(camera, pose, np.array(observation.contour), edge_std_px)
-
-
-@dataclass(frozen=True, slots=True)
-class _ObjectPoints:
-    """Points of an object that a kind of probe uses, and the pixel errors that matter to it."""
-
-    foot: bool = False
-    top: bool = False
-    sides: bool = False
-    errs_in_depth: bool = False
-    errs_sideways: bool = False
-
-    def pixels_and_std(self, seen: Silhouette) -> tuple[Pixels, float]:
-        points = [seen.foot_px] * self.foot + [seen.top_px] * self.top + list(seen.sides_px) * self.sides
-        stds = [seen.edge_std_px] * self.errs_in_depth + [seen.lateral_std_px] * self.errs_sideways
-        return _pairs(np.array(points)), max(stds)
-
-
-# To first order only pixel errors along the vertical change ranges and heights, and only errors across it bearings.
-_PIXELS_OF: Final = {
-    ProbeKind.POSITION: _ObjectPoints(foot=True, errs_in_depth=True, errs_sideways=True),
-    ProbeKind.RANGE: _ObjectPoints(foot=True, errs_in_depth=True),
-    ProbeKind.BEARING: _ObjectPoints(foot=True, errs_sideways=True),
-    ProbeKind.HEIGHT: _ObjectPoints(foot=True, top=True, errs_in_depth=True),
-    ProbeKind.WIDTH: _ObjectPoints(sides=True, errs_in_depth=True),
-}
 
 
 def _pairs(points_px: FloatArray) -> Pixels:

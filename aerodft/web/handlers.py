@@ -16,7 +16,7 @@ from tornado.web import HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketHandler
 
 from aerodft.app.measure import Position
-from aerodft.app.viewing import LiveView, RecordingView, View
+from aerodft.app.viewing import LiveView, RecordingView, View, kinds_document
 from aerodft.errors import AerodftError
 from aerodft.web.access import Access
 from aerodft.web.answers import Answers
@@ -185,6 +185,7 @@ def _description(page: Page) -> dict[str, Any]:
         "is_read_only": access.is_read_only,
         "can_save": view.station_file is not None and not access.is_read_only,
         "tiles": access.tiles,
+        "kinds": kinds_document(),
         "width_px": view.camera.width_px,
         "height_px": view.camera.height_px,
         "images": [asdict(each) | {"stamp_ns": str(each.stamp_ns)} for each in view.images],

@@ -157,7 +157,7 @@ def _properties(row: Mapping[str, object]) -> dict[str, object]:
         return {name: value for name, value in row.items() if name not in left_out | _NO_SCALAR}
     kind = PROBE_KINDS.get(ProbeKind(row["kind"]))
     unit = row["unit"] if kind is None else kind.unit
-    quantity = {ProbeKind.RIVER: "width"}.get(ProbeKind(row["kind"]), row["kind"] if kind is not None else "value")
+    quantity = "value" if kind is None else kind.quantity or kind.name
     names = {"value": f"{quantity}_{unit}"} | {name: f"{name}_{unit}" for name in _WITH_UNIT}
     named = {names.get(name, name): value for name, value in row.items() if name not in left_out | {"unit"}}
     return named | {names["value"]: row["value"]}  # of a range the column of that name is the same distance

@@ -9,8 +9,8 @@ from typing import Any, Final
 import orjson
 
 from aerodft.adapters.wire.payload import LATEST_NS, JsonValue, load_bounded_json
+from aerodft.dft import recorded_kind
 from aerodft.errors import InputError
-from aerodft.model import ProbeKind
 
 LARGEST_NUMBER: Final = 1e100
 """In a table: its square is finite."""
@@ -250,11 +250,11 @@ def geometry_of(item: Item, *, is_local: bool = False) -> dict[str, Any] | None:
         return None
     if len(places) == 1:
         return {"type": "Point", "coordinates": places[0]}
-    if item["kind"] == ProbeKind.AREA:
+    kind = recorded_kind(item["kind"])
+    if kind.is_closed and len(places) > 2:  # noqa: PLR2004 - corners of a triangle
         return {"type": "Polygon", "coordinates": [_ring(places)]}
-    if item["kind"] == ProbeKind.RIVER:
-        pairs = [places[row : row + 2] for row in range(0, len(places) - 1, 2)]  # each lies across the river
-        return {"type": "MultiLineString", "coordinates": pairs}
+    if kind.in_pairs:
+        return {"type": "MultiLineString", "coordinates": [places[line] for line in kind.lines(len(places))]}
     return {"type": "LineString", "coordinates": places}
 
 

@@ -17,8 +17,9 @@ from PIL import ImageDraw, ImageFont
 
 from aerodft.adapters.wire.events import IMAGE_SCHEMA, decode_image
 from aerodft.conventions import SECOND_NS
+from aerodft.dft import recorded_kind
 from aerodft.errors import InputError, NoAnswerError, printable
-from aerodft.model import FloatArray, Image, ImageArray, ProbeKind, Status
+from aerodft.model import FloatArray, Image, ImageArray, Status
 from replay.export.table import Item, digits_of, parse_measurement, row_of, time_utc, written_unit
 from replay.recordings import PixelStore, Recording
 
@@ -116,10 +117,9 @@ class Overlay:
         size = round(self._line_px * 0.8)
         for paint, stroke in ((_BLACK, 2 * self._stroke), (colour, self._stroke)):
             if len(points) > 1:
-                closed, river = item["kind"] == ProbeKind.AREA, item["kind"] == ProbeKind.RIVER
-                lines = [points] if not river else [points[row : row + 2] for row in range(0, len(points), 2)]
-                whole = [line.reshape(-1, 1, 2) for line in lines]
-                cv2.polylines(canvas, whole, closed, paint, max(stroke // 2, 1), cv2.LINE_AA)
+                kind = recorded_kind(item["kind"])
+                whole = [points[line].reshape(-1, 1, 2) for line in kind.lines(len(points))]
+                cv2.polylines(canvas, whole, kind.is_closed, paint, max(stroke // 2, 1), cv2.LINE_AA)
             for u, v in points.tolist():
                 cv2.drawMarker(canvas, (u, v), paint, cv2.MARKER_CROSS, size, stroke, cv2.LINE_AA)
 

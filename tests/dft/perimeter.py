@@ -24,5 +24,5 @@ def _gradient(geometry):
     return Gradient(np.zeros_like(by_points[..., 0, :]), np.zeros_like(geometry.directions_enu), by_points)
 
 
-KIND = Kind(name=PERIMETER, pixels=(3, 256), scalar=perimeter, gradient=_gradient)
+KIND = Kind(name=PERIMETER, pixels=(3, 256), scalar=perimeter, gradient=_gradient, is_closed=True)
 """The entry."""

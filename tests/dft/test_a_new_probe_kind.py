@@ -10,10 +10,11 @@ import orjson
 import pytest
 from numpy.testing import assert_allclose
 
+import aerodft
 from aerodft import probe
 from aerodft.adapters.config.station import load_station
 from aerodft.adapters.wire.requests import parse_measure_request
-from aerodft.app.viewing import probe_of
+from aerodft.app.viewing import kinds_document, probe_of
 from aerodft.cli.scenes.image_options import Stds, parse_probes
 from aerodft.dft import PROBE_KINDS, Gradient, Kind, Refusal, Request, Setup
 from aerodft.geometry import camera_pose
@@ -124,8 +125,10 @@ def test_a_kind_from_outside_is_asked_for_through_every_door(tmp_path):
     asked = [
         request.probe,
         probe("perimeter", pixels),
+        aerodft.Perimeter(pixels),
         probe_of({"kind": "perimeter", "pixels": pixels}, 1.0),
         parse_measure_request(orjson.dumps({"kind": "perimeter", "pixels": pixels})).probe,
         load_station(tmp_path / "station.toml").pipeline.probes[0],
     ]
+    assert kinds_document()["perimeter"] == {"least": 3, "most": 256, "closed": True}
     assert all(each.kind == PERIMETER and each.pixels == as_pixels(pixels) for each in asked)

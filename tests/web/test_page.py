@@ -164,6 +164,18 @@ def test_the_height_of_a_post(page):
     assert abs(value - 3.0) < 0.1
 
 
+def test_a_kind_without_a_button_is_measured_as_well(page):
+    """The registry says what there is to measure, and how many points it takes: the azimuth of a single one."""
+    assert {"bearing", "range", "river"} <= set(page.locator("#others option").all_inner_texts())
+    page.select_option("#others", "range")
+    click(page, seen(0.0, 15.0))
+    value, low, high = numbers(value_of(page))
+    assert low < math.hypot(15.0, HEIGHT_M) < high
+    assert abs(value - math.hypot(15.0, HEIGHT_M)) < 0.2
+    page.click("[data-kind=width]")
+    expect(page.locator("#others")).to_have_value("")
+
+
 def test_a_refusal_is_said_in_words_where_the_pointer_is(browser, still):
     path, options = still
     with opened_page(path, *options[:-1], 80) as address:

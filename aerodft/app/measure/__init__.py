@@ -15,6 +15,7 @@ from aerodft.app.measure.measurements import (
     measure,
     measured_document,
     probe,
+    probe_classes,
     requests_of,
 )
 from aerodft.app.measure.photograph import (

@@ -254,15 +254,20 @@ def probe(
     """
     if ProbeKind(kind) not in PROBE_KINDS:
         raise UsageError("a probe's kind", got=repr(kind), expected=f"one of {', '.join(PROBE_KINDS)}")
-    own = next((each for each in ImageProbe.__subclasses__() if each.kind == kind), None)
-    known = own or _probe_class(ProbeKind(kind))
-    return known(pixels, elevation_m, name, std_px, elevation_std_m, on_top_of)
+    probe_class = _probe_class(ProbeKind(kind))
+    return probe_class(pixels, elevation_m, name, std_px, elevation_std_m, on_top_of)
+
+
+def probe_classes() -> dict[str, type[ImageProbe]]:
+    """The class of each kind in the registry by its name: ``mean-range`` is ``MeanRange``."""
+    return {found.__name__: found for found in map(_probe_class, PROBE_KINDS)}
 
 
 @cache
 def _probe_class(kind: ProbeKind) -> type[ImageProbe]:
-    """The class of a kind that has none of its own name here."""
-    return type(kind.title(), (ImageProbe,), {"kind": kind})
+    """The class of a kind: the one above, which documents it, or a new one."""
+    own = next((each for each in ImageProbe.__subclasses__() if each.kind == kind), None)
+    return own or type("".join(part.title() for part in kind.split("-")), (ImageProbe,), {"kind": kind})
 
 
 def _plain(checked: Elevations) -> float | tuple[float, ...]:

@@ -18,6 +18,14 @@ EVIDENCE_KINDS: Final = ("landmark", "length", "height", "vertical", "horizon")
 """What a page can say of a view."""
 
 
+def kinds_document() -> dict[str, dict[str, Any]]:
+    """What a page must know of each kind of probe: how many pixels it takes, and whether its line is closed."""
+    return {
+        str(name): {"least": kind.pixels[0], "most": min(kind.pixels[1], MOST_POINTS), "closed": kind.is_closed}
+        for name, kind in PROBE_KINDS.items()
+    }
+
+
 def probe_of(document: object, std_px: float) -> ImageProbe:
     """A probe as a page asks for it.
 

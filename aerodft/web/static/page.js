@@ -3,7 +3,7 @@
 import { fillList, find } from "./elements.js";
 import { Link } from "./link.js";
 import { History } from "./measuring/history.js";
-import { KINDS, Marks } from "./measuring/marks.js";
+import { KINDS, Marks, learnKinds } from "./measuring/marks.js";
 import { Panel } from "./measuring/panel.js";
 import { handText, plain, poseText } from "./measuring/words.js";
 import { OverlayLayer } from "./stage/overlay.js";
@@ -51,10 +51,13 @@ const OTHER_TOOLS = {
   water: { tool: river, help: "Draw over what is water." },
   land: { tool: river, help: "Draw over what is land." },
 };
+const others = learnKinds(view.kinds);
 let kind = "width";
 
 function choose(wanted) {
-  if (document.querySelector(`button[data-kind=${wanted}]`).disabled) return;
+  const isOther = others.includes(wanted);
+  if ((isOther ? find("others") : document.querySelector(`button[data-kind=${wanted}]`)).disabled) return;
+  find("others").value = isOther ? wanted : "";
   kind = wanted;
   const { tool = marks, help } = KINDS[kind] || OTHER_TOOLS[kind];
   pointer.tool = tool;
@@ -105,7 +108,8 @@ function drawNow() {
   panel.draw(units(), overlay.probes);
   find("undo").disabled = !history.past.length;
   find("end").hidden = !marks.canEnd;
-  for (const each of Object.keys(KINDS)) document.querySelector(`[data-kind=${each}]`).disabled = !hasPose;
+  for (const each of document.querySelectorAll("button[data-kind]")) if (KINDS[each.dataset.kind]) each.disabled = !hasPose;
+  find("others").disabled = !hasPose;
   find("river").disabled = find("grid").disabled = !hasPose;
   find("landmarks").hidden = !isCalibrating;
   find("reach").hidden = !river.isShown;
@@ -197,7 +201,7 @@ const KEYS = {
   0: () => picture.fit(), ",": () => timeline.step(-1), ".": () => timeline.step(1), Escape: () => choose(kind),
   Delete: () => { if (marks.current) { history.keep(); marks.remove(marks.current); } },
 };
-for (const [name, { key }] of Object.entries({ ...KINDS, landmark: OTHER_TOOLS.landmark })) KEYS[key] = () => choose(name);
+for (const [name, { key }] of Object.entries({ ...KINDS, landmark: OTHER_TOOLS.landmark })) if (key) KEYS[key] = () => choose(name);
 
 document.onkeydown = (event) => {
   const { key, target } = event, isCommand = event.ctrlKey || event.metaKey, isAtImage = target === picture.canvas;
@@ -214,6 +218,8 @@ document.onkeydown = (event) => {
 
 document.onclick = (event) => { if (event.target.dataset.kind) choose(event.target.dataset.kind); };
 picture.canvas.ondblclick = end;
+find("others").append(...others.map((name) => new Option(name)));
+find("others").onchange = () => choose(find("others").value);
 find("river").onclick = showRiver;
 find("grid").onclick = showGrid;
 find("plot").onclick = showPlots;

@@ -24,8 +24,9 @@ from aerodft.adapters.wire.keys import Keys
 from aerodft.adapters.wire.measurement import MEASUREMENT_SCHEMA, MEASUREMENTS_SCHEMA, split_measurements
 from aerodft.adapters.wire.pose import POSE_SCHEMA, decode_pose
 from aerodft.conventions import SECOND_NS
+from aerodft.dft import recorded_kind
 from aerodft.errors import InputError
-from aerodft.model import ProbeKind, Status
+from aerodft.model import Status
 
 _log = logging.getLogger(__name__)
 
@@ -146,10 +147,12 @@ def _pixels(item: dict[str, Any]) -> list[Point2]:
 
 def _line(item: dict[str, Any], stamp: Timestamp) -> PointsAnnotation:
     points = _pixels(item)
-    kind = PointsAnnotation.LINE_LOOP if item["kind"] == ProbeKind.AREA else PointsAnnotation.LINE_STRIP
+    kind = recorded_kind(item["kind"])
+    lines = PointsAnnotation.LINE_LIST if kind.in_pairs else PointsAnnotation.LINE_STRIP
+    lines = PointsAnnotation.LINE_LOOP if kind.is_closed else lines
     return PointsAnnotation(
         timestamp=stamp,
-        type=kind if len(points) > 1 else PointsAnnotation.POINTS,
+        type=lines if len(points) > 1 else PointsAnnotation.POINTS,
         points=points,
         outline_color=_LINE,
         thickness=_THICKNESS_PX,

@@ -2,14 +2,26 @@
 
 import { heightsOf, labelText, quality, samplingText, valueText } from "./words.js";
 
-export const KINDS = { // how many points, the key, and what to do
-  width: { least: 2, most: 2, key: "w", help: "Click two banks." },
-  distance: { least: 2, most: 2, key: "d", help: "Click two points on the ground." },
-  length: { least: 2, most: 256, key: "l", help: "Click along the path; a double-click ends it." },
-  area: { least: 3, most: 256, key: "a", help: "Click around the area; a double-click ends it." },
-  height: { least: 2, most: 2, key: "h", help: "Click the base, on the ground, then the top." },
-  position: { least: 1, most: 1, key: "p", help: "Click a point on the ground." },
+export const KINDS = { // the key, and what to do; how many points, and whether they are closed, is the program's to say
+  width: { key: "w", help: "Click two banks." },
+  distance: { key: "d", help: "Click two points on the ground." },
+  length: { key: "l", help: "Click along the path; a double-click ends it." },
+  area: { key: "a", help: "Click around the area; a double-click ends it." },
+  height: { key: "h", help: "Click the base, on the ground, then the top." },
+  position: { key: "p", help: "Click a point on the ground." },
 };
+
+export function learnKinds(known) { // all that the program measures; returns the names of those without a button
+  const others = Object.keys(known).filter((name) => !KINDS[name]);
+  for (const [name, { least, most, closed }] of Object.entries(known)) {
+    const help = most > least ? `Click ${least} to ${most} points; a double-click ends it.` : `Click ${least} ${least > 1 ? "points" : "point"}.`;
+    KINDS[name] = { help, ...KINDS[name], least, most, closed };
+  }
+  return others;
+}
+
+export const isClosed = (name) => Boolean(KINDS[name]?.closed);
+
 export const COLOURS = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00"]; // Okabe and Ito
 const DRAFT = "#fff", VERTICAL = "#f0e442";
 
@@ -123,10 +135,10 @@ export class Marks {
     const open = pointer && this.draft.length ? [...this.draft, pointer] : this.draft;
     return [
       ...this.items.map((mark) => ({
-        points: mark.points, colour: mark.colour, closed: mark.kind === "area",
+        points: mark.points, colour: mark.colour, closed: isClosed(mark.kind),
         label: mark.found ? labelText({ ...mark.found, name: mark.name }, units) : "",
       })),
-      { points: open, colour: DRAFT, closed: this.kind === "area" && open.length > 2 },
+      { points: open, colour: DRAFT, closed: isClosed(this.kind) && open.length > 2 },
       { points: this.vertical, colour: VERTICAL, style: "dashed" },
     ];
   }

@@ -1,5 +1,6 @@
 // What helps to read the image: the horizon, a grid of metres on the ground, and the values of the station's probes.
 
+import { isClosed } from "../measuring/marks.js";
 import { gridText, labelText } from "../measuring/words.js";
 
 const HORIZON = "#d55e00", GRID = "#ffffff", PROBE = "#cc79a7";
@@ -26,7 +27,7 @@ export class OverlayLayer {
 
   shapes(units) {
     const probes = this.probes.filter((each) => each.pixels.length).map((each) => ({
-      points: each.pixels.filter(([u, v]) => u !== null && v !== null), colour: PROBE, closed: each.kind === "area",
+      points: each.pixels.filter(([u, v]) => u !== null && v !== null), colour: PROBE, closed: isClosed(each.kind),
       label: labelText(each, units),
     }));
     return this.isShown && this.scene ? [...gridShapes(this.scene, units), ...probes] : probes;

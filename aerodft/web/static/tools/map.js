@@ -1,6 +1,7 @@
 // The view from above, north up, in metres of the station: what the image shows of the ground, the camera's way, the
 // river's banks and what is measured; on a grid, and on the tiles of a server where one is configured.
 
+import { isClosed } from "../measuring/marks.js";
 import { converted, gridText } from "../measuring/words.js";
 import { trace } from "../stage/picture.js";
 import { niceStep } from "../time/plots.js";
@@ -32,8 +33,8 @@ export class GroundMap {
     this.line(scene.footprint_enu_m.map(at), { fill: FOOTPRINT, stroke: ink, closed: true });
     this.line(this.track.map(at), { stroke: TRACK });
     for (const bank of banks) this.line(bank.map(at), { stroke: BANKS, width: 3, halo: true });
-    for (const { enu_m: points, kind } of seen) this.line(points.map(at), { stroke: PROBE, closed: kind === "area", width: 3, dots: true });
-    for (const { found, colour, kind } of measured) this.line(found.enu_m.map(at), { stroke: colour, closed: kind === "area", width: 3, dots: true });
+    for (const { enu_m: points, kind } of seen) this.line(points.map(at), { stroke: PROBE, closed: isClosed(kind), width: 3, dots: true });
+    for (const { found, colour, kind } of measured) this.line(found.enu_m.map(at), { stroke: colour, closed: isClosed(kind), width: 3, dots: true });
     this.drawCamera(at(scene.camera_enu_m), scene.heading_deg);
     this.drawNames([...seen.map(({ name, enu_m: [point] }) => [name, at(point)]), ...measured.map(({ name, found }) => [name, at(found.enu_m[0])])]);
     pen.fillStyle = ink;

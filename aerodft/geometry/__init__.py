@@ -7,23 +7,17 @@ from aerodft.geometry.kernels import (
     PITCH,
     RANGE,
     RAY_Z,
-    BrownLens,
-    FisheyeLens,
     Float32Array,
     X,
     Y,
-    meet_brown,
     meet_dense,
-    meet_fisheye,
     meet_pinhole,
 )
 from aerodft.geometry.lens import (
     PINHOLE_PARAMETERS,
-    brown_limit,
+    all_coefficients,
     distorted_with_jacobian,
-    fisheye_limit,
     intrinsics_covariance,
-    padded_distortion,
     pixels_by_intrinsics,
     pixels_from_rays,
     rays_by_intrinsics,
@@ -31,6 +25,7 @@ from aerodft.geometry.lens import (
     rays_with_jacobian,
     reproject,
 )
+from aerodft.geometry.lenses import LENS_MODELS, Lens
 from aerodft.geometry.poses import (
     UNKNOWN_HEADING_VAR,
     camera_pose,

@@ -3,21 +3,35 @@
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from aerodft.model.arrays import FloatArray
 
 
-class LensModel(StrEnum):
-    """The distortion models, as OpenCV defines them."""
+class LensModel(str):  # noqa: SLOT000 - pickles and copies carry the attributes with the dictionary
+    """Name of a model of lens distortion.
 
-    BROWN = "brown"  # k1 k2 p1 p2 [k3 [k4 k5 k6]]: radial, tangential, rational
-    FISHEYE = "fisheye"  # k1 k2 k3 k4: equidistant polynomial
+    No enumeration: who adds a model to ``geometry.LENS_MODELS`` gives it a name there.
 
-    @property
-    def coefficient_counts(self) -> tuple[int, ...]:
-        """Numbers of coefficients that a lens may have."""
-        return (0, 4, 5, 8) if self is LensModel.BROWN else (0, 4)
+    Attributes:
+        coefficients: Names of the coefficients, in their order.
+        coefficient_counts: Numbers of coefficients, from the first on, that a lens may have; others are 0.
+    """
+
+    coefficients: tuple[str, ...]
+    coefficient_counts: tuple[int, ...]
+    BROWN: ClassVar["LensModel"]
+    FISHEYE: ClassVar["LensModel"]
+
+    def __new__(cls, name: str, coefficients: str = "", counts: tuple[int, ...] = (0,)) -> Self:
+        """A name with its coefficients' names, separated by spaces."""
+        made = super().__new__(cls, name)
+        made.coefficients, made.coefficient_counts = tuple(coefficients.split()), counts
+        return made
+
+
+LensModel.BROWN = LensModel("brown", "k1 k2 p1 p2 k3 k4 k5 k6", (0, 4, 5, 8))  # radial, tangential, rational
+LensModel.FISHEYE = LensModel("fisheye", "k1 k2 k3 k4", (0, 4))  # equidistant polynomial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from aerodft.adapters.config.camera import camera_document
 from aerodft.adapters.files import output_folder
-from aerodft.model import Camera, FloatArray, LensModel
+from aerodft.geometry import LENS_MODELS
+from aerodft.model import Camera, FloatArray
 from aerodft.reports.calibration import decimals
 from aerodft.reports.page import bullets, heading, page, paragraph, picture, table
 from aerodft.reports.style import BLUE, RED, styled
@@ -36,8 +37,6 @@ _COLUMNS, _ARROWS = 96, 16  # of the maps of distortion
 _ARROW_SHARE = 0.02  # of the image's width: what a typical residual is drawn as
 _BAR_IN, _MAX_BARS = 0.22, 60
 _NAME_LETTERS = 32
-
-_IDEAL: Final = {LensModel.BROWN: "a pinhole", LensModel.FISHEYE: "a fisheye of equal angles"}
 
 _MAX_NAMED: Final = 5  # of dropped images that a sentence names
 
@@ -243,7 +242,9 @@ def _grid(fit: LensFit, columns: int) -> FloatArray:
 
 def _distortion(fit: LensFit) -> Figure:
     camera = fit.solution.camera
-    figure, axes = _image_axes(fit, f"How far the lens moves a pixel from where {_IDEAL[camera.lens]} would have it")
+    figure, axes = _image_axes(
+        fit, f"How far the lens moves a pixel from where {LENS_MODELS[camera.lens].ideal} would have it"
+    )
     fine, coarse = _grid(fit, _COLUMNS), _grid(fit, _ARROWS)
     _draw_map(figure, axes, fine, np.linalg.norm(distortion_px(camera, fine), axis=-1), "displacement (px)")
     moved = distortion_px(camera, coarse).reshape(-1, 2)

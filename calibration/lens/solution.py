@@ -15,6 +15,7 @@ import numpy as np
 
 from aerodft.errors import NoAnswerError, counted
 from aerodft.geometry import (
+    LENS_MODELS,
     distorted_with_jacobian,
     pixels_from_rays,
     rays_by_intrinsics,
@@ -198,6 +199,11 @@ class LensChoice(StrEnum):
     RATIONAL = "rational"
     FISHEYE = "fisheye"
 
+    @property
+    def model(self) -> LensModel:
+        """The lens model that is fitted."""
+        return LensModel.BROWN if self is LensChoice.RATIONAL else LENS_MODELS[LensModel(self)].model
+
 
 _MIN_COEFFICIENTS, _WITH_K3, _RATIONAL = 4, 5, 8
 _RATIONAL_STD = 3.0  # of k4, k5, k6 before anything is seen: those of real lenses are about 1
@@ -279,10 +285,9 @@ def solve_lens(
 
 def _begin(corners: Corners, lens: LensChoice, size_px: tuple[int, int]) -> Bundle:
     """The best of the first guesses, followed to their ends with four coefficients."""
-    model = LensModel.FISHEYE if lens is LensChoice.FISHEYE else LensModel.BROWN
     ends = [
         adjust(resolve_mirrored_boards(adjust(guess, corners), corners), corners)
-        for guess in first_guesses(corners, model, size_px, _MIN_COEFFICIENTS)[:_STARTS]
+        for guess in first_guesses(corners, lens.model, size_px, _MIN_COEFFICIENTS)[:_STARTS]
     ]
     if not ends:
         raise NoAnswerError(
@@ -297,7 +302,7 @@ def _with_coefficients_of(
     lens: LensChoice, four: Bundle, corners: Corners
 ) -> tuple[Bundle, float | None, FloatArray | None]:
     """The bundle with as many coefficients as the lens is to have, what the last ones are worth (BIC), and weights."""
-    if lens is LensChoice.FISHEYE:
+    if max(lens.model.coefficient_counts) == _MIN_COEFFICIENTS:
         return four, None, None
     five = adjust(_widened(four, _WITH_K3), corners)
     if lens is LensChoice.RATIONAL:

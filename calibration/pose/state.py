@@ -14,17 +14,11 @@ from aerodft.model import (
     CameraStd,
     FloatArray,
     FloatLike,
-    LensModel,
     Pose,
     ProjectionModel,
     read_only,
 )
 
-_COEFFICIENTS = {
-    LensModel.BROWN: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
-    LensModel.FISHEYE: ("k1", "k2", "k3", "k4"),
-}
-_COUNTS = {LensModel.BROWN: (0, 4, 5, 8), LensModel.FISHEYE: (0, 4)}
 _POSITION_INDEX = {"east": 0, "north": 1, "height": 2}
 _ANGLES = ("tilt", "roll", "heading")
 _INTRINSIC_INDEX = {"fx": 0, "fy": 1, "cx": 2, "cy": 3}
@@ -112,19 +106,19 @@ class State:
 
 def coefficient_names(camera: Camera) -> tuple[str, ...]:
     """Names of the camera's distortion coefficients, in their order."""
-    return _COEFFICIENTS[camera.lens][: len(camera.distortion)]
+    return camera.lens.coefficients[: len(camera.distortion)]
 
 
 def possible_coefficients(camera: Camera) -> tuple[str, ...]:
     """Names of all distortion coefficients that the camera's lens model may have."""
-    return _COEFFICIENTS[camera.lens]
+    return camera.lens.coefficients
 
 
 def with_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
     """The camera with as many distortion coefficients as the named ones need; added ones are 0 and exact."""
     known = possible_coefficients(camera)
     needed = max((known.index(name) + 1 for name in names if name in known), default=0)
-    count = next(count for count in _COUNTS[camera.lens] if count >= max(needed, len(camera.distortion)))
+    count = next(count for count in camera.lens.coefficient_counts if count >= max(needed, len(camera.distortion)))
     zeros = (0.0,) * (count - len(camera.distortion))
     if not zeros:
         return camera

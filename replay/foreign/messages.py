@@ -35,7 +35,8 @@ from aerodft.adapters.telemetry.mavlink import (
 from aerodft.adapters.timestamps import OLDEST_NS, iso_to_unix_ns
 from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, JsonValue, load_bounded_json
 from aerodft.conventions import SECOND_NS
-from aerodft.model import Camera, IntArray, LensModel
+from aerodft.geometry import LENS_MODELS
+from aerodft.model import Camera, IntArray
 
 JSON, PROTOBUF, CDR, ROS1 = "json", "protobuf", "cdr", "ros1"
 _READABLE: Final = frozenset({JSON, PROTOBUF, CDR, ROS1})
@@ -287,9 +288,8 @@ def _encoded_image(stamp_ns: int | None, data: bytes, name: str) -> EncodedImage
     )
 
 
-_BROWN = {"plumb_bob": 5, "rational_polynomial": 8, "": 0}
+_LENSES = {name: (lens.model, count) for lens in LENS_MODELS.values() for name, count in lens.wire_names}
 _MOST = 100  # numbers that are looked at: megabytes of them are four times as much as a tuple
-_FISHEYE = {"fisheye_opencv", "kannala_brandt", "equidistant", "fisheye"}
 
 
 def read_camera(channel: Channel, data: bytes) -> Camera:
@@ -329,12 +329,10 @@ def _camera(
     name: str, width_px: int, height_px: int, model: str, distortion: tuple[float, ...], matrix: tuple[float, ...]
 ) -> Camera:
     fx_px, _, cx_px, _, fy_px, cy_px, *_ = matrix
-    if model in _FISHEYE:
-        lens, coefficients = LensModel.FISHEYE, distortion[:4]
-    elif model in _BROWN:
-        lens, coefficients = LensModel.BROWN, distortion[: _BROWN[model]]
-    else:
+    if model not in _LENSES:
         raise ValueError(f"lens model {model!r}")
+    lens, count = _LENSES[model]
+    coefficients = distortion[:count]
     if not any(coefficients):
         coefficients = ()
     return Camera(

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from aerodft.geometry import meet_fisheye
+from aerodft.geometry.kernels import meet_fisheye
 
 INTRINSICS = (1000.0, 1100.0, 1010.0, 490.0)
 NADIR = np.diag([1.0, -1.0, -1.0])  # a camera that looks straight down from a height of 1

@@ -334,7 +334,7 @@ def _typed(said: AnyValue, hint: AnyValue, folder: Path) -> AnyValue:
     """Text as the path or the name that an attribute is; all else as it is."""
     if isinstance(said, tuple):
         return tuple(_typed(each, hint, folder) for each in said)
-    if not isinstance(said, str):
+    if not isinstance(said, str) or type(said) in _types(hint):
         return said
     kind = next((each for each in _types(hint) if issubclass(each, Path | Enum)), str)
     return folder / said if issubclass(kind, Path) else kind(said)

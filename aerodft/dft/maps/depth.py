@@ -16,31 +16,26 @@ from aerodft.dft.covariance import point_covariances, shared_covariance
 from aerodft.dft.projection import ELEVATION, INTRINSICS, POSITION, ROTATION, project
 from aerodft.geometry import (
     GSD,
+    LENS_MODELS,
     PITCH,
     RANGE,
     RAY_Z,
-    BrownLens,
-    FisheyeLens,
     Float32Array,
     Ground,
     GroundHits,
     Plane,
     X,
     Y,
-    brown_limit,
+    all_coefficients,
     camera_angles,
-    fisheye_limit,
     matrix,
-    meet_brown,
     meet_dense,
-    meet_fisheye,
     meet_pinhole,
-    padded_distortion,
     rays_by_intrinsics,
     rays_from_pixels,
     rays_with_jacobian,
 )
-from aerodft.model import Camera, FloatArray, LensModel, Pose, ProjectionModel, read_only
+from aerodft.model import Camera, FloatArray, Pose, ProjectionModel, read_only
 
 Z = 4  # plane of a depth map, behind those of ``dense``
 
@@ -334,16 +329,12 @@ class GroundMap:
         ground_from_ray: ``(3, 3)`` from rays in camera axes to ENU, horizontal axes scaled by the camera's height.
         foot_enu_m: ``(3,)`` ground point below the camera.
         ground_from_pixel: ``(3, 3)`` from homogeneous pixels to ENU, scaled so; None for a lens with distortion.
-        brown: Parameters of a Brown lens; None for any other.
-        fisheye: Parameters of a fisheye lens; None for any other.
     """
 
     camera: Camera
     ground_from_ray: FloatArray
     foot_enu_m: FloatArray
     ground_from_pixel: FloatArray | None
-    brown: BrownLens | None = None
-    fisheye: FisheyeLens | None = None
 
     @classmethod
     def at(cls, camera: Camera, pose: Pose, elevation_m: float = 0.0) -> "GroundMap":
@@ -357,9 +348,7 @@ class GroundMap:
         foot = np.array([*pose.position_enu_m[:2], elevation_m])
         if _is_undistorted(camera):
             return cls(camera, ground_from_ray, foot, ground_from_ray @ _ray_from_pixel(camera))
-        if camera.lens is LensModel.FISHEYE:
-            return cls(camera, ground_from_ray, foot, None, fisheye=_fisheye_lens(camera))
-        return cls(camera, ground_from_ray, foot, None, brown=_brown_lens(camera))
+        return cls(camera, ground_from_ray, foot, None)
 
     def points_enu_m(self, pixels_px: FloatArray) -> FloatArray:
         """Ground points ``(..., 3)`` of pixels ``(..., 2)``, in the image or beside it.
@@ -371,10 +360,9 @@ class GroundMap:
         flat, out = pixels.reshape(-1, 2), points.reshape(-1, 3)
         if self.ground_from_pixel is not None:
             meet_pinhole(flat, self.ground_from_pixel, self.foot_enu_m, out)
-        elif self.brown is not None:
-            meet_brown(flat, self.brown, self.ground_from_ray, self.foot_enu_m, out)
-        elif self.fisheye is not None:
-            meet_fisheye(flat, self.fisheye, self.ground_from_ray, self.foot_enu_m, out)
+        else:
+            lens, ground = LENS_MODELS[self.camera.lens], (self.ground_from_ray, self.foot_enu_m)
+            lens.meet_level(all_coefficients(self.camera), _intrinsics(self.camera), flat, ground, out)
         return points
 
 
@@ -401,7 +389,7 @@ def ground_covariances(
 
 def _is_undistorted(camera: Camera) -> bool:
     """Whether the lens has no distortion."""
-    return camera.lens is LensModel.BROWN and not any(camera.distortion)
+    return LENS_MODELS[camera.lens].is_pinhole(all_coefficients(camera))
 
 
 def _ray_from_pixel(camera: Camera) -> FloatArray:
@@ -418,15 +406,3 @@ def _ray_from_pixel(camera: Camera) -> FloatArray:
 def _intrinsics(camera: Camera) -> tuple[float, float, float, float]:
     """fx, fy, cx and cy of a camera for the compiled kernels."""
     return float(camera.fx_px), float(camera.fy_px), float(camera.cx_px), float(camera.cy_px)
-
-
-def _brown_lens(camera: Camera) -> BrownLens:
-    """Intrinsics, coefficients and validity limit of a Brown lens for the compiled kernels."""
-    coefficients = tuple(map(float, padded_distortion(camera, 8)))
-    return _intrinsics(camera), coefficients, brown_limit(coefficients)
-
-
-def _fisheye_lens(camera: Camera) -> FisheyeLens:
-    """Intrinsics, coefficients and validity limit of a fisheye lens for the compiled kernels."""
-    coefficients = tuple(map(float, padded_distortion(camera, 4)))
-    return _intrinsics(camera), coefficients, fisheye_limit(coefficients)

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera.formats import read_other_camera
@@ -17,6 +17,7 @@ from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.tables import SiAttribute, Table, si_value, unless_zero
 from aerodft.errors import Reason, counted, located
+from aerodft.geometry import LENS_MODELS
 from aerodft.model import Camera, CameraMode, CameraStd, LensModel
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -47,6 +48,17 @@ class ModeTable(Table):
     digital_zoom: keys.Positive | None = None
 
 
+_LENS_SCHEMA: Final = WithJsonSchema({"enum": list(map(str, LENS_MODELS)), "type": "string"})
+
+
+def _lens_model(name: object) -> LensModel:
+    if not isinstance(name, str) or LensModel(name) not in LENS_MODELS:
+        got = f'"{name}"' if isinstance(name, str) else str(name)
+        *others, last = map(repr, map(str, LENS_MODELS))
+        raise impossible("", got=got, expected=f"one of {', '.join(others)} or {last}")
+    return LENS_MODELS[LensModel(name)].model
+
+
 class CameraTable(Table):
     """A camera, either by its field of view or by its intrinsics."""
 
@@ -62,7 +74,7 @@ class CameraTable(Table):
     fy_px: keys.Focal | None = None
     cx_px: keys.Real | None = None
     cy_px: keys.Real | None = None
-    lens: Annotated[LensModel, Field(strict=False)] = LensModel.BROWN
+    lens: Annotated[LensModel, PlainValidator(_lens_model), _LENS_SCHEMA] = Field("brown", validate_default=True)
     distortion: keys.Many[keys.Real] = ()
     focal_std_px: Annotated[keys.NonNegative, SiAttribute("std.focal_px")] = 0.0
     principal_point_std_px: Annotated[keys.NonNegative, SiAttribute("std.principal_point_px")] = 0.0

@@ -28,6 +28,7 @@ from aerodft.adapters.wire.status import (
     encode_status,
 )
 from aerodft.conventions import SECOND_NS
+from aerodft.geometry import LENS_MODELS
 from aerodft.jit import njit
 from aerodft.model import (
     CalibrationEstimate,
@@ -37,7 +38,6 @@ from aerodft.model import (
     Image,
     ImageArray,
     IntArray,
-    LensModel,
     PoseBatch,
     VideoPacket,
     WireProtocol,
@@ -47,8 +47,6 @@ from aerodft.service import Batches, StepOutputs
 
 _RECORD_HEAD, _MESSAGE_HEAD = RECORD_HEAD.size, MESSAGE_HEAD.size
 _OPCODE = int(Opcode.MESSAGE)
-
-_BROWN_COEFFICIENTS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -301,12 +299,10 @@ def compressed_video(packet: VideoPacket, frame: str) -> bytes:
 
 
 def camera_calibration(camera: Camera, stamp_ns: int) -> bytes:
-    """A camera as ``foxglove.CameraCalibration`` (OpenCV's distortion models)."""
-    if camera.lens is LensModel.FISHEYE:
-        model, coefficients = "fisheye_opencv", camera.distortion
-    else:
-        model = "rational_polynomial" if len(camera.distortion) > _BROWN_COEFFICIENTS else "plumb_bob"
-        coefficients = camera.distortion + (0.0,) * (_BROWN_COEFFICIENTS - len(camera.distortion))
+    """A camera as ``foxglove.CameraCalibration``, its lens by the names of OpenCV's models where it is one."""
+    names = LENS_MODELS[camera.lens].wire_names
+    model, count = next(name for name in names if name[0] and name[1] >= len(camera.distortion))
+    coefficients = camera.distortion + (0.0,) * (count - len(camera.distortion))
     matrix = (camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0)
     message = CameraCalibration(
         timestamp=_timestamp(stamp_ns),

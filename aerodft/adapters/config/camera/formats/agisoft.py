@@ -18,7 +18,9 @@ from aerodft.adapters.config.camera.formats.values import (
 from aerodft.errors import ConfigError
 from aerodft.model import LensModel
 
-_MODELS: Final = {"frame": LensModel.BROWN, "fisheye": LensModel.FISHEYE, "equidistant_fisheye": LensModel.FISHEYE}
+_FISHEYE: Final = LensModel.FISHEYE, ("p1", "p2")
+_MODELS: Final = {"frame": (LensModel.BROWN, ("k4",)), "fisheye": _FISHEYE, "equidistant_fisheye": _FISHEYE}
+"""The equal of each model, and the coefficients that it lacks: Agisoft's k4 is no denominator."""
 _RADIAL: Final = ("k1", "k2", "k3", "k4")
 
 
@@ -45,13 +47,11 @@ def read(text: str) -> dict[str, Any]:
         raise refused_model(values.path("projection"), model, _MODELS)
     if "f" not in values and "fx" in values:
         raise ConfigError(values.path("fx"), got="an old file of Agisoft Lens", expected="f", hint="export it anew")
-    lens = _MODELS[model]
-    return _read(values, lens)
+    return _read(values, *_MODELS[model])
 
 
-def _read(values: Values, lens: LensModel) -> dict[str, Any]:
-    tangential = ("p1", "p2") if lens is LensModel.FISHEYE else ("k4",)
-    refuse_unless_zero(values, ("b2", "p3", "p4", *tangential))
+def _read(values: Values, lens: LensModel, lacking: tuple[str, ...]) -> dict[str, Any]:
+    refuse_unless_zero(values, ("b2", "p3", "p4", *lacking))
     width, height = values.size_px("width"), values.size_px("height")
     focal_px = values.positive("f")
     matrix = (

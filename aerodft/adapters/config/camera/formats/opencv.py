@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 from aerodft.adapters.config.camera.formats.syntax import json_table, xml_root, yaml_table
 from aerodft.adapters.config.camera.formats.values import Values, camera_keys
 from aerodft.errors import ConfigError
+from aerodft.geometry import LENS_MODELS, Lens
 from aerodft.model import LensModel
 
 _MATRIX: Final = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "CameraMatrix", "K", "mtx")
@@ -50,11 +51,18 @@ def read(text: str) -> dict[str, Any]:
         if key not in values:
             expected = "the size of the calibrated images"
             raise ConfigError(key, got="nothing", expected=expected, hint=f"add {key} to the file")
-    lens = LensModel.FISHEYE if values.number("fisheye_model", 0.0) else LensModel.BROWN
+    lens = _lens_of(values)
     distortion = values.key_of(*_DISTORTION)
+    named = [values.number(name) for name in lens.model.coefficients if name == lens.opencv_key]  # beside the others
     matrix = intrinsics_of_matrix(values, values.key_of(*_MATRIX))
     size_px = values.size_px(width), values.size_px(height)
-    return camera_keys(size_px, matrix, lens, values.numbers(distortion), distortion)
+    return camera_keys(size_px, matrix, lens.model, (*named, *values.numbers(distortion)), distortion)
+
+
+def _lens_of(values: Values) -> Lens:
+    """The model that the file marks; Brown's where it marks none."""
+    marked = (each for each in LENS_MODELS.values() if each.opencv_key and values.number(each.opencv_key, 0.0))
+    return next(marked, LENS_MODELS[LensModel.BROWN])
 
 
 def intrinsics_of_matrix(values: Values, key: str) -> tuple[float, float, float, float]:

@@ -8,8 +8,6 @@ from aerodft.conventions import LARGEST
 from aerodft.errors import ConfigError, counted
 from aerodft.model import LensModel
 
-_BROWN: Final = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-_FISHEYE: Final = ("k1", "k2", "k3", "k4")
 _MAX_SIZE_PX: Final = 10_000_000  # as of camera files
 _MAX_CENTRE_OFFSET: Final = 0.2
 """Of the principal point from the image's centre, as a share of the image's size. Chosen: calibrations are within 0.05,
@@ -134,8 +132,7 @@ def refuse_unless_zero(values: Values, keys: Iterable[str]) -> None:
 
 def named_distortion(lens: LensModel, coefficients: Mapping[str, float]) -> tuple[float, ...]:
     """Distortion coefficients in the order of camera files, by OpenCV's names; those that are not named are 0."""
-    names = _BROWN if lens is LensModel.BROWN else _FISHEYE
-    return tuple(coefficients.get(name, 0.0) for name in names)
+    return tuple(coefficients.get(name, 0.0) for name in lens.coefficients)
 
 
 def camera_keys(

@@ -57,7 +57,7 @@ from aerodft.dft.projection import (
 )
 from aerodft.dft.quantities import Gradient, RayGeometry
 from aerodft.dft.request import Setup
-from aerodft.geometry import Ground, from_rotation_vector, matrix, rotate
+from aerodft.geometry import Ground, axis_focal_px, from_rotation_vector, matrix, rotate
 from aerodft.model import (
     CODE_OF,
     CODES,
@@ -452,15 +452,15 @@ class Answers:
         """Whether values depend on the errors too nonlinearly for first order."""
         view, is_nonlinear = self._view, np.zeros(self.code.shape, dtype=np.bool_)
         if view.setup.ground is None:
-            camera, rotation = view.setup.camera, view.shared_cov[:, ROTATION, ROTATION]
+            focal_px, rotation = axis_focal_px(view.setup.camera), view.shared_cov[:, ROTATION, ROTATION]
             tilt_var = np.trace(self._tilt_cov, axis1=1, axis2=2)
             lens = slice(FOCAL.start, PRINCIPAL_POINT.stop)
-            lens_var = np.trace(view.shared_cov[:, lens, lens], axis1=1, axis2=2) / camera.fx_px**2
-            self.ray_std_rad = np.sqrt((tilt_var + lens_var)[:, None] + self._vars[1] / camera.fx_px**2)
+            lens_var = np.trace(view.shared_cov[:, lens, lens], axis1=1, axis2=2) / focal_px**2
+            self.ray_std_rad = np.sqrt((tilt_var + lens_var)[:, None] + self._vars[1] / focal_px**2)
             ground_m = self._ground.points_enu_m[:, :, : self._on_ground, 2]
             slant = self._range_m / (self._camera_m[..., None, 2] - ground_m)
             self.slant = np.max(slant, axis=-1, initial=1.0)
-            self.noise_m = np.max(self._range_m * slant, axis=-1, initial=0.0) * self.std_px / camera.fx_px
+            self.noise_m = np.max(self._range_m * slant, axis=-1, initial=0.0) * self.std_px / focal_px
             if self._own_std_m.size:
                 self.noise_m = np.hypot(self.noise_m, self.slant * np.max(self._own_std_m, axis=-1))
             if self._kind.scalar is None:

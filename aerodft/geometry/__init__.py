@@ -16,6 +16,7 @@ from aerodft.geometry.kernels import (
 from aerodft.geometry.lens import (
     PINHOLE_PARAMETERS,
     all_coefficients,
+    axis_focal_px,
     distorted_with_jacobian,
     intrinsics_covariance,
     pixels_by_intrinsics,
@@ -25,7 +26,7 @@ from aerodft.geometry.lens import (
     rays_with_jacobian,
     reproject,
 )
-from aerodft.geometry.lenses import LENS_MODELS, Lens
+from aerodft.geometry.lenses import LENS_MODELS, Distorted, Lens
 from aerodft.geometry.poses import (
     UNKNOWN_HEADING_VAR,
     camera_pose,

@@ -90,6 +90,13 @@ def distorted_with_jacobian(camera: Camera, rays_cam: FloatArray) -> tuple[Float
     return np.where(is_valid, found.points, np.nan), np.where(is_valid[..., None], found.jac_ray, np.nan)
 
 
+@lru_cache(maxsize=64)
+def axis_focal_px(camera: Camera) -> float:
+    """Pixels that a ray at the optical axis moves per radian, along the image's rows."""
+    _, jac = distorted_with_jacobian(camera, np.array([0.0, 0.0, 1.0]))
+    return float(camera.fx_px * jac[0, 0])
+
+
 def all_coefficients(camera: Camera) -> Coefficients:
     """All distortion coefficients of the camera's lens model, those that it leaves out as 0."""
     return (*camera.distortion, *([0.0] * (len(camera.lens.coefficients) - len(camera.distortion))))

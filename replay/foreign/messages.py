@@ -288,7 +288,6 @@ def _encoded_image(stamp_ns: int | None, data: bytes, name: str) -> EncodedImage
     )
 
 
-_LENSES = {name: (lens.model, count) for lens in LENS_MODELS.values() for name, count in lens.wire_names}
 _MOST = 100  # numbers that are looked at: megabytes of them are four times as much as a tuple
 
 
@@ -329,9 +328,10 @@ def _camera(
     name: str, width_px: int, height_px: int, model: str, distortion: tuple[float, ...], matrix: tuple[float, ...]
 ) -> Camera:
     fx_px, _, cx_px, _, fy_px, cy_px, *_ = matrix
-    if model not in _LENSES:
+    lenses = {name: (lens.model, count) for lens in LENS_MODELS.values() for name, count in lens.wire_names}
+    if model not in lenses:
         raise ValueError(f"lens model {model!r}")
-    lens, count = _LENSES[model]
+    lens, count = lenses[model]
     coefficients = distortion[:count]
     if not any(coefficients):
         coefficients = ()

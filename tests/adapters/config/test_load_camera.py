@@ -118,7 +118,10 @@ def test_intrinsics_are_taken_as_they_stand(tmp_path: Path) -> None:
         (INTRINSICS + COVARIANCE.replace("3.9", "4.1"), "got correlations with an eigenvalue of -0.025, expected none"),
         (INTRINSICS + COVARIANCE.replace("[3.9", "[3.8"), "got [0][1] = 3.9 and [1][0] = 3.8, expected the same numb"),
         (INTRINSICS + COVARIANCE.replace("0.25", '"x"'), 'camera.toml: covariance[2][2]: got "x", expected a number'),
-        (INTRINSICS + 'lens = "wide"\n', "camera.toml: lens: got \"wide\", expected one of 'brown' or 'fisheye'"),
+        (
+            INTRINSICS + 'lens = "wide"\n',
+            "camera.toml: lens: got \"wide\", expected one of 'brown', 'fisheye', 'division' or 'omnidirectional'",
+        ),
     ],
 )
 def test_a_wrong_camera_file_is_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:

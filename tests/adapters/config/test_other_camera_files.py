@@ -183,6 +183,12 @@ def test_opencvs_fisheye_sample_is_a_fisheye(tmp_path):
     check_camera(ad.load_camera(tmp_path / "camera.yml"), True, FISHEYE)
 
 
+def test_opencvs_omnidirectional_camera_has_its_xi_first(tmp_path):
+    opencv_file(tmp_path, "camera.yml", FISHEYE, {"xi": 1.2})
+    camera = ad.load_camera(tmp_path / "camera.yml")
+    assert (camera.lens, camera.distortion) == ("omnidirectional", (1.2, *FISHEYE))
+
+
 SHARED_FILES = [each for each in sorted(SHARED.glob("*")) if each.suffix in {".yaml", ".yml", ".xml", ".json", ".txt"}]
 
 

@@ -15,7 +15,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, repeat
+from itertools import repeat
 from typing import Final
 
 import numpy as np
@@ -173,7 +173,6 @@ CERTAIN: Final = 1e4
 _EXCHANGE_NS = 10 * SECOND_NS  # without a report, in which a gimbal may have become another one
 _WINDOW_NS = 2 * SECOND_NS  # longest motion: slower ones may as well be commands
 _MIN_MOTION_RAD = math.radians(2)  # ten times the error of an autopilot's own attitude
-_ROUNDING_RAD = 1e-9
 _MIN_MOTION_STDS = 8  # the noise of twenty attitudes reaches six
 _NOISE_WINDOW = 300  # reports
 _MIN_NOISE_SAMPLES = 15  # reports
@@ -287,58 +286,22 @@ class FrameDetector:
         self._recent.append(sample)
 
     def update_all(self, gravity_samples: GravitySamples) -> Iterator[tuple[int, FrameEvidence]]:
-        """Process reports as by ``update``, most of which end no motion; unknown ones end the motion.
-
-        After a silence the evidence starts anew.
+        """Process reports in order; unknown ones end the motion, and after a silence the evidence starts anew.
 
         Returns:
             Stamps of the reports that changed the evidence, and the evidence after each.
         """
         is_new = gravity_samples.silence_ns >= _EXCHANGE_NS
-        has_no_motion = gravity_samples.is_known & ~self._may_end_motion(gravity_samples) & ~is_new
-        ends = [0, *(np.flatnonzero(np.diff(has_no_motion)) + 1).tolist(), len(gravity_samples)]
-        for first, stop in pairwise(ends):
-            if has_no_motion[first]:
-                self._update_without_motion(gravity_samples.rows(slice(first, stop)))
-                continue
-            for row in range(first, stop):
-                before = self.evidence
-                if is_new[row]:
-                    self.forget()
-                if gravity_samples.is_known[row]:
-                    self.update(gravity_samples.row(row))
-                else:
-                    self.end_motion()
-                if self.evidence is not before:
-                    yield int(gravity_samples.stamp_ns[row]), self.evidence
-
-    def _may_end_motion(self, gravity_samples: GravitySamples) -> BoolArray:
-        """Reports ``(n,)`` that may end a motion: the vehicle's tilt differs enough from that within the window."""
-        stamps, downs = _append_downs(self._recent, gravity_samples)
-        squared = np.zeros(len(stamps))
-        for ago in range(1, len(stamps)):
-            is_near = stamps[ago:] - stamps[:-ago] <= _WINDOW_NS
-            if not np.any(is_near):
-                break
-            differences = downs[ago:] - downs[:-ago]
-            squared[ago:] = np.maximum(squared[ago:], np.where(is_near, (differences * differences).sum(axis=1), 0.0))
-        return np.asarray(squared[len(self._recent) :] >= (_MIN_MOTION_RAD - _ROUNDING_RAD) ** 2)
-
-    def _update_without_motion(self, gravity_samples: GravitySamples) -> None:
-        """Process reports that end no motion."""
-        low, high = self._range_rad
-        pitches = gravity_samples.reported_pitch_rad
-        self._range_rad = min(low, float(pitches.min())), max(high, float(pitches.max()))
-        stamps, downs = _append_downs(list(self._recent)[-2:], gravity_samples)
-        second_differences = downs[2:] - 2 * downs[1:-1] + downs[:-2]
-        is_near = stamps[2:] - stamps[:-2] <= _WINDOW_NS
-        measured = gravity_samples.second_difference_rad[len(gravity_samples) - len(second_differences) :]
-        lengths = map(math.hypot, *second_differences[is_near].T.tolist())
-        self._second_differences_rad.extend(map(max, lengths, measured[is_near].tolist()))
-        first = int(np.searchsorted(gravity_samples.stamp_ns, gravity_samples.stamp_ns[-1] - _WINDOW_NS))
-        self._recent.extend(gravity_samples.row(row) for row in range(first, len(gravity_samples)))
-        while self._recent[-1].stamp_ns - self._recent[0].stamp_ns > _WINDOW_NS:
-            self._recent.popleft()
+        for row in range(len(gravity_samples)):
+            before = self.evidence
+            if is_new[row]:
+                self.forget()
+            if gravity_samples.is_known[row]:
+                self.update(gravity_samples.row(row))
+            else:
+                self.end_motion()
+            if self.evidence is not before:
+                yield int(gravity_samples.stamp_ns[row]), self.evidence
 
     def _noise_rad(self) -> float:
         """Standard deviation of the vehicle's reported tilt; a bit more where it rotates fast."""
@@ -429,13 +392,6 @@ def _log_sum(logarithms: FloatArray) -> float:
     """Logarithm of the sum of exponentials."""
     largest = float(np.max(logarithms))
     return largest + math.log(float(np.sum(np.exp(logarithms - largest))))
-
-
-def _append_downs(recent: Sequence[GravitySample], gravity_samples: GravitySamples) -> tuple[IntArray, FloatArray]:
-    """Stamps ``(n,)`` and gravity in the vehicle's axes ``(n, 3)`` of recent samples followed by further ones."""
-    stamps = np.array([each.stamp_ns for each in recent], dtype=np.int64)
-    downs = np.array([each.down_body for each in recent]).reshape(-1, 3)
-    return np.concatenate([stamps, gravity_samples.stamp_ns]), np.concatenate([downs, gravity_samples.down_body])
 
 
 def _log_density(rotations: FloatArray) -> FloatArray:

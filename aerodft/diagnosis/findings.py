@@ -12,7 +12,7 @@ from aerodft.diagnosis.log_diagnosis import USED, ClockSummary, DiagnosisReport,
 from aerodft.diagnosis.message_requests import SWITCHED_OFF_BY
 from aerodft.diagnosis.streams import Stream
 from aerodft.model import GimbalSource, HeightSource, ReportFrame
-from aerodft.service import DEMAND_TILT_STD_RAD, TelemetrySettings
+from aerodft.service import DEMAND_TILT_STD_RAD, GIMBAL_SOURCES, TelemetrySettings
 from aerodft.service.attitude import FrameEvidence
 from aerodft.service.clocks import ClockHealth
 
@@ -343,8 +343,10 @@ def _frames(report: DiagnosisReport) -> Iterator[str]:
             f"{math.degrees(DEMAND_TILT_STD_RAD):g} deg, and larger after every move; for a gimbal that measures set "
             'telemetry.attitude.feedback = "measured"'
         )
-    if any(source.name == "MOUNT_STATUS" for source in report.attitudes):
-        yield "MOUNT_STATUS has no time stamp of its own: its arrival is used, late by the link's delay"
+    unstamped = {str(each.name) for each in GIMBAL_SOURCES.values() if not each.is_stamped}
+    for source in report.attitudes:
+        if source.name in unstamped:
+            yield f"{source.name} has no time stamp of its own: its arrival is used, late by the link's delay"
 
 
 def _gimbal_notes(report: DiagnosisReport) -> Iterator[str]:

@@ -44,7 +44,7 @@ from aerodft.model import (
     VehicleTrack,
     WireProtocol,
 )
-from aerodft.service import TelemetrySettings
+from aerodft.service import TelemetrySettings, is_own_statement
 from aerodft.service.attitude import FrameEvidence
 from aerodft.service.clocks import JUMP_NS, ClockHealth, Ticks
 from aerodft.service.pose import PoseSource
@@ -419,7 +419,7 @@ class LogDiagnosis:
             frames={
                 str(source): evidence
                 for source, evidence in self._frames.gimbal_frames().items()
-                if not source.is_own_statement
+                if not is_own_statement(source)
             },
             vehicle_attitude=self._vehicle if self._vehicle.count else None,
             clock=self._clock.summary(self._first_ns),
@@ -450,7 +450,7 @@ class LogDiagnosis:
             demands={
                 str(source): is_demand
                 for source, is_demand in self._frames.gimbal_demands().items()
-                if not source.is_own_statement
+                if not is_own_statement(source)
             },
             parameters=parameters,
             unknown_ids=self._unknown,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from enum import StrEnum
 from typing import ClassVar, Final, Self, TypeVar, overload
 
 import numpy as np
@@ -92,26 +91,33 @@ HeightSource.MANUAL = HeightSource("manual")
 HeightSource.CALIBRATION = HeightSource("calibration")
 
 
-class GimbalSource(StrEnum):
-    """Source of the camera's attitude."""
+class GimbalSource(str):
+    """Name of the source of the camera's attitude.
 
-    GIMBAL_DEVICE = "GIMBAL_DEVICE_ATTITUDE_STATUS"
-    MOUNT_ORIENTATION = "MOUNT_ORIENTATION"
-    MOUNT_STATUS = "MOUNT_STATUS"
-    DATAFLASH_MNT = "MNT"
-    FIXED_MOUNT = "fixed"
-    PHOTOGRAPH = "photograph"
-    SUBTITLES = "subtitles"
-    TABLE = "table"
-    MANUAL = "manual"
+    No enumeration: who adds a source to ``service.GIMBAL_SOURCES`` gives it a name there.
+    """
 
-    @property
-    def is_own_statement(self) -> bool:
-        """Whether the camera itself states its attitude against north and the horizon, as measured at its stamp.
+    __slots__ = ()
+    GIMBAL_DEVICE: ClassVar["GimbalSource"]
+    MOUNT_ORIENTATION: ClassVar["GimbalSource"]
+    MOUNT_STATUS: ClassVar["GimbalSource"]
+    DATAFLASH_MNT: ClassVar["GimbalSource"]
+    FIXED_MOUNT: ClassVar["GimbalSource"]
+    PHOTOGRAPH: ClassVar["GimbalSource"]
+    SUBTITLES: ClassVar["GimbalSource"]
+    TABLE: ClassVar["GimbalSource"]
+    MANUAL: ClassVar["GimbalSource"]
 
-        Such a report is no demand that the camera may lag behind, and never relative to the vehicle.
-        """
-        return self in {GimbalSource.PHOTOGRAPH, GimbalSource.SUBTITLES, GimbalSource.TABLE}
+
+GimbalSource.GIMBAL_DEVICE = GimbalSource("GIMBAL_DEVICE_ATTITUDE_STATUS")
+GimbalSource.MOUNT_ORIENTATION = GimbalSource("MOUNT_ORIENTATION")
+GimbalSource.MOUNT_STATUS = GimbalSource("MOUNT_STATUS")
+GimbalSource.DATAFLASH_MNT = GimbalSource("MNT")
+GimbalSource.FIXED_MOUNT = GimbalSource("fixed")
+GimbalSource.PHOTOGRAPH = GimbalSource("photograph")
+GimbalSource.SUBTITLES = GimbalSource("subtitles")
+GimbalSource.TABLE = GimbalSource("table")
+GimbalSource.MANUAL = GimbalSource("manual")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

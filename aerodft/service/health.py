@@ -42,11 +42,17 @@ from aerodft.model import (
     TriggerTrack,
     VehicleTrack,
 )
+from aerodft.service.gimbal_sources import GIMBAL_SOURCES
 from aerodft.service.settings import HealthSettings
 from aerodft.service.streams import Stream
 
 _WARNING_FRACTION: Final = 0.8  # of the largest test ratio
-_SOURCES_WITHOUT_FLAGS: Final = (GimbalSource.MOUNT_ORIENTATION, GimbalSource.MOUNT_STATUS)  # no flags
+
+
+def _may_be_of_failure(source: GimbalSource | None) -> bool:
+    """Whether an attitude may be a report during a gimbal's failure, which its source does not mark."""
+    reports = None if source is None else GIMBAL_SOURCES.get(source)
+    return bool(reports and reports.is_reported and not (reports.is_own_statement or reports.has_failure_flags))
 
 
 class _Facts(NamedTuple):
@@ -108,7 +114,7 @@ class _Verdict:
 
     def refuses(self, sample: PoseSample) -> bool:
         """Whether a pose that is ok is refused, by a fault or by a failure of its own gimbal."""
-        return bool(self.faults) or (bool(self.failures) and sample.attitude_source in _SOURCES_WITHOUT_FLAGS)
+        return bool(self.faults) or (bool(self.failures) and _may_be_of_failure(sample.attitude_source))
 
     def apply_to(self, sample: PoseSample) -> PoseSample:
         """The sample's variant with the status, reasons and origin that follow."""

@@ -24,6 +24,7 @@ from aerodft.model import (
     SurveyedLandmark,
     ZoomSource,
 )
+from aerodft.service.gimbal_sources import reported_sources
 from aerodft.service.height_sources import HEIGHT_SOURCES
 
 
@@ -215,15 +216,7 @@ class AttitudeSettings:
         max_gap_ns: Longest gap between two samples that is interpolated over.
     """
 
-    order: tuple[GimbalSource, ...] = (
-        GimbalSource.GIMBAL_DEVICE,
-        GimbalSource.MOUNT_ORIENTATION,
-        GimbalSource.MOUNT_STATUS,
-        GimbalSource.DATAFLASH_MNT,
-        GimbalSource.PHOTOGRAPH,
-        GimbalSource.SUBTITLES,
-        GimbalSource.TABLE,
-    )
+    order: tuple[GimbalSource, ...] = field(default_factory=reported_sources)
     scale: tuple[tuple[GimbalSource, AngleScale], ...] = ()
     fixed_mount: FixedMount | None = None
     camera_on_gimbal: FixedMount | None = None

@@ -114,7 +114,7 @@ def refusal(
     scores = [score(with_focal(motion, scale), camera) for scale in _COARSE_SCALES.tolist()]
     if max(scores) > needed:
         return _focal_refusal(float(_COARSE_SCALES[int(np.argmax(scores))]))
-    has_mount = camera.source is GimbalSource.FIXED_MOUNT
+    has_mount = camera.source == GimbalSource.FIXED_MOUNT
     how = "telemetry.attitude.fixed_mount" if has_mount else "telemetry.attitude.frame"
     return NoAnswerError(
         "the turns in the video are not those of the log, or the video is not of this flight",

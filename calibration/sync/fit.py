@@ -25,7 +25,8 @@ from scipy.ndimage import maximum_filter1d
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
-from aerodft.model import BoolArray, FloatArray, GimbalSource
+from aerodft.model import BoolArray, FloatArray
+from aerodft.service import GIMBAL_SOURCES
 from aerodft.vision.camera_motion import FREE, PlaneMotion, Turns, turns_over_plane
 from calibration.sync.motion import CameraMotion, CameraPath, PredictedRotations, predict_rotations
 
@@ -83,7 +84,6 @@ _WALK_START_STD_RAD = 0.2  # of its first knot
 _MIN_PATH_ITERATIONS, _PATH_ITERATIONS = 8, 14
 _STD_FACTOR = 1.3  # ratio of the errors of simulated flights to the stds by model and residuals
 _STAMP_STD_S = 0.0005  # of stamps in whole milliseconds, with those of the clock map
-_UNSTAMPED = (GimbalSource.MOUNT_STATUS,)
 _UNSTAMPED_STD_S = 0.02  # of reports that take the time of the message before them
 
 
@@ -429,7 +429,7 @@ def refine_alignment(camera: CameraMotion, path: CameraPath, start: FloatArray) 
     shares = _START_SHARES if camera.has_lag else (0.0,)
     tries = [_PathFit(reports, walk, has_lag=camera.has_lag).solve(start, share) for share in shares]
     best = min(tries, key=lambda each: each.cost)
-    if camera.source not in _UNSTAMPED:
+    if GIMBAL_SOURCES[camera.source].is_stamped:
         return best
     return replace(best, cov=best.cov + np.diag([0.0, 0.0, _UNSTAMPED_STD_S**2]))
 

@@ -94,7 +94,7 @@ class CameraMotion:
         """
         history = _cut(history, zero_ns, reach_s)
         self.source = _preferred_source(history, settings)
-        self.has_lag = self.source is not GimbalSource.FIXED_MOUNT
+        self.has_lag = self.source != GimbalSource.FIXED_MOUNT
         self._zero_ns, self._max_gap_s = zero_ns, settings.max_gap_ns / SECOND_NS
         mount = settings.camera_on_gimbal if self.has_lag else settings.fixed_mount
         self._mount = _mount_wxyz(mount)
@@ -180,7 +180,7 @@ def _cut(history: AttitudeHistory, zero_ns: int, reach_s: float) -> AttitudeHist
 
 def _preferred_source(history: AttitudeHistory, settings: AttitudeSettings) -> GimbalSource:
     for source in settings.order:
-        if source is GimbalSource.FIXED_MOUNT:
+        if source == GimbalSource.FIXED_MOUNT:
             if settings.fixed_mount is not None and _usable(history.vehicle) is not None:
                 return source
         elif _usable(history.gimbals.get(source)) is not None:

@@ -39,7 +39,6 @@ from aerodft.model import (
     Ellipse95,
     GeoOrigin,
     GeoPoint,
-    GimbalSource,
     HeightSource,
     Image,
     Measurement,
@@ -52,7 +51,7 @@ from aerodft.model import (
     StampClock,
     Status,
 )
-from aerodft.service import HEIGHT_SOURCES
+from aerodft.service import GIMBAL_SOURCES, HEIGHT_SOURCES
 from tests.batches import measurement_batch
 from tests.payloads import decode_measurement, decode_observation, decode_status, encode_pose
 
@@ -108,7 +107,7 @@ samples = st.builds(
     alt_msl_m=st.none() | real,
     height_source=st.none() | st.sampled_from([*HEIGHT_SOURCES, HeightSource.CALIBRATION]),
     height_datum=st.none() | text,
-    attitude_source=st.none() | st.sampled_from(GimbalSource),
+    attitude_source=st.none() | st.sampled_from([*GIMBAL_SOURCES]),
     telemetry_age_s=st.none() | real,
     calibration=st.none() | text,
 )

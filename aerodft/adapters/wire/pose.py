@@ -42,7 +42,7 @@ from aerodft.model import (
     ZoomSource,
     read_only,
 )
-from aerodft.service import HEIGHT_SOURCES
+from aerodft.service import GIMBAL_SOURCES, HEIGHT_SOURCES
 
 POSE_SCHEMA = "aerodft.pose/1"
 
@@ -92,7 +92,7 @@ POSE: Final = Payload(
         **_SUMMARY_KEYS,
         "std": object_of({**_SUMMARY_STD, "horizontal_m": NUMBER, "time_s": NUMBER}),
         "alt_msl_m": NUMBER,
-        "attitude_source": or_null(one_of(GimbalSource)),
+        "attitude_source": or_null(one_of(GIMBAL_SOURCES)),
         "calibration": TEXT_OR_NULL,
         "zoom": doc(
             or_null(object_of({"magnification": NUMBER, "std": NUMBER, "source": one_of(ZoomSource)})),

@@ -30,6 +30,7 @@ from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, 
 from aerodft.service.attitude.readings import AttitudeBatch, AttitudeBrackets, Readings, Resolver
 from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.batches import tick_after
+from aerodft.service.gimbal_sources import is_own_statement
 from aerodft.service.settings import AttitudeSettings
 from aerodft.service.streams import LAST, Brackets, Missing, Stream
 
@@ -290,7 +291,7 @@ def _read(
 
 def _settings_of(source: GimbalSource, settings: AttitudeSettings) -> AttitudeSettings:
     """Settings by which reports of a source are read: a camera's own statement leaves nothing to estimate."""
-    if not source.is_own_statement:
+    if not is_own_statement(source):
         return settings
     frame, axes = ReportFrame.EARTH, MountAxes.TILT_OUTER
     return replace(settings, frame=frame, axes=axes, is_demand=False, delay_ns=0)
@@ -306,7 +307,7 @@ class AttitudeSources:
         self._gimbals: dict[GimbalSource, Gimbal] = {
             source: Gimbal(_settings_of(source, settings))
             for source in settings.order
-            if source is not GimbalSource.FIXED_MOUNT
+            if source != GimbalSource.FIXED_MOUNT
         }
         self._resolver = Resolver(settings)
         self._gimbal_types: dict[str, int] = {}  # by message
@@ -496,7 +497,7 @@ class AttitudeSources:
     ) -> tuple[IntArray, Iterator[tuple[IntArray, AttitudeBatch]]]:
         """``Missing (n,)`` of a source at stamps, and the rows and attitudes that it has."""
         vehicle, vehicle_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
-        if source is GimbalSource.FIXED_MOUNT:
+        if source == GimbalSource.FIXED_MOUNT:
             if self._settings.fixed_mount is None:
                 vehicle_missing = np.where(vehicle_missing == Missing.NOTHING, Missing.NEVER, vehicle_missing)
             rows = np.flatnonzero(vehicle_missing == Missing.NOTHING)

@@ -24,6 +24,7 @@ from aerodft.model import (
 )
 from aerodft.service.attitude import AttitudeBatch
 from aerodft.service.clocks import HOST_STD_S, ClockMap
+from aerodft.service.gimbal_sources import is_own_statement
 from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.pose.heights import HeightBatch
 from aerodft.service.pose.vehicle_position import PositionBatch
@@ -353,7 +354,7 @@ def missing_poses(
         has_begun: ``(n,)`` whether there was any telemetry by the stamp.
     """
     dropped, limits = clock.broken_off(), settings.attitude
-    reporting = tuple(source for source in limits.order if not source.is_own_statement) or limits.order
+    reporting = tuple(source for source in limits.order if not is_own_statement(source)) or limits.order
     samples = []
     for row, stamp_ns in enumerate(inputs.stamps_ns.tolist()):
         height, attitude = Missing(inputs.heights.missing[row]), Missing(inputs.attitudes.missing[row])

@@ -21,22 +21,19 @@ from aerodft.adapters.config.tables import (
 )
 from aerodft.errors import Reason
 from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
-from aerodft.service import HEIGHT_SOURCES, RADIO_STATUS, AngleScale, HeightSettings, TelemetrySettings
+from aerodft.service import (
+    HEIGHT_SOURCES,
+    RADIO_STATUS,
+    AngleScale,
+    HeightSettings,
+    TelemetrySettings,
+    reported_sources,
+)
 
 MAX_ANGLE_FACTOR: Final = 1e7  # degrees in a field of 1e-7 degrees, the finest unit that MAVLink has
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _AXES = {"auto": None, **{str(axes): axes for axes in MountAxes}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
-AttitudeName = Literal[
-    "GIMBAL_DEVICE_ATTITUDE_STATUS",
-    "MOUNT_ORIENTATION",
-    "MOUNT_STATUS",
-    "MNT",
-    "photograph",
-    "subtitles",
-    "table",
-    "fixed",
-]
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION", "subtitles"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
 Percent = Annotated[float, Field(ge=0, le=100)]
@@ -44,9 +41,11 @@ ZoomPoint = Annotated[tuple[Percent, keys.Positive], Field(strict=False)]
 
 
 if TYPE_CHECKING:  # what the table of sources makes of these is known when it runs
+    AttitudeName = str
     HeightName = str
     HeightStdTable = Table
 else:
+    AttitudeName = Literal[tuple(map(str, (*reported_sources(), GimbalSource.FIXED_MOUNT)))]
     HeightName = Literal[tuple(map(str, HEIGHT_SOURCES))]
     HeightStdTable = create_model(
         "HeightStdTable",
@@ -118,7 +117,7 @@ class AngleScaleTable(Table):
 if TYPE_CHECKING:
     GimbalScalesTable = Table
 else:
-    _SCALED = [str(each) for each in GimbalSource if each not in (GimbalSource.FIXED_MOUNT, GimbalSource.MANUAL)]
+    _SCALED = list(map(str, reported_sources()))
     GimbalScalesTable = create_model(
         "GimbalScalesTable",
         __base__=Table,
@@ -136,8 +135,8 @@ def _scales_table(scales: tuple[tuple[GimbalSource, AngleScale], ...]) -> Gimbal
     return GimbalScalesTable(**tables) if tables else None
 
 
-_GIMBALS: Final = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS", "MNT")
-_OWN_STATEMENTS: Final = tuple(str(source) for source in GimbalSource if source.is_own_statement)
+_GIMBALS: Final = tuple(map(str, reported_sources(own_statements=False)))
+_OWN_STATEMENTS: Final = tuple(map(str, reported_sources(own_statements=True)))
 
 
 def _with_own_statements(order: tuple[str, ...]) -> tuple[GimbalSource, ...]:

@@ -7,7 +7,7 @@ the sender's time since boot, or ``NO_BOOT_TIME`` where the message carries none
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -43,12 +43,21 @@ class ReportFrame(StrEnum):
     BODY = "body"  # the vehicle, whatever the message's flags
 
 
-class MountAxes(StrEnum):
-    """Order of a mount's servo axes behind yaw: how angles relative to the vehicle are composed."""
+class MountAxes(str):
+    """Name of the order of a mount's servo axes behind yaw: how angles relative to the vehicle are composed.
 
-    ROLL_OUTER = "roll-outer"  # the usual one: the roll servo carries the tilt servo
-    TILT_OUTER = "tilt-outer"  # the tilt servo carries the roll servo: the angles are aerospace Euler angles
-    TILT_ONLY = "tilt-only"  # no roll servo, whatever is reported of one: the camera rolls with the vehicle
+    No enumeration: who adds a mount to ``GIMBAL_MOUNTS`` (``service/attitude/mounts.py``) gives it a name there.
+    """
+
+    __slots__ = ()
+    ROLL_OUTER: ClassVar["MountAxes"]
+    TILT_OUTER: ClassVar["MountAxes"]
+    TILT_ONLY: ClassVar["MountAxes"]
+
+
+MountAxes.ROLL_OUTER = MountAxes("roll-outer")  # the usual one: the roll servo carries the tilt servo
+MountAxes.TILT_OUTER = MountAxes("tilt-outer")  # the tilt servo carries the roll servo: aerospace Euler angles
+MountAxes.TILT_ONLY = MountAxes("tilt-only")  # no roll servo, whatever is reported of one: the camera rolls with it all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

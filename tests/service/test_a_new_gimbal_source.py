@@ -1,14 +1,19 @@
-"""A source of attitudes that nobody here has heard of: an entry of the table, and a decoder that makes its tracks."""
+"""A source of attitudes that nobody here has heard of: an entry of the table, and a decoder that makes its tracks.
 
+And a mount: a servo for tilt alone, on a wedge of 0.1 rad.
+"""
+
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from aerodft.adapters.telemetry.mavlink import MavlinkDecoder
-from aerodft.geometry import angles_of_matrix, matrix
-from aerodft.model import GimbalSource, GimbalTrack, Status
+from aerodft.geometry import about_axis, angles_of_matrix, matrix, multiply
+from aerodft.model import GimbalSource, GimbalTrack, MountAxes, ReportFrame, Status
 from aerodft.service import GIMBAL_SOURCES, AttitudeSettings, GimbalReports, Pipeline
+from aerodft.service.attitude import GIMBAL_MOUNTS, Mount
 
 ENCODER = GimbalSource("encoder")
 
@@ -53,3 +58,25 @@ def test_without_its_reports_the_reason_names_it(bench, monkeypatch):
     (sample,) = bench.poses(outputs)
     assert sample.status is Status.NO_ATTITUDE
     assert "encoder" in sample.reasons[0]
+
+
+class Wedge(Mount):
+    def compose(self, yaw_rad, pitch_rad, roll_rad):  # noqa: ARG002
+        return multiply(about_axis(2, yaw_rad), about_axis(1, pitch_rad + 0.1))
+
+
+def test_a_mount_from_outside_composes_its_angles(bench, monkeypatch):
+    wedge = MountAxes("wedge")
+    monkeypatch.setitem(GIMBAL_MOUNTS, wedge, Wedge(axes=wedge))
+    tilts_deg = []
+    for axes in (MountAxes.TILT_ONLY, wedge):
+        attitude = AttitudeSettings(frame=ReportFrame.BODY, axes=axes)
+        outputs = bench.run_events(
+            *bench.blocks(bench.flight(3.0)),
+            bench.image(0, 1_050),
+            made=bench.pipeline(telemetry=replace(bench.settings.telemetry, attitude=attitude)),
+        )
+        (sample,) = bench.poses(outputs)
+        assert sample.status is Status.OK
+        tilts_deg.append(math.degrees(angles_of_matrix(matrix(sample.pose.wxyz))[0]))
+    assert tilts_deg[1] - tilts_deg[0] == pytest.approx(math.degrees(0.1), abs=0.1)

@@ -4,8 +4,8 @@ A stabilised camera keeps its attitude while the vehicle moves: reports relative
 relative to the vehicle undo its motion. Each motion of the vehicle is scored under both readings by the rotation of the
 camera relative to gravity that it implies, which needs no yaw and is regular at nadir.
 
-Reports relative to the vehicle are servo angles, whose attitude depends on which servo carries the other: two readings.
-``mounted_wxyz`` makes an attitude of them.
+Reports relative to the vehicle are servo angles, whose attitude depends on the mount: one reading for each of
+``GIMBAL_MOUNTS`` that has a prior.
 
 Two kinds of reports relative to the vehicle stay constant too: a servo at its limit, so that evidence at the end of the
 range counts little, and the demand of a camera that is not stabilised, which the data cannot tell.
@@ -13,7 +13,7 @@ range counts little, and the demand of a camera that is not stabilised, which th
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from typing import Final
@@ -23,20 +23,20 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import about_axis, matrix, multiply, yaw_pitch_roll
 from aerodft.model import Batch, BoolArray, FloatArray, IntArray, MountAxes, ReportFrame
+from aerodft.service.attitude.mounts import GIMBAL_MOUNTS
 from aerodft.service.streams import Stream
 
 LAGS_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """Lags of a report behind its stamp, each a hypothesis."""
 
-AXES: Final = (MountAxes.ROLL_OUTER, MountAxes.TILT_OUTER)
+AXES: Final = tuple(mount.axes for mount in GIMBAL_MOUNTS.values() if mount.prior)
+"""Mounts that the data tell apart."""
+
 BODY_READINGS: Final = len(AXES) * len(LAGS_NS)
 """Number of readings relative to the vehicle: each mount with each lag."""
 
 _SAMPLES_BEFORE = 3  # samples before a stamp that its values depend on
 _MIN_INTERVAL_NS = 100_000_000  # closer reports add no information
-
-_NADIR_MARGIN_RAD: Final = math.radians(0.1)  # closer to nadir rounding hides which part is yaw and which roll
-_LEVELLING_STEPS: Final = 20  # each leaves the tangent of the vehicle's tilt of the remaining error
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ def gravity_samples(gimbal: Stream, vehicle: Stream, *, after_ns: int, until_ns:
     latest = attitudes[np.clip(np.searchsorted(samples_ns, stamps), 0, len(attitudes) - 1)]
     yaws = np.where(gimbal.column("yaw_in_earth")[rows] > 0, yaw_pitch_roll(latest)[0], 0.0)
     relative_to_body = multiply(about_axis(2, -yaws), wxyz)
-    rotations = [matrix(mounted_wxyz(relative_to_body, axes, latest, yaw_in_earth=False)) for axes in AXES]
+    rotations = [matrix(GIMBAL_MOUNTS[axes].camera_wxyz(relative_to_body, latest, yaw_in_earth=False)) for axes in AXES]
     if_body = np.concatenate([downs @ rotation for rotation in rotations], axis=1)
     silence_ns = _silence_ns(gimbal, vehicle, rows)
     return GravitySamples(
@@ -165,8 +165,6 @@ def _interpolate(
 PRIOR_BODY: Final = 0.25
 """Prior probability of reports relative to the vehicle, as of servo mounts and most senders of older messages."""
 
-_PRIOR_AXES: Final = {MountAxes.ROLL_OUTER: 0.75, MountAxes.TILT_OUTER: 0.25}
-
 CERTAIN: Final = 1e4
 """Bayes factor at which a reading is decided."""
 
@@ -186,10 +184,11 @@ _AT_LIMIT_RAD = math.radians(1)
 _MAX_LOG_RATIO = 3 * math.log(CERTAIN)  # bounded, so that later evidence can reverse it
 
 
+_PRIORS: Final = np.array([GIMBAL_MOUNTS[axes].prior for axes in AXES])
+_PRIOR_BY_AXES: Final = PRIOR_BODY * _PRIORS / np.sum(_PRIORS)
+
 # Priors of the readings: the horizon, then the vehicle by mounts and lags.
-_LOG_PRIOR: Final = np.log(
-    [1 - PRIOR_BODY, *(PRIOR_BODY * _PRIOR_AXES[axes] / len(LAGS_NS) for axes in AXES for _ in LAGS_NS)]
-)
+_LOG_PRIOR: Final = np.log([1 - PRIOR_BODY, *np.repeat(_PRIOR_BY_AXES / len(LAGS_NS), len(LAGS_NS))])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +200,7 @@ class FrameEvidence:
         axes: The decided mount, if reports are relative to the vehicle; None while undecided.
         contradictory: Whether the decision changed more than once: no reading holds.
         body_probability: Probability that reports are relative to the vehicle.
-        tilt_outer_probability: Probability that then the tilt servo carries the roll servo.
+        mount_probabilities: Probability of each of ``AXES`` then.
         motions: Number of motions of the vehicle so far.
         undone: Number of motions that the reports undid rather than not.
         motion_s: Total duration of the motions.
@@ -211,7 +210,7 @@ class FrameEvidence:
     axes: MountAxes | None
     contradictory: bool
     body_probability: float
-    tilt_outer_probability: float
+    mount_probabilities: Mapping[MountAxes, float]
     motions: int
     undone: int
     motion_s: float
@@ -225,14 +224,12 @@ class FrameEvidence:
             frame: As configured; None for the evidence's.
             axes: As configured; None for the evidence's. Angles relative to the horizon are always aerospace angles.
         """
-        has_no_roll = axes is MountAxes.TILT_ONLY
         frame, axes = frame or self.frame, axes or self.axes
         body = self.body_probability if frame is None else float(frame is ReportFrame.BODY)
-        tilt_outer = self.tilt_outer_probability if axes is None else float(axes is MountAxes.TILT_OUTER)
+        mounts = self.mount_probabilities if axes is None else {axes: 1.0}
         return {
             (ReportFrame.EARTH, MountAxes.TILT_OUTER): 1 - body,
-            (ReportFrame.BODY, MountAxes.TILT_ONLY if has_no_roll else MountAxes.ROLL_OUTER): body * (1 - tilt_outer),
-            (ReportFrame.BODY, MountAxes.TILT_OUTER): body * tilt_outer,
+            **{(ReportFrame.BODY, each): body * mounts.get(each, 0.0) for each in GIMBAL_MOUNTS},
         }
 
 
@@ -348,7 +345,7 @@ class FrameDetector:
         It is doubted while certain evidence against it has come since most spoke for it, however much that was: the
         gimbal may be another one.
         """
-        by_axes = self._log_by_axes() - np.log([PRIOR_BODY * _PRIOR_AXES[axes] for axes in AXES])
+        by_axes = self._log_by_axes() - np.log(_PRIOR_BY_AXES)
         ratio = float(np.max(by_axes) - self._log_weights[0])
         if abs(ratio) >= math.log(CERTAIN):
             frame = ReportFrame.BODY if ratio > 0 else ReportFrame.EARTH
@@ -368,7 +365,7 @@ class FrameDetector:
             axes=self._axes,
             contradictory=self._changes > 1,
             body_probability=0.5 if self._is_doubted else 1 / (1 + math.exp(-self._log_odds_body())),
-            tilt_outer_probability=math.exp(by_axes[AXES.index(MountAxes.TILT_OUTER)] - _log_sum(by_axes)),
+            mount_probabilities=dict(zip(AXES, np.exp(by_axes - _log_sum(by_axes)).tolist(), strict=True)),
             motions=self._motions,
             undone=int(self._undone[int(np.argmax(self._log_weights[1:]))]),
             motion_s=self._motion_ns / SECOND_NS,
@@ -397,43 +394,3 @@ def _log_sum(logarithms: FloatArray) -> float:
 def _log_density(rotations: FloatArray) -> FloatArray:
     """Log density, up to a constant, of a Cauchy distribution of two small angles: commands have long tails."""
     return np.asarray(-1.5 * np.log1p(rotations**2))
-
-
-def mounted_wxyz(
-    wxyz: FloatArray, axes: MountAxes, ned_wxyz_body: FloatArray, *, yaw_in_earth: BoolArray | bool
-) -> FloatArray:
-    """Camera rotation from servo angles that a report packs as aerospace Euler angles (yaw, pitch, roll).
-
-    At nadir the packed angles cannot tell yaw from roll: there the roll servo is assumed to level the camera.
-
-    Args:
-        wxyz: ``(n, 4)`` as reported.
-        axes: Order of the servo axes.
-        ned_wxyz_body: ``(n, 4)`` the vehicle's attitudes.
-        yaw_in_earth: ``(n,)`` or one for all: whether yaw is relative to north, else to the vehicle's heading.
-
-    Returns:
-        ``(n, 4)`` rotations relative to the report's reference.
-    """
-    if axes is MountAxes.TILT_OUTER:
-        return wxyz
-    yaw, pitch, roll = yaw_pitch_roll(wxyz)
-    near_nadir = np.flatnonzero(np.abs(pitch) > math.pi / 2 - _NADIR_MARGIN_RAD)
-    is_beyond = np.abs(roll) > math.pi / 2  # as a tilt servo turns where the nose is up and the camera straight down
-    yaw, pitch, roll = np.where(is_beyond, (yaw + math.pi, math.pi - pitch, roll - math.pi), (yaw, pitch, roll))
-    if len(near_nadir):
-        packed, sign = matrix(wxyz[near_nadir]), -np.sign(pitch[near_nadir])
-        yaw_and_roll = np.arctan2(-packed[:, 0, 1], packed[:, 1, 1])  # yaw plus signed roll
-        down = matrix(ned_wxyz_body[near_nadir])[:, 2]
-        yaw_is_north = np.broadcast_to(yaw_in_earth, len(wxyz))[near_nadir]
-        heading = np.where(yaw_is_north, yaw_pitch_roll(ned_wxyz_body[near_nadir])[0], 0.0)
-        roll_servo = np.zeros(len(near_nadir))
-        for _ in range(_LEVELLING_STEPS):
-            pan = yaw_and_roll - sign * roll_servo - heading
-            sideways = np.cos(pan) * down[:, 1] - np.sin(pan) * down[:, 0]
-            roll_servo = np.arctan2(-sideways, down[:, 2])
-        yaw[near_nadir], roll[near_nadir] = yaw_and_roll - sign * roll_servo, roll_servo
-    carrier = about_axis(2, yaw)
-    if axes is MountAxes.ROLL_OUTER:
-        carrier = multiply(carrier, about_axis(0, roll))
-    return multiply(carrier, about_axis(1, pitch))

@@ -6,7 +6,7 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.model import FloatArray, GimbalSource, GimbalTrack, IntArray, MountAxes, ReportFrame, Track, VehicleTrack
-from aerodft.service.attitude.gimbal_frame import mounted_wxyz
+from aerodft.service.attitude.mounts import GIMBAL_MOUNTS
 from aerodft.service.attitude.sources import AttitudeSources
 from aerodft.service.clocks import ClockMap, Ticks
 from aerodft.service.feed import MergedFeed
@@ -136,7 +136,7 @@ def _to_attitudes(
     if frame is not ReportFrame.BODY or vehicle is None:
         return gimbal
     before = np.maximum(np.searchsorted(vehicle.stamp_ns, gimbal.stamp_ns, side="right"), 1) - 1
-    wxyz = mounted_wxyz(gimbal.wxyz, axes, vehicle.wxyz[before], yaw_in_earth=gimbal.yaw_in_earth > 0)
+    wxyz = GIMBAL_MOUNTS[axes].camera_wxyz(gimbal.wxyz, vehicle.wxyz[before], yaw_in_earth=gimbal.yaw_in_earth > 0)
     return replace(gimbal, wxyz=wxyz)
 
 

@@ -21,7 +21,7 @@ from aerodft.geometry import (
     yaw_pitch_roll,
 )
 from aerodft.model import Batch, FloatArray, GimbalSource, IntArray, MountAxes, ReportFrame, Selection
-from aerodft.service.attitude.gimbal_frame import mounted_wxyz
+from aerodft.service.attitude.mounts import GIMBAL_MOUNTS
 from aerodft.service.attitude.slew import Demands, lag_std, step_std
 from aerodft.service.settings import DEMAND_TILT_STD_RAD, AttitudeSettings, FixedMount
 from aerodft.service.streams import Brackets, Missing
@@ -82,11 +82,12 @@ class AttitudeBrackets:
 def on_mount(
     report: AttitudeBrackets, axes: MountAxes, vehicle: AttitudeBrackets | None, *, yaw_in_earth: bool
 ) -> AttitudeBrackets:
-    """Attitudes from reported servo angles, see ``mounted_wxyz``, each with the vehicle's sample on its side."""
-    if vehicle is None or axes is MountAxes.TILT_OUTER:
+    """Attitudes from reported servo angles, see ``Mount.camera_wxyz``, each with the vehicle's sample on its side."""
+    mount = GIMBAL_MOUNTS[axes]
+    if vehicle is None or mount.is_euler:
         return report
     reported, bodies = (np.concatenate([each.before, each.after]) for each in (report, vehicle))
-    before, after = np.split(mounted_wxyz(reported, axes, bodies, yaw_in_earth=yaw_in_earth), 2)
+    before, after = np.split(mount.camera_wxyz(reported, bodies, yaw_in_earth=yaw_in_earth), 2)
     return replace(report, before=before, after=after)
 
 
@@ -215,7 +216,7 @@ class Readings:
         previous: ``(n, 4)`` the reports before those; NaN where there is none.
         vehicle: The vehicle's ``ned_SO3_body``; None where unknown and not needed.
         frame: Assumed reference of the reports' roll and pitch.
-        axes: Assumed servo order, as in ``mounted_wxyz``; Euler angles if relative to the horizon.
+        axes: Assumed servo order, of ``GIMBAL_MOUNTS``; Euler angles if relative to the horizon.
         yaw_in_earth: Whether the reports' yaw is relative to north.
         demands: Earlier demands and their attitudes ``(k, 4)``; None where reports are measurements.
         is_body_found: Whether the frame was decided from the data, not configured, and is the vehicle.

@@ -26,7 +26,8 @@ from aerodft.model import (
     VehicleTrack,
 )
 from aerodft.service.attitude.cross_check import heading_doubts, source_difference
-from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples, mounted_wxyz
+from aerodft.service.attitude.gimbal_frame import FrameDetector, FrameEvidence, gravity_samples
+from aerodft.service.attitude.mounts import GIMBAL_MOUNTS
 from aerodft.service.attitude.readings import AttitudeBatch, AttitudeBrackets, Readings, Resolver
 from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.batches import tick_after
@@ -143,7 +144,7 @@ class Gimbal:
             before: ``(n,)`` rows of the last samples that are not after the stamps.
             stamps_ns: ``(n,)``.
             ticks: ``(n,)`` as in ``Stream.find``.
-            axes: Servo order of the reports' angles, as in ``mounted_wxyz``.
+            axes: Servo order of the reports' angles, of ``GIMBAL_MOUNTS``.
             vehicle: The vehicle's attitude.
         """
         settings, stream = self._settings, self.stream
@@ -158,10 +159,10 @@ class Gimbal:
         first, stop = int(np.min(demands.first)), int(np.max(demands.stop))
         rows_used = slice(first, max(first, stop))
         wxyz, in_earth = stream.column("wxyz")[rows_used], stream.column("yaw_in_earth")[rows_used] > 0
-        if axes is not MountAxes.TILT_OUTER:
+        if not (mount := GIMBAL_MOUNTS[axes]).is_euler:
             body_rows = np.searchsorted(vehicle.stamps_ns, stream.stamps_ns[rows_used], side="right")
             bodies = vehicle.column("wxyz")[np.maximum(body_rows, 1) - 1]
-            wxyz = mounted_wxyz(wxyz, axes, bodies, yaw_in_earth=in_earth)
+            wxyz = mount.camera_wxyz(wxyz, bodies, yaw_in_earth=in_earth)
         rows = Demands(demands.first - first, demands.stop - first, demands.since_ns[rows_used], demands.stamps_ns)
         return rows, wxyz
 

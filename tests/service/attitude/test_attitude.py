@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from aerodft.model import GimbalSource, GimbalTrack, GimbalTypeTrack, MountAxes, ReportFrame, VehicleTrack
 from aerodft.service import LAST, AttitudeSettings, FixedMount
-from aerodft.service.attitude import AttitudeSources
-from aerodft.service.attitude.gimbal_frame import mounted_wxyz
+from aerodft.service.attitude import GIMBAL_MOUNTS, AttitudeSources
 from aerodft.service.streams import END_OF_TIME, Missing
 
 MS, SECOND = 1_000_000, 1_000_000_000
@@ -378,10 +377,10 @@ def test_servo_angles_are_composed_by_the_mounts_axes(yaw_in_earth):
     packed = Rotation.from_euler("ZYX", np.stack([yaw + heading, pitch, roll], axis=-1), degrees=True)
     meant = Rotation.from_euler("ZXY", np.stack([yaw + heading, roll, pitch], axis=-1), degrees=True)
     reported, bodies = wxyz(packed), wxyz(vehicle)
-    outer = mounted_wxyz(reported, MountAxes.ROLL_OUTER, bodies, yaw_in_earth=yaw_in_earth)
+    outer = GIMBAL_MOUNTS[MountAxes.ROLL_OUTER].camera_wxyz(reported, bodies, yaw_in_earth=yaw_in_earth)
     assert np.degrees((meant.inv() * Rotation.from_quat(outer, scalar_first=True)).magnitude()).max() < 0.1
-    assert mounted_wxyz(reported, MountAxes.TILT_OUTER, bodies, yaw_in_earth=yaw_in_earth) is reported
-    alone = mounted_wxyz(reported, MountAxes.TILT_ONLY, bodies, yaw_in_earth=yaw_in_earth)
+    assert GIMBAL_MOUNTS[MountAxes.TILT_OUTER].camera_wxyz(reported, bodies, yaw_in_earth=yaw_in_earth) is reported
+    alone = GIMBAL_MOUNTS[MountAxes.TILT_ONLY].camera_wxyz(reported, bodies, yaw_in_earth=yaw_in_earth)
     tilted = Rotation.from_euler("ZY", np.stack([yaw + heading, pitch], axis=-1), degrees=True)
     assert np.degrees((tilted.inv() * Rotation.from_quat(alone, scalar_first=True)).magnitude()).max() < 0.1
 

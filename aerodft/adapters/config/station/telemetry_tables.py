@@ -20,7 +20,7 @@ from aerodft.adapters.config.tables import (
     to_s,
 )
 from aerodft.errors import Reason
-from aerodft.model import GimbalSource, HeightSource, MountAxes, ReportFrame
+from aerodft.model import GimbalSource, HeightSource, ReportFrame
 from aerodft.service import (
     HEIGHT_SOURCES,
     RADIO_STATUS,
@@ -29,10 +29,11 @@ from aerodft.service import (
     TelemetrySettings,
     reported_sources,
 )
+from aerodft.service.attitude import GIMBAL_MOUNTS
 
 MAX_ANGLE_FACTOR: Final = 1e7  # degrees in a field of 1e-7 degrees, the finest unit that MAVLink has
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
-_AXES = {"auto": None, **{str(axes): axes for axes in MountAxes}}
+_AXES = {"auto": None, **{str(axes): axes for axes in GIMBAL_MOUNTS}}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION", "subtitles"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
@@ -42,9 +43,11 @@ ZoomPoint = Annotated[tuple[Percent, keys.Positive], Field(strict=False)]
 
 if TYPE_CHECKING:  # what the table of sources makes of these is known when it runs
     AttitudeName = str
+    AxesName = str
     HeightName = str
     HeightStdTable = Table
 else:
+    AxesName = Literal[tuple(_AXES)]
     AttitudeName = Literal[tuple(map(str, (*reported_sources(), GimbalSource.FIXED_MOUNT)))]
     HeightName = Literal[tuple(map(str, HEIGHT_SOURCES))]
     HeightStdTable = create_model(
@@ -164,7 +167,7 @@ class AttitudeTable(Table):
         SiAttribute(into=_FRAMES.get, out=lambda frame: None if frame is None else str(frame)),
     ] = "auto"
     axes: Annotated[
-        Literal["auto", "roll-outer", "tilt-outer", "tilt-only"],
+        AxesName,
         SiAttribute(into=_AXES.get, out=lambda axes: None if axes is None else str(axes)),
     ] = "auto"
     feedback: Annotated[

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from aerodft.adapters.telemetry.mavlink import GIMBAL_MESSAGES
 from aerodft.geometry import matrix
 from aerodft.model import BoolArray, FloatArray, GimbalSource, PoseBatch
 
@@ -16,6 +17,8 @@ _MAX_RADIAN_DEG: Final = math.pi / 2 + 0.01  # as large as 90 deg are in radians
 _MIN_TINY_DEG: Final = 0.05  # 5 deg in a field of centidegrees, 3 deg in radians; nearer 0 nothing is known
 _MAX_PITCH_DEG: Final = 180.0
 _LOWEST_DEG, _HIGHEST_DEG = -135.0, 90.0  # pitches that gimbals reach
+_QUATERNIONS: Final = frozenset(each.name for each in GIMBAL_MESSAGES if each.pitch is None)
+_CENTIDEGREES: Final = frozenset(each.name for each in GIMBAL_MESSAGES if each.pitch and each.pitch[1] == 0.01)  # noqa: PLR2004
 _SMALLER_UNITS: Final = {"tenths of a degree": 0.1, "hundredths of a degree": 0.01, "thousandths of a degree": 0.001}
 
 
@@ -94,7 +97,7 @@ def _suspicion(name: str, found: PitchRange) -> str:
         looks_up = found.low_deg > _MIN_UP_DEG
         advice = "sign inverted? Then invert telemetry.attitude.fixed_mount.pitch_deg"
         return f"{start}{where}: {advice}" if looks_up else ""
-    if is_tiny and name != GimbalSource.GIMBAL_DEVICE:
+    if is_tiny and name not in _QUATERNIONS:
         return f"{start}{where}: {_tiny_unit(name, found)}" if _tiny_unit(name, found) else ""
     if found.low_deg > _MIN_UP_DEG:
         return f"{start}{where}: sign inverted? Then set {scale_key(name, pitch=-1)}"
@@ -104,8 +107,8 @@ def _suspicion(name: str, found: PitchRange) -> str:
 def _tiny_unit(name: str, found: PitchRange) -> str:
     """Which unit angles near 0 may have, and the key; empty where none fits."""
     sign = -1 if found.low_deg + found.high_deg > 0 else 1
-    factors = {"degrees in a field of centidegrees": 100.0} if name == GimbalSource.MOUNT_STATUS else {}
-    if name != GimbalSource.MOUNT_STATUS and max(-found.low_deg, found.high_deg) <= _MAX_RADIAN_DEG:
+    factors = {"degrees in a field of centidegrees": 100.0} if name in _CENTIDEGREES else {}
+    if name not in _CENTIDEGREES and max(-found.low_deg, found.high_deg) <= _MAX_RADIAN_DEG:
         factors = {"radians in a field of degrees": 180 / math.pi}
     for unit, factor in factors.items():
         ends = sorted(sign * factor * end for end in (found.low_deg, found.high_deg))

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from aerodft.adapters.telemetry import signing_document, signing_sentences, unchecked_sentence
-from aerodft.adapters.telemetry.mavlink import OF_ANOTHER_ADDRESS, is_link, is_peripheral, message_name
+from aerodft.adapters.telemetry.mavlink import GIMBAL_MESSAGES, OF_ANOTHER_ADDRESS, is_link, is_peripheral, message_name
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis.log_diagnosis import USED, ClockSummary, DiagnosisReport, SourceSummary, StreamGap
 from aerodft.diagnosis.message_requests import SWITCHED_OFF_BY
@@ -19,7 +19,6 @@ from aerodft.service.clocks import ClockHealth
 _OF_AUTOPILOTS: Final = ("ATTITUDE", "GLOBAL_POSITION_INT")
 _SUBTITLES: Final = "SRT"
 _ANOTHER_GIMBAL: Final = ": of another gimbal than number "
-_OF_GIMBALS: Final = ("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS")
 _NOTABLE: Final = 0.01  # share of a message's rows
 _NOT_YET: Final = " yet"
 _LANDED: Final = frozenset({"below the sensor's minimum", "distance is zero"})  # as long as it flies at all
@@ -30,7 +29,7 @@ _SLOW_PERIODS: Final = 3
 _MOST_TOLD: Final = 5
 _ATTITUDES: Final = frozenset(
     {
-        *("ATTITUDE", "GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION", "MOUNT_STATUS"),
+        *("ATTITUDE", *(each.name for each in GIMBAL_MESSAGES)),
         *("ATT", "MNT"),
         *("vehicle_attitude", "gimbal_device_attitude_status"),
     }
@@ -73,7 +72,7 @@ def _other_senders(report: DiagnosisReport) -> list[str]:
                 f" {count} frames from another address than {reason.rpartition(' than ')[2]} are left out; give one of"
                 " them another system id (SYSID_THISMAV, from 4.7 on MAV_SYSID)"
             )
-    for name in _OF_GIMBALS:
+    for name in (each.name for each in reversed(GIMBAL_MESSAGES)):
         gimbals = _components(report, name)
         if len(gimbals) > 1:
             sentences.append(

@@ -11,8 +11,7 @@ import numpy as np
 
 from aerodft.adapters.telemetry import FMT_TYPE, HEAD_SIZE, CompositeDecoder, MessageFormat
 from aerodft.adapters.telemetry.mavlink import (
-    MOUNT_ORIENTATION,
-    MOUNT_STATUS,
+    GIMBAL_MESSAGES,
     RANGEFINDER,
     headers,
     message_name,
@@ -27,8 +26,6 @@ _BYTE = 0xFF
 _BURST_NS: Final = SECOND_NS // 10  # shorter is one answer in several frames
 _ID_MASK = (1 << 24) - 1
 _RANGEFINDER = payload_dtype(RANGEFINDER)
-_PITCHES: Final = {MOUNT_ORIENTATION: ("pitch", 1.0), MOUNT_STATUS: ("pointing_a", 0.01)}
-"""By message its field of pitch, and the field's unit in degrees."""
 _PARAM_VALUE: Final = 22
 _PARAMETER_DTYPE: Final = payload_dtype(_PARAM_VALUE)
 _RATE: Final = re.compile(r"((?:SR|MAV)\d)_(EXT_STAT|EXTRA[123]|POSITION|RAW_SENS|RC_CHAN)")
@@ -151,11 +148,12 @@ def gimbal_pitches_deg(block: RawBlock, formats: Mapping[int, MessageFormat]) ->
     if block.protocol != WireProtocol.MAVLINK:
         return {}
     heads, found = headers(block), {}
-    for message_id, (field_name, unit_deg) in _PITCHES.items():
-        index = np.flatnonzero(heads[0] == message_id)
-        if len(index):
-            payload = payload_rows(block, heads[3:, index], payload_dtype(message_id))
-            found[message_name(message_id)] = _finite(payload[field_name]) * unit_deg
+    for message in GIMBAL_MESSAGES:
+        index = np.flatnonzero(heads[0] == message.message_id)
+        if len(index) and message.pitch is not None:
+            field_name, unit_deg = message.pitch
+            payload = payload_rows(block, heads[3:, index], payload_dtype(message.message_id))
+            found[message.name] = _finite(payload[field_name]) * unit_deg
     return found
 
 

@@ -8,11 +8,8 @@ from aerodft.adapters.telemetry.mavlink.decoding import (
     DISTANCE_SENSOR,
     EKF_STATUS_REPORT,
     ESTIMATOR_STATUS,
-    GIMBAL_DEVICE_ATTITUDE_STATUS,
     GLOBAL_POSITION_INT,
     GPS_RAW_INT,
-    MOUNT_ORIENTATION,
-    MOUNT_STATUS,
     OF_ANOTHER_ADDRESS,
     OF_AUTOPILOT,
     OF_POSES,
@@ -33,6 +30,12 @@ from aerodft.adapters.telemetry.mavlink.framing import (
     counts_of,
     headers,
     payload_rows,
+)
+from aerodft.adapters.telemetry.mavlink.gimbal_messages import (
+    GIMBAL_DEVICE_ATTITUDE_STATUS,
+    GIMBAL_MESSAGES,
+    MOUNT_ORIENTATION,
+    MOUNT_STATUS,
 )
 from aerodft.adapters.telemetry.mavlink.kernels import (
     AT_QUIET,

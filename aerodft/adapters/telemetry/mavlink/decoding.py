@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from aerodft.adapters.telemetry.mavlink.dialect import TABLE_IDS, field_offset, message_name, payload_dtype
 from aerodft.adapters.telemetry.mavlink.framing import headers, payload_rows
+from aerodft.adapters.telemetry.mavlink.gimbal_messages import GIMBAL_DEVICE_ATTITUDE_STATUS, GIMBAL_MESSAGES
 from aerodft.adapters.telemetry.mavlink.kernels import V2_HEAD, Bytes
 from aerodft.adapters.telemetry.tracks import (
     NO_SCALE,
@@ -30,7 +31,6 @@ from aerodft.adapters.telemetry.tracks import (
     ekf_track,
     estimator_track,
     fov_track,
-    gimbal_device_track,
     gimbal_failure_tracks,
     gimbal_type_track,
     gps_track,
@@ -38,8 +38,6 @@ from aerodft.adapters.telemetry.tracks import (
     heartbeat_track,
     image_captured_track,
     landed_track,
-    mount_orientation_track,
-    mount_status_track,
     number_cameras,
     position_track,
     rangefinder_track,
@@ -56,7 +54,7 @@ from aerodft.model import NO_BOOT_TIME, BoolArray, IntArray, LinkTrack, OtherSen
 from aerodft.service import AngleScale
 
 HEARTBEAT, SYSTEM_TIME, ATTITUDE, GLOBAL_POSITION_INT, DISTANCE_SENSOR, TERRAIN_REPORT = 0, 2, 30, 33, 132, 136
-ALTITUDE, MOUNT_STATUS, RANGEFINDER, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 141, 158, 173, 265, 285
+ALTITUDE, RANGEFINDER = 141, 173
 GPS_RAW_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 24, 193, 230
 CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
 EXTENDED_SYS_STATE = 245
@@ -74,10 +72,8 @@ _MAKERS: Final[dict[int, Callable[[Rows, Counter[str]], Track]]] = {
     DISTANCE_SENSOR: distance_sensor_track,
     TERRAIN_REPORT: terrain_track,
     ALTITUDE: altitude_track,
-    MOUNT_STATUS: mount_status_track,
     RANGEFINDER: rangefinder_track,
-    MOUNT_ORIENTATION: mount_orientation_track,
-    GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal_device_track,
+    **{each.message_id: each.track for each in GIMBAL_MESSAGES},
     GPS_RAW_INT: gps_track,
     EKF_STATUS_REPORT: ekf_track,
     ESTIMATOR_STATUS: estimator_track,
@@ -138,7 +134,7 @@ _CAMERA_FIRST, _CAMERA_LAST, _GIMBAL, _OTHER_FIRST, _OTHER_LAST = 100, 105, 154,
 OF_ANOTHER_ADDRESS: Final = "frames: with the autopilot's ids, from another address"
 _SILENCE_NS: Final = SECOND_NS  # of the followed address, before another one is taken for its successor
 _OF_VEHICLES: Final = (ATTITUDE, GLOBAL_POSITION_INT)
-_OF_GIMBALS: Final = (MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS)
+_OF_GIMBALS: Final = tuple(each.message_id for each in GIMBAL_MESSAGES)
 _V1_SEQUENCE_AT, _V2_SEQUENCE_AT = 2, 4
 _MODULUS: Final = 256
 _WINDOW: Final = 64  # frames: what is that far behind is not late, but of a counter that started anew

@@ -35,7 +35,8 @@ from aerodft.geometry.poses import (
     lat_lon,
     pose_covariance,
 )
-from aerodft.geometry.relative_rotation import MIN_POINTS, RelativeRotation, find_rotation, robust_std, rotated_pixels
+from aerodft.geometry.relative_rotation import MIN_POINTS, RelativeRotation, find_rotation, rotated_pixels
+from aerodft.geometry.robust import robust_std, robust_stds, student_loss, student_weights, weighted_step
 from aerodft.geometry.rotation import (
     about_axis,
     angles_of_matrix,

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from aerodft.geometry.lens import distorted_with_jacobian, rays_by_intrinsics, rays_from_pixels
+from aerodft.geometry.robust import robust_std
 from aerodft.geometry.rotation import from_rotation_vector, matrix, multiply, skew
 from aerodft.model import BoolArray, Camera, FloatArray
 
@@ -23,8 +23,6 @@ _MIN_BEARING_SINE: Final = 0.02  # two bearings closer than this do not fix the 
 _INLIER_STDS: Final = 3.5  # robust standard deviations of a coordinate
 _MIN_STD_PX: Final = 0.05  # no tracker is better on real images
 _MIN_INLIER_PX: Final = 0.3
-
-_STD_PER_MAD: Final = 1.4826  # of a normal distribution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,8 +183,3 @@ def _by_intrinsics(camera: Camera, earlier: FloatArray, wxyz: FloatArray) -> Flo
     moved = moved - scale[:, None, None] * rays_by_intrinsics(camera, later_px)
     by_ray = distorted_with_jacobian(camera, rays)[1]
     return np.asarray(np.array([[camera.fx_px], [camera.fy_px]]) * (by_ray @ moved))
-
-
-def robust_std(deviations: npt.ArrayLike) -> float:
-    """Standard deviation of deviations from 0, by the median of their absolute values."""
-    return _STD_PER_MAD * float(np.median(np.abs(deviations)))

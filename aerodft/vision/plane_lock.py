@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX, SECOND_NS
-from aerodft.geometry import Ground, robust_std
+from aerodft.geometry import Ground, robust_std, student_weights, weighted_step
 from aerodft.model import BoolArray, Camera, FloatArray, Image, ImageArray, IntArray, Observation, Probe
 from aerodft.vision.common import (
     FEWEST,
@@ -179,20 +179,18 @@ def _fit_group(seen: MatchedPoints, start: FloatArray, rows: IntArray) -> PlaneG
 def _refine_group(seen: MatchedPoints, start: FloatArray, rows: IntArray) -> PlaneGroup:
     """The most likely homography of some points, under t-distributed errors and what is predicted."""
     then, now, unit = seen.then[rows], seen.now[rows], seen.unit
-    prior = np.eye(FREE) / _UNKNOWN if seen.predicted_cov is None else np.linalg.inv(seen.predicted_cov)
-    homography, cov = start, np.eye(FREE)
+    known_cov = _UNKNOWN * np.eye(FREE) if seen.predicted_cov is None else seen.predicted_cov
+    prior = np.asarray(np.linalg.inv(known_cov), dtype=np.float64)
+    homography, cov = start, np.asarray(known_cov)
     for _ in range(_ROUNDS):
         at = apply_homography(homography, then)
         off = now - at
         std_px = max(robust_std(off) * math.sqrt(_variance_factor(len(then))), _LEAST_STD_PX)
-        weight = (_STUDENT + 2) / (_STUDENT + np.sum(off**2, axis=-1) / std_px**2) / (_OVERLAPPING * std_px**2)
-        jac = by_elements(unit, at).reshape(-1, FREE)
-        weighted = (jac * np.repeat(weight, 2)[:, None]).T
-        cov = np.linalg.inv(weighted @ jac + prior)
-        known = (
-            np.zeros(FREE) if seen.predicted_cov is None else prior @ change_between(homography, seen.predicted, unit)
-        )
-        homography = apply_change(homography, cov @ (weighted @ off.ravel() + known), unit)
+        weight = student_weights(np.sum(off**2, axis=-1) / std_px**2, 2, _STUDENT) / (_OVERLAPPING * std_px**2)
+        known = np.zeros(FREE) if seen.predicted_cov is None else change_between(homography, seen.predicted, unit)
+        step, information = weighted_step(by_elements(unit, at), off, weight, (prior, known))
+        homography = apply_change(homography, step, unit)
+        cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
     members = np.linalg.norm(apply_homography(homography, seen.then) - seen.now, axis=-1) < _STRAY_PX
     return PlaneGroup(homography, np.asarray(cov), np.asarray(members))
 

@@ -21,7 +21,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from aerodft.geometry import pixels_from_rays, rays_from_pixels
+from aerodft.geometry import pixels_from_rays, rays_from_pixels, robust_stds
 from aerodft.model import (
     Batch,
     BoolArray,
@@ -213,7 +213,7 @@ def _lines(points: FloatArray, seen: BoolArray) -> tuple[FloatArray, FloatArray,
         along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         away = np.abs(off[..., 0] * along[..., None, 1] - off[..., 1] * along[..., None, 0])
         scatter_px = np.sqrt(np.sum(weights * away**2, axis=-1) / np.maximum(count - 2, 1.0))
-        typical = 1.4826 * np.median(np.where(seen, away, np.inf), axis=-1)
+        typical = robust_stds(np.where(seen, away, np.inf))
         limit = _TOLERATED * np.maximum(np.minimum(typical, scatter_px), _MIN_SCATTER_PX)
         kept, weights = weights, (seen & (away <= limit[..., None])).astype(np.float64)
     clear = kept.sum(axis=-1) >= _SHARE * _SAMPLES

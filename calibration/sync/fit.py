@@ -24,7 +24,17 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.ndimage import maximum_filter1d
 
 from aerodft.conventions import SECOND_NS
-from aerodft.geometry import from_rotation_vector, inverse, matrix, multiply, skew, to_rotation_vector
+from aerodft.geometry import (
+    from_rotation_vector,
+    inverse,
+    matrix,
+    multiply,
+    skew,
+    student_loss,
+    student_weights,
+    to_rotation_vector,
+    weighted_step,
+)
 from aerodft.model import BoolArray, FloatArray
 from aerodft.service import GIMBAL_SOURCES
 from aerodft.vision.camera_motion import FREE, PlaneMotion, Turns, turns_over_plane
@@ -262,9 +272,7 @@ def fit(problem: RotationProblem, start: FloatArray) -> FloatArray:
     for round_ in range(_ITERATIONS):
         lines = _linearize(problem, values)
         jac, off = _whiten(lines, (_INITIAL_STD_RADPS * _STD_DECAY**round_ * problem.between_s) ** 2)
-        information = np.einsum("nui,nuj->ij", jac, jac) + np.diag(precision)
-        gradient = np.einsum("nui,nu->i", jac, off) + precision * (mean - values)
-        step = np.linalg.solve(information, gradient)
+        step, _ = weighted_step(jac, off, np.ones(len(off)), (np.diag(precision), mean - values))
         values = np.where(fixed, 0.0, values + step)
         if round_ >= _MIN_ITERATIONS and np.all(np.abs(step[: LAG + 1]) < _CONVERGED):
             break
@@ -315,7 +323,7 @@ def _whiten(lines: _LinearizedPairs, doubt_rad2: FloatArray) -> tuple[FloatArray
     jac, off = whitening @ lines.jac, np.einsum("nij,nj->ni", whitening, lines.off)
     squares = np.sum(off**2, axis=-1)
     scale2 = float(np.median(squares)) / _MEDIAN_CHI2
-    scale = np.sqrt((_STUDENT_DOF + 3) / (_STUDENT_DOF + squares / scale2) / scale2)
+    scale = np.sqrt(student_weights(squares / scale2, 3, _STUDENT_DOF) / scale2)
     return jac * scale[:, None, None], off * scale[:, None]
 
 
@@ -341,14 +349,16 @@ class NoiseScales:
         along = self.jitter_s**2 * rate_radps[:, :, None] * rate_radps[:, None, :]
         whitening = np.linalg.inv(np.linalg.cholesky(self.noise_rad**2 * np.eye(3) + along))
         squares = np.sum((whitening @ off_rad[..., None]) ** 2, axis=(1, 2))
-        return np.asarray(whitening * np.sqrt(robust_weights(squares))[:, None, None])
+        return np.asarray(whitening * np.sqrt(student_weights(squares, 3, _STUDENT_DOF))[:, None, None])
 
     def cost(self, off_rad: FloatArray, rate_radps: FloatArray) -> float:
         """Negative log likelihood of residuals ``(n, 3)``, up to a constant."""
         along, across = _split_squares(off_rad, rate_radps)
         along_var = self.noise_rad**2 + self.jitter_s**2 * np.sum(rate_radps**2, axis=-1)
         squares = along / along_var + across / self.noise_rad**2
-        return float(np.sum(loss(squares) + np.log(along_var) / 2 + 2 * np.log(self.noise_rad)))
+        return float(
+            np.sum(student_loss(squares, 3, _STUDENT_DOF) + np.log(along_var) / 2 + 2 * np.log(self.noise_rad))
+        )
 
 
 def fit_noise_scales(off_rad: FloatArray, rate_radps: FloatArray) -> NoiseScales:
@@ -363,18 +373,8 @@ def _noise_rad(off_rad: FloatArray, rate_radps: FloatArray, jitter_s: float) -> 
     noise = float(np.mean(off_rad**2))
     for _ in range(_NOISE_ITERATIONS):
         squares = along / (noise + jitter) + across / noise
-        noise *= float(np.mean(robust_weights(squares) * squares)) / 3
+        noise *= float(np.mean(student_weights(squares, 3, _STUDENT_DOF) * squares)) / 3
     return float(np.hypot(np.sqrt(noise), _PATH_STD_RAD))
-
-
-def robust_weights(squares: FloatArray) -> FloatArray:
-    """Weights ``(n,)`` of t-distributed vectors of three, by their squared norms."""
-    return np.asarray((_STUDENT_DOF + 3) / (_STUDENT_DOF + squares))
-
-
-def loss(squares: FloatArray) -> FloatArray:
-    """Negative log likelihood ``(n,)`` of t-distributed vectors of three by their squared norms, up to a constant."""
-    return np.asarray((_STUDENT_DOF + 3) / 2 * np.log1p(squares / _STUDENT_DOF))
 
 
 def _split_squares(off_rad: FloatArray, rate_radps: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -547,7 +547,7 @@ class _PathFit:
     def _weighted_steps(self, knots: FloatArray) -> FloatArray:
         """Steps of the walk, down-weighted where the path drifts far, as while water was followed."""
         squares = np.sum((self._steps @ knots).reshape(3, -1) ** 2, axis=0)
-        return np.asarray(self._steps * np.tile(np.sqrt(robust_weights(squares)), 3)[:, None])
+        return np.asarray(self._steps * np.tile(np.sqrt(student_weights(squares, 3, _STUDENT_DOF)), 3)[:, None])
 
     def _lines(self, values: FloatArray, knots: FloatArray) -> "_NormalEquations":
         jac = np.zeros((*self._reports.off(values).shape, _PATH_SIZE))
@@ -584,7 +584,7 @@ class _PathFit:
         prior = np.sum(np.where(self._fixed, 0.0, precision * (values - mean) ** 2)) / 2
         squares = np.sum((self._steps @ knots).reshape(3, -1) ** 2, axis=0)
         off = self._noise.cost(self._off(values, knots), self._reports.rate_radps(values))
-        return off + float(prior + np.sum(loss(squares)))
+        return off + float(prior + np.sum(student_loss(squares, 3, _STUDENT_DOF)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

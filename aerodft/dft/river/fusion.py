@@ -9,6 +9,7 @@ import numpy as np
 
 from aerodft.dft.river.contradiction import CAUSES, Contradiction, Residuals, image_contradiction
 from aerodft.dft.river.widths import RiverWidths
+from aerodft.geometry import student_weights
 from aerodft.model import FloatArray, IntArray
 
 _STUDENT_DOF: Final = 4.0  # degrees of freedom of an image's own error: a mask that ran onto the bank is far off
@@ -112,7 +113,7 @@ class _WidthTable:
         weight = precision
         for _ in range(_ITERATIONS):
             squared_errors = np.square(self.width_m - mean[self.transect]) * precision
-            weight = precision * (_STUDENT_DOF + 1.0) / (_STUDENT_DOF + squared_errors)
+            weight = precision * student_weights(squared_errors, 1, _STUDENT_DOF)
             mean = self.sums(weight * self.width_m) / np.maximum(self.sums(weight), np.finfo(np.float64).tiny)
         return mean, weight
 

@@ -23,7 +23,9 @@ from aerodft.geometry import (
     rays_with_jacobian,
     robust_std,
     skew,
+    student_weights,
     to_rotation_vector,
+    weighted_step,
 )
 from aerodft.model import Batch, BoolArray, Camera, FloatArray, ImageArray, IntArray
 from aerodft.vision.common import UndistortedView, track_lk
@@ -276,12 +278,10 @@ def _refine_homography(h: FloatArray, matches: Matches) -> tuple[FloatArray, Flo
         at, by = _apply_with_jacobian(h, matches.earlier)
         off_px = (matches.later - at) / matches.px[:, None]
         std_px = max(robust_std(off_px), _NOISE_PX)
-        weight = (_STUDENT + 2) / (_STUDENT + np.sum(off_px**2, axis=-1) / std_px**2)
-        jac = (by / matches.px[:, None, None]).reshape(-1, FREE)
-        weighted = (jac * np.repeat(weight, 2)[:, None]).T
-        information = weighted @ jac
-        h = h + np.append(np.linalg.solve(information, weighted @ off_px.ravel()), 0.0).reshape(3, 3)
-    return h, np.linalg.inv(information) * std_px**2
+        weight = student_weights(np.sum(off_px**2, axis=-1) / std_px**2, 2, _STUDENT)
+        step, information = weighted_step(by / matches.px[:, None, None], off_px, weight)
+        h = h + np.append(step, 0.0).reshape(3, 3)
+    return h, np.asarray(np.linalg.inv(information), dtype=np.float64) * std_px**2
 
 
 def _apply_with_jacobian(h: FloatArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:

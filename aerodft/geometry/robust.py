@@ -1,4 +1,4 @@
-"""Robust estimation: scale of residuals, weights under t-distributed errors, one re-weighted least-squares step."""
+"""Robust estimation: scale of residuals, weights under t-distributed errors, one re-weighted step."""
 
 from typing import Final
 

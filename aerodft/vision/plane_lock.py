@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-import cv2
 import numpy as np
 
 from aerodft.conventions import PIXEL_CENTRE_OFFSET_PX, SECOND_NS
@@ -40,6 +39,7 @@ from aerodft.vision.common import (
     by_elements,
     change_between,
     compose_cov,
+    consensus_homography,
     corners_of,
     nearest_px,
     place_cov_px2,
@@ -141,14 +141,12 @@ def groups_of(seen: MatchedPoints, off_px: FloatArray, fewest: int, fewest_predi
     groups: list[PlaneGroup] = []
     left = np.arange(len(seen.then))
     while len(left) >= fewest and len(groups) < _LAYERS:
-        found_h, agreeing = cv2.findHomography(
-            seen.then[left], seen.now[left], cv2.USAC_MAGSAC, _STRAY_PX, None, _DRAWS, _CONFIDENCE
-        )
-        if np.shape(found_h) != (3, 3) or np.count_nonzero(agreeing) < fewest or not found_h[2, 2]:
+        consensus = consensus_homography(seen.then[left], seen.now[left], _STRAY_PX, _DRAWS, _CONFIDENCE)
+        if consensus is None or np.count_nonzero(consensus[1]) < fewest:
             break
-        keep = agreeing[:, 0] > 0
-        groups.append(_fit_group(seen, np.asarray(found_h / found_h[2, 2], dtype=np.float64), left[keep]))
-        left = left[~keep]
+        homography, follows = consensus
+        groups.append(_fit_group(seen, homography, left[follows]))
+        left = left[~follows]
         fewest = fewest_predicted if seen.predicted_cov is not None else fewest
     return [group for group in groups if np.count_nonzero(group.members) >= fewest_predicted]
 

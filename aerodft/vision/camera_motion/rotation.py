@@ -28,7 +28,7 @@ from aerodft.geometry import (
     weighted_step,
 )
 from aerodft.model import Batch, BoolArray, Camera, FloatArray, ImageArray, IntArray
-from aerodft.vision.common import UndistortedView, track_lk
+from aerodft.vision.common import UndistortedView, consensus_homography, track_lk
 
 _WIDEST_TANGENT = 2.0  # farther from the axis a pixel says little about a plane ahead
 _CELLS = (6, 8)  # rows and columns of the grid over which points are spread
@@ -263,8 +263,8 @@ def _consensus(matches: Matches) -> FloatArray | None:
     if len(matches) < FEWEST:
         return None
     stray = STRAY_PX * float(np.median(matches.px))
-    found, _ = cv2.findHomography(matches.earlier, matches.later, cv2.USAC_MAGSAC, stray, None, _DRAWS, _CONFIDENCE)
-    return np.asarray(found / found[2, 2]) if np.shape(found) == (3, 3) and found[2, 2] != 0 else None
+    consensus = consensus_homography(matches.earlier, matches.later, stray, _DRAWS, _CONFIDENCE)
+    return None if consensus is None else consensus[0]
 
 
 def _off_px(homography: FloatArray, matches: Matches) -> FloatArray:

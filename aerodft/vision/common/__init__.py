@@ -30,6 +30,7 @@ from aerodft.vision.common.tracking import (
     UndistortedView,
     apply_homography,
     between_nodes,
+    consensus_homography,
     grey_of,
     local_contrast,
     nodes_px,

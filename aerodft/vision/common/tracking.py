@@ -149,6 +149,27 @@ def between_nodes(
     return np.asarray(columns_px, dtype=np.float32), np.asarray(rows_px, dtype=np.float32)
 
 
+def consensus_homography(
+    start: FloatArray, end: FloatArray, stray: float, draws: int, confidence: float
+) -> tuple[FloatArray, BoolArray] | None:
+    """The homography ``(3, 3)``, its last element 1, that most points follow, and which those are ``(n,)``.
+
+    Args:
+        start: ``(n, 2)``, at least four.
+        end: ``(n, 2)`` where they have gone.
+        stray: Largest distance of a point that follows, in the unit of the points.
+        draws: Most samples drawn.
+        confidence: Probability that is aimed at of a sample without strays.
+
+    Returns:
+        None where OpenCV's MAGSAC finds none.
+    """
+    found, follows = cv2.findHomography(start, end, cv2.USAC_MAGSAC, stray, None, draws, confidence)
+    if np.shape(found) != (3, 3) or not found[2, 2]:
+        return None
+    return np.asarray(found / found[2, 2], dtype=np.float64), np.asarray(follows[:, 0] > 0)
+
+
 def apply_homography(homography: FloatArray, straight_px: FloatArray) -> FloatArray:
     """Points ``(..., 2)`` under a homography ``(3, 3)``; NaN behind the camera."""
     mapped = straight_px @ homography[:, :2].T + homography[:, 2]

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from aerodft.model import BoolArray, FloatArray, ImageArray
-from aerodft.vision.common import local_contrast, spread_corners, track_lk
+from aerodft.vision.common import consensus_homography, local_contrast, spread_corners, track_lk
 from aerodft.vision.river.water.mask import WaterMask, piece_with
 from aerodft.vision.river.water.plane import Float32Image, SmallCopy, WaterPlane
 
@@ -170,9 +170,8 @@ def _laid(
     if np.count_nonzero(again) < _FEWEST:
         return None
     start, end = points[told][again], there[again]
-    homography, kept = cv2.findHomography(start, end, cv2.USAC_MAGSAC, _STRAY_PX, None, _DRAWS, _SURE)
-    found = np.shape(homography) == (3, 3) and np.count_nonzero(kept) >= _FEWEST
-    return np.asarray(homography, dtype=np.float64) if found else None
+    consensus = consensus_homography(start, end, _STRAY_PX, _DRAWS, _SURE)
+    return None if consensus is None or np.count_nonzero(consensus[1]) < _FEWEST else consensus[0]
 
 
 def _correlation(one: ImageArray, other: ImageArray) -> tuple[Float32Image, Float32Image]:

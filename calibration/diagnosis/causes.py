@@ -45,6 +45,7 @@ _MAX_LEFT_OUT: Final = 20  # landmarks that are left out in turn; one of more do
 _NUMBERS_OF_PIXEL: Final = 2
 _UNKNOWN_PENALTY: Final = 10.0
 """Twice the log odds of a parameter that a cause leaves open: its std is about 1/150 of what it might have been."""
+_MOST_BENDS: Final = 2  # coefficients of another lens that are looked for; more would fit mistaken pixels
 _MIN_DOF: Final = 2  # degrees of freedom: with none, anything fits
 _MAX_REJECTED: Final = 0.2
 _MAX_UNSEEN: Final = 0.4  # share of rejected observations, above which it is the camera that is wrong
@@ -461,21 +462,22 @@ def _other_order(attempt: Attempt) -> Iterator[Cause]:
 
 def _other_lens(attempt: Attempt) -> Iterator[Cause]:
     """Another focal length and another distortion than the camera file's that fit."""
-    lens_names = ("focal", "k1", "k2")
+    bends = possible_coefficients(attempt.camera)[:_MOST_BENDS]
+    lens_names = ("focal", *bends)
     taken = {*expand_groups(attempt.names), *attempt.evidence.known.priors}
     if {"fx", "fy", *possible_coefficients(attempt.camera), "focal"} & taken or attempt.model is ProjectionModel.DFT:
         return
     variant = attempt.variant(attempt.evidence.known, (*attempt.names, *lens_names))
     if variant is None:
         return
-    k1, k2 = variant.camera.distortion[:2]
+    values = zip(bends, variant.camera.distortion, strict=False)
+    *lens, last = (f"{variant.camera.fx_px:.0f} px", *(f"{name} {value:.3g}" for name, value in values))
     error = InputError(
         "the image is not of this camera's lens",
         where=attempt.evidence.path,
-        got=f"a focal length of {variant.camera.fx_px:.0f} px, k1 {k1:.3g} and k2 {k2:.3g}, with which all"
-        f" fits{_fit(variant)}",
+        got=f"a focal length of {', '.join(lens)} and {last}, with which all fits{_fit(variant)}",
         expected=f'the lens of camera "{attempt.camera.name}"',
-        hint="take the camera file of the lens and mode of the image, or add focal,k1,k2 to `unknowns`",
+        hint=f"take the camera file of the lens and mode of the image, or add {','.join(lens_names)} to `unknowns`",
     )
     yield Cause(_LENS, error, _surprise(variant, len(lens_names)))
 

@@ -12,7 +12,7 @@ from typing import Final, Generic, TypeVar
 import numpy as np
 
 from aerodft.dft import INTRINSICS, POSITION
-from aerodft.geometry import camera_angles, intrinsics_covariance, matrix, meet_level, rays_from_pixels
+from aerodft.geometry import LENS_MODELS, camera_angles, intrinsics_covariance, matrix, meet_level, rays_from_pixels
 from aerodft.model import (
     Camera,
     Evidence,
@@ -52,7 +52,7 @@ LIMIT: Final = 0.5
 """An unknown whose standard deviation is a larger fraction of its natural size is not determined."""
 
 _MIN_PART, _MIN_WHOLE = 0.25, 0.97  # of an unknown in a combination: to be named in it; to be the combination
-_LENS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_LENS: Final = frozenset(name for model in LENS_MODELS for name in model.coefficients)
 _POSE = {"east", "north", "height", "tilt", "roll", "heading"}
 _SUGGESTIONS: Final = (
     ({"height", "focal"}, "add a landmark at another distance or a known length"),
@@ -346,7 +346,7 @@ def _advice(names: set[str], shape: tuple[int, ...]) -> str:
     for wanted, advice in _SUGGESTIONS:
         if wanted <= names:
             return advice
-    return "add landmarks near the corners of the image" if names & set(_LENS) else "add landmarks"
+    return "add landmarks near the corners of the image" if names & _LENS else "add landmarks"
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

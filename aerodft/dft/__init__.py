@@ -1,7 +1,7 @@
 """The measurement engine: Depth from Triangulation by the paper (``dft``) or by a pinhole, with joint uncertainty."""
 
 from aerodft.dft.covariance import CHI2_2D_95, Z95, Share, advice, ellipses95, scalar_jacobians, shared_covariance
-from aerodft.dft.engine import ModelDifference, compare_models, explain, measure
+from aerodft.dft.engine import explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, single_image_batch
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, Kind, Refusal, recorded_kind, scalars

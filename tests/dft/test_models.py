@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aerodft.dft import Request, Setup, compare_models
-from aerodft.dft.engine import right_by_geometry
+from aerodft.dft import Request, Setup
+from aerodft.dft.paper import compare_models
+from aerodft.dft.paper.models import right_by_geometry
 from aerodft.geometry import camera_pose
 from aerodft.model import Camera, PoseSample, Probe, ProbeKind, Status
 

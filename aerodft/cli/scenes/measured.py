@@ -11,8 +11,9 @@ from rich.table import Table
 from aerodft.adapters.wire.measurement import measurement_payload
 from aerodft.app.measure import measured_document
 from aerodft.cli.output import print_json, say, tables
-from aerodft.dft import ModelDifference, Request, Setup, Share, advice, compare_models, measure
+from aerodft.dft import Request, Setup, Share, advice, measure
 from aerodft.dft import explain as explain_request
+from aerodft.dft.paper import ModelDifference, compare_models
 from aerodft.geometry import camera_angles
 from aerodft.model import FloatArray, Measurement, PoseBatch, PoseSample, Status
 

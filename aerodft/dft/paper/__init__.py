@@ -1,5 +1,6 @@
-"""The paper's tables and figures, recomputed from its printed inputs."""
+"""The paper's tables and figures, recomputed from its printed inputs; its model beside the pinhole's."""
 
+from aerodft.dft.paper.models import ModelDifference, compare_models
 from aerodft.dft.paper.tables import (
     CANON,
     FIGURE_14_ERROR_M,

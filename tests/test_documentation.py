@@ -177,6 +177,14 @@ def test_examples_of_the_help_have_only_options_that_there_are(name):
         command.make_context(name, shlex.split(words))
 
 
+def test_every_helper_of_the_tests_stands_on_their_page():
+    folder = ROOT / "tests"
+    named = set(re.findall(r"`([\w/]+\.py)`", (folder / "README.md").read_text()))
+    modules = {each.relative_to(folder).as_posix() for each in folder.rglob("*.py")}
+    helpers = {each for each in modules if not Path(each).name.startswith(("test_", "bench_", "conftest", "__init__"))}
+    assert named - {"service/conftest.py"} == helpers
+
+
 def test_the_readme_is_read_in_five_minutes():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
 

@@ -176,6 +176,13 @@ def test_a_kind_without_a_button_is_measured_as_well(page):
     expect(page.locator("#others")).to_have_value("")
 
 
+def test_what_scrolls_is_a_landmark_that_keys_reach(page):
+    plots = page.locator("section#over-time")
+    expect(plots).to_have_attribute("tabindex", "0")
+    expect(plots).to_have_attribute("aria-label", "Values over time")
+    assert plots.evaluate("(each) => getComputedStyle(each).overflowY") == "auto"
+
+
 def test_a_refusal_is_said_in_words_where_the_pointer_is(browser, still):
     path, options = still
     with opened_page(path, *options[:-1], 80) as address:

@@ -15,5 +15,3 @@ from aerodft.model import LensModel
 
 LENS_MODELS: Final[dict[LensModel, Lens]] = {lens.model: lens for lens in (BROWN, FISHEYE, DIVISION, OMNIDIRECTIONAL)}
 """Every lens model by name."""
-
-__all__ = ["LENS_MODELS", "Coefficients", "Distorted", "Lens"]

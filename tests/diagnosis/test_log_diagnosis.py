@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry import open_log
 from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts
-from aerodft.adapters.telemetry.signing import sign
+from aerodft.adapters.telemetry.mavlink.signing import sign
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport, LogDiagnosis, document, notes, problems
 from aerodft.diagnosis.flight_checks import PoseSampler

@@ -8,7 +8,7 @@ from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.telemetry import TlogSource
 from aerodft.adapters.telemetry.mavlink import SIGNATURE, V1, V2, MavlinkDecoder, StreamFramer
-from aerodft.adapters.telemetry.signing import sign
+from aerodft.adapters.telemetry.mavlink.signing import sign
 from aerodft.model import RawBlock, WireProtocol
 from aerodft.service import block_of
 

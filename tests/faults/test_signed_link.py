@@ -10,7 +10,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aerodft.adapters.telemetry.mavlink import MavlinkLink
-from aerodft.adapters.telemetry.signing import open_signing, signing_time
+from aerodft.adapters.telemetry.mavlink.signing import open_signing, signing_time
 from aerodft.service import Inbox, SigningSettings
 from aerodft.service.clocks import WallClock
 

@@ -10,9 +10,7 @@ from aerodft.adapters.telemetry.log_formats import (
     followed_by,
     open_log,
 )
-from aerodft.adapters.telemetry.photographs import PROTOCOL as PHOTOGRAPHS
-from aerodft.adapters.telemetry.photographs import PhotographLog
-from aerodft.adapters.telemetry.signing import (
+from aerodft.adapters.telemetry.mavlink import (
     SignatureCheck,
     SigningCounts,
     SigningState,
@@ -22,6 +20,8 @@ from aerodft.adapters.telemetry.signing import (
     signing_sentences,
     unchecked_sentence,
 )
+from aerodft.adapters.telemetry.photographs import PROTOCOL as PHOTOGRAPHS
+from aerodft.adapters.telemetry.photographs import PhotographLog
 from aerodft.adapters.telemetry.subtitles import SubtitleLog, are_subtitles, hfov_deg
 from aerodft.adapters.telemetry.tables import COLUMN_KEYS
 from aerodft.adapters.telemetry.tlog import TlogSource

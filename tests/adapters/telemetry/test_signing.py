@@ -12,7 +12,16 @@ from pymavlink.generator.mavcrc import x25crc
 
 from aerodft.adapters.telemetry import SignatureCheck, SigningState, load_key
 from aerodft.adapters.telemetry.mavlink import StreamFramer
-from aerodft.adapters.telemetry.signing import FUTURE, OLD, REPLAYED, UNSIGNED, WRONG, open_signing, sign, signing_time
+from aerodft.adapters.telemetry.mavlink.signing import (
+    FUTURE,
+    OLD,
+    REPLAYED,
+    UNSIGNED,
+    WRONG,
+    open_signing,
+    sign,
+    signing_time,
+)
 from aerodft.errors import ConfigError, InputError
 from aerodft.service import SigningSettings
 

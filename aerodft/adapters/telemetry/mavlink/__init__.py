@@ -65,4 +65,14 @@ from aerodft.adapters.telemetry.mavlink.kernels import (
     scan_tlog,
 )
 from aerodft.adapters.telemetry.mavlink.link import OWN_COMPONENT, OWN_SYSTEM, MavlinkLink
+from aerodft.adapters.telemetry.mavlink.signing import (
+    SignatureCheck,
+    SigningCounts,
+    SigningState,
+    load_key,
+    opened_signing,
+    signing_document,
+    signing_sentences,
+    unchecked_sentence,
+)
 from aerodft.adapters.telemetry.mavlink.transport import LinkKind, Transport, is_link, open_transport, parse_address

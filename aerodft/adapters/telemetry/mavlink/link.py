@@ -9,6 +9,7 @@ from typing import Final, Self
 from pymavlink.dialects.v20 import ardupilotmega
 
 from aerodft.adapters.telemetry.mavlink.framing import FrameCounts, StreamFramer
+from aerodft.adapters.telemetry.mavlink.signing import SignatureCheck, SigningCounts
 from aerodft.adapters.telemetry.mavlink.transport import (
     LinkAddress,
     LinkKind,
@@ -19,7 +20,6 @@ from aerodft.adapters.telemetry.mavlink.transport import (
     open_transport,
     parse_address,
 )
-from aerodft.adapters.telemetry.signing import SignatureCheck, SigningCounts
 from aerodft.model import WireProtocol
 from aerodft.service import Inbox
 

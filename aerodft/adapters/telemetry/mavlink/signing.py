@@ -25,7 +25,8 @@ import numpy as np
 import orjson
 
 from aerodft.adapters.files import check_is_no_pipe, read_whole
-from aerodft.adapters.telemetry.mavlink import MESSAGES, SIGNATURE, SIGNED, V2, checksum, frame_table
+from aerodft.adapters.telemetry.mavlink.dialect import MESSAGES, frame_table
+from aerodft.adapters.telemetry.mavlink.kernels import SIGNATURE, SIGNED, V2, checksum
 from aerodft.errors import ConfigError, InputError, counted
 from aerodft.service import RADIO_STATUS, SigningSettings
 from aerodft.service.clocks import WallClock

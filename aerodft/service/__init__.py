@@ -4,7 +4,7 @@ from aerodft.service.answering import fixed_requests, locate_observation
 from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
 from aerodft.service.gimbal_sources import GIMBAL_SOURCES, GimbalReports, is_own_statement, reported_sources
-from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader
+from aerodft.service.height_sources import HEIGHT_SOURCES, HeightReader, HeightSettings
 from aerodft.service.observers import LiveObservers, ObservedImages, ObserverCounts, ObserverSchedule
 from aerodft.service.pipeline import Counts, Pipeline
 from aerodft.service.ports import (
@@ -31,7 +31,6 @@ from aerodft.service.settings import (
     ErrorStd,
     FixedMount,
     HealthSettings,
-    HeightSettings,
     LiveCalibration,
     ObjectSettings,
     PipelineSettings,

@@ -1,18 +1,17 @@
-"""The registry of height sources: ``HEIGHT_SOURCES``.
+"""The registry of height sources, ``HEIGHT_SOURCES``, and their settings.
 
 A new source is an entry of ``HEIGHT_SOURCES`` and a telemetry decoder that gives a ``HeightTrack`` with its name. Its
 name and standard deviation in station files, its datum in messages and its place in schemas follow.
 """
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+import math
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
+from aerodft.conventions import SECOND_NS
 from aerodft.model import FloatArray, HeightSource, HeightTrack, PositionTrack, Track
-
-if TYPE_CHECKING:
-    from aerodft.service.settings import HeightSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,3 +112,36 @@ HEIGHT_SOURCES: Final[dict[HeightSource, HeightReader]] = {
     )
 }
 """All sources by name, in the default order of preference."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightSettings:
+    """Height sources in order of preference, and their accuracy.
+
+    Attributes:
+        order: The first source with a value at the stamp wins.
+        std_m: Standard deviation per source, unless messages have one (rangefinder) or a larger one (GPS).
+        home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
+        home_above_plane_std_m: Its standard deviation.
+        manual_m: The height, where ``manual`` is in the order.
+        min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
+        max_gap_ns: Longest gap between two samples that is interpolated over, of positions and home-relative heights.
+        rangefinder_gap_ns: Longest gap of a rangefinder.
+        terrain_gap_ns: Longest gap of a terrain database.
+        terrain_max_distance_m: Maximum distance from the vehicle to the place of a terrain report.
+        lean_std_rad: Standard deviation of the vehicle's roll and pitch, and of the rangefinder on it.
+    """
+
+    order: tuple[HeightSource, ...] = tuple(name for name, reader in HEIGHT_SOURCES.items() if reader.is_live)
+    std_m: dict[HeightSource, float] = field(
+        default_factory=lambda: {name: reader.std_m for name, reader in HEIGHT_SOURCES.items()}
+    )
+    home_above_plane_m: float = 0.0
+    home_above_plane_std_m: float = 0.0
+    manual_m: float | None = None
+    min_m: float = 1.0
+    max_gap_ns: int = 2 * SECOND_NS
+    rangefinder_gap_ns: int = SECOND_NS
+    terrain_gap_ns: int = 5 * SECOND_NS
+    terrain_max_distance_m: float = 150.0
+    lean_std_rad: float = math.radians(0.2)

@@ -13,7 +13,6 @@ from aerodft.model import (
     Camera,
     GeoOrigin,
     GimbalSource,
-    HeightSource,
     LevelSeries,
     MountAxes,
     PoseSample,
@@ -25,7 +24,7 @@ from aerodft.model import (
     ZoomSource,
 )
 from aerodft.service.gimbal_sources import reported_sources
-from aerodft.service.height_sources import HEIGHT_SOURCES
+from aerodft.service.height_sources import HeightSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,39 +132,6 @@ class HealthSettings:
     vertical_std_m: float = 5.0
     loss_share: float = 0.1
     window_ns: int = 10 * SECOND_NS
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightSettings:
-    """Height sources in order of preference, and their accuracy.
-
-    Attributes:
-        order: The first source with a value at the stamp wins.
-        std_m: Standard deviation per source, unless messages have one (rangefinder) or a larger one (GPS).
-        home_above_plane_m: Height of the home point above the measured plane; added to home-relative heights.
-        home_above_plane_std_m: Its standard deviation.
-        manual_m: The height, where ``manual`` is in the order.
-        min_m: Below it the status is ``BELOW_MIN_HEIGHT``.
-        max_gap_ns: Longest gap between two samples that is interpolated over, of positions and home-relative heights.
-        rangefinder_gap_ns: Longest gap of a rangefinder.
-        terrain_gap_ns: Longest gap of a terrain database.
-        terrain_max_distance_m: Maximum distance from the vehicle to the place of a terrain report.
-        lean_std_rad: Standard deviation of the vehicle's roll and pitch, and of the rangefinder on it.
-    """
-
-    order: tuple[HeightSource, ...] = tuple(name for name, reader in HEIGHT_SOURCES.items() if reader.is_live)
-    std_m: dict[HeightSource, float] = field(
-        default_factory=lambda: {name: reader.std_m for name, reader in HEIGHT_SOURCES.items()}
-    )
-    home_above_plane_m: float = 0.0
-    home_above_plane_std_m: float = 0.0
-    manual_m: float | None = None
-    min_m: float = 1.0
-    max_gap_ns: int = 2 * SECOND_NS
-    rangefinder_gap_ns: int = SECOND_NS
-    terrain_gap_ns: int = 5 * SECOND_NS
-    terrain_max_distance_m: float = 150.0
-    lean_std_rad: float = math.radians(0.2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,6 @@
 """The river in an image of a page, with what people drew over it as hints."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -9,19 +9,27 @@ import numpy as np
 from aerodft.adapters.wire.payload import as_json
 from aerodft.app.river import river_question, survey_image
 from aerodft.app.viewing.questions import MOST_POINTS, is_pixel
-from aerodft.app.viewing.view import View
+from aerodft.dft import Setup
 from aerodft.errors import NoAnswerError, Reason, UsageError
+from aerodft.model import ImageArray, PoseSample
 from aerodft.vision.river import River, RiverHints, RiverView
 
 _MOST_STROKES: Final = 64
 _SPACING_M: Final = 1.0
 
 
-def river_in(view: View, number: int, strokes: object, hinted: int) -> dict[str, Any]:
+def river_in(
+    scene_of: Callable[[int], tuple[Setup, PoseSample]],
+    pixels_of: Callable[[int], ImageArray],
+    number: int,
+    strokes: object,
+    hinted: int,
+) -> dict[str, Any]:
     """The river in an image, as ``aerodft river --json`` has it.
 
     Args:
-        view: The images.
+        scene_of: Camera, ground and pose of an image by its number.
+        pixels_of: Its pixels, ``(height, width, 3)`` BGR.
         number: Of the image.
         strokes: What a person says is ``water`` and ``land``: lists of strokes, which are lists of ``[u, v]``.
         hinted: Number of the image that the strokes are of; they are carried on the water's plane.
@@ -34,7 +42,7 @@ def river_in(view: View, number: int, strokes: object, hinted: int) -> dict[str,
         UsageError: The strokes are something else.
         NoAnswerError: An image has no pose.
     """
-    hints, here, there = _hints_of(strokes), _river_view(view, number), _river_view(view, hinted)
+    hints, here, there = _hints_of(strokes), *(_river_view(scene_of, pixels_of, each) for each in (number, hinted))
     told = hints if number == hinted else hints.carried(there.plane, here.plane)
     survey = survey_image(here, river_question(told, _SPACING_M, None))
     water = survey.found.outlines_px if isinstance(survey.found, River) else []
@@ -45,11 +53,13 @@ def river_in(view: View, number: int, strokes: object, hinted: int) -> dict[str,
     }
 
 
-def _river_view(view: View, number: int) -> RiverView:
-    setup, sample = view.scene(number)
+def _river_view(
+    scene_of: Callable[[int], tuple[Setup, PoseSample]], pixels_of: Callable[[int], ImageArray], number: int
+) -> RiverView:
+    setup, sample = scene_of(number)
     if sample.pose is None:
         raise NoAnswerError("the image has no pose", got=Reason("; ".join(sample.reasons)))
-    return RiverView(number, setup, sample, partial(view.pixels, number))
+    return RiverView(number, setup, sample, partial(pixels_of, number))
 
 
 def _hints_of(document: object) -> RiverHints:

@@ -180,7 +180,7 @@ class View(ABC):
         """The river in an image; arguments, result and errors as those of ``river_in``."""
         from aerodft.app.viewing.river import river_in  # slow to load, and most pages look for no river
 
-        return river_in(self, number, strokes, hinted)
+        return river_in(self.scene, self.pixels, number, strokes, hinted)
 
     def calibrate(self, evidence: Document, unknowns: Sequence[str], *, accept: bool, use: bool) -> Document:
         """Find the camera's pose from what is known of the view of a fixed camera.

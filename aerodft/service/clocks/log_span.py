@@ -18,9 +18,8 @@ from aerodft.model import (
 from aerodft.service.clocks.clock_map import ClockMap
 from aerodft.service.clocks.tracks_by_tick import Ticks
 from aerodft.service.feed import MergedFeed
-from aerodft.service.height_sources import HEIGHT_SOURCES
+from aerodft.service.height_sources import HEIGHT_SOURCES, HeightSettings
 from aerodft.service.ports import Source, TelemetryDecoder
-from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import LAST
 
 PAUSE_NS = 600 * SECOND_NS

@@ -25,10 +25,10 @@ from aerodft.model import (
 from aerodft.service.attitude import AttitudeBatch
 from aerodft.service.clocks import HOST_STD_S, ClockMap
 from aerodft.service.gimbal_sources import is_own_statement
-from aerodft.service.height_sources import HEIGHT_SOURCES
+from aerodft.service.height_sources import HEIGHT_SOURCES, HeightSettings
 from aerodft.service.pose.heights import HeightBatch
 from aerodft.service.pose.vehicle_position import PositionBatch
-from aerodft.service.settings import DEMAND_TILT_STD_RAD, HeightSettings, TelemetrySettings
+from aerodft.service.settings import DEMAND_TILT_STD_RAD, TelemetrySettings
 from aerodft.service.streams import Missing
 
 _ABOVE_ALL_GROUND_M = 1e5  # above all ground

@@ -24,7 +24,7 @@ from aerodft.model import (
     Selection,
     Track,
 )
-from aerodft.service.height_sources import HEIGHT_SOURCES
+from aerodft.service.height_sources import HEIGHT_SOURCES, HeightSettings
 from aerodft.service.pose.home_checks import (
     EARTH_RADIUS_M,
     IS_GROUNDED_STDS,
@@ -34,7 +34,6 @@ from aerodft.service.pose.home_checks import (
     HomeChecks,
 )
 from aerodft.service.pose.surface_checks import CREDIBLE, ERRATIC, SCATTERED, STUCK, SurfaceChecks
-from aerodft.service.settings import HeightSettings
 from aerodft.service.streams import END_OF_TIME, LAST, Brackets, Missing, Stream
 
 

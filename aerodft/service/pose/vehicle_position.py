@@ -9,7 +9,7 @@ import numpy as np
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import east_north
 from aerodft.model import Batch, BoolArray, FloatArray, GeoOrigin, IntArray, PositionTrack, ReceiverTrack
-from aerodft.service.settings import HeightSettings
+from aerodft.service.height_sources import HeightSettings
 from aerodft.service.streams import Missing, Stream
 
 CONTRADICTION_STDS: Final = 5.0

@@ -1,17 +1,20 @@
 """Flights whose telemetry is the subtitles of their own videos, and cameras whose tilt is stated."""
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from aerodft.adapters.config.station import StationConfig, VideoFile
+from aerodft.adapters.config.station import StationConfig, VideoFile, with_derived_settings
 from aerodft.adapters.telemetry import LOG_FORMATS, SubtitleLog, are_subtitles
 from aerodft.errors import UsageError
 from aerodft.model import GimbalSource
 from aerodft.service import FixedMount
 
 _MAX_TILT_DEG = 180.0
+
+_log = logging.getLogger(__name__)
 
 
 def subtitled_flight(logs: Sequence[Path]) -> SubtitleLog | None:
@@ -35,6 +38,10 @@ def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[Statio
     """A station whose images are those of a flight's own videos, unless it names others; and the flight in its time.
 
     Images and subtitles have one time line. Where the station states when its video begins, the subtitles begin then.
+    Intervals cover that a cue's values may be of any moment that the cue holds.
+
+    Raises:
+        InputError: The video that the station names is not the one of the subtitles.
     """
     source, videos = station.images.source, flight.videos
     if source is None and videos:
@@ -44,8 +51,13 @@ def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[Statio
     if source.start_ns is not None:
         flight = flight.restarted(source.start_ns)
     is_own = bool(flight.videos) and flight.videos[0][0].absolute() == source.path.absolute()
+    if not is_own:
+        for sentence in flight.check_video(source.path):
+            _log.warning("%s: %s", source.path, sentence)
     source = replace(source, start_ns=flight.start_ns, later=flight.videos[1:] if is_own else ())
-    return replace(station, images=replace(station.images, source=source, is_auto=False)), flight
+    pipeline = replace(station.pipeline, time_std_s=max(station.pipeline.time_std_s, flight.time_std_s))
+    images = replace(station.images, source=source, is_auto=False)
+    return with_derived_settings(replace(station, images=images, pipeline=pipeline)), flight
 
 
 def with_tilt(station: StationConfig, tilt_deg: float) -> StationConfig:

@@ -30,5 +30,6 @@ from aerodft.adapters.images.video import (
     SeekableVideo,
     VideoFileSource,
     VideoFilesSource,
+    VideoInfo,
     video_info,
 )

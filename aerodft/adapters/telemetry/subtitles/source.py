@@ -1,5 +1,6 @@
 """Subtitles beside a video, or inside it, as blocks of cues on the video's time line."""
 
+import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
@@ -17,6 +18,7 @@ from aerodft.adapters.telemetry.log_file import rows_that_go_on
 from aerodft.adapters.telemetry.mavlink import FrameCounts
 from aerodft.adapters.telemetry.subtitles.cues import Cue, find_cues, read_cue
 from aerodft.adapters.telemetry.subtitles.decoding import PROTOCOL, hfov_deg
+from aerodft.adapters.telemetry.subtitles.video_fit import check_fits, interval_s, joints
 from aerodft.adapters.timestamps import OLDEST_NS, unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, os_errors_as
@@ -28,8 +30,12 @@ SUFFIX: Final = ".srt"
 _BLOCK_CUES: Final = 4096
 _MOST_BYTES: Final = 1 << 28  # ten hours at 60 images per second take 650 MB: nobody flies that long
 _ZONE_NS: Final = 900 * SECOND_NS  # offsets from UTC are whole quarters of an hour
+_HOUR_NS: Final = 3600 * SECOND_NS
 _FARTHEST_NS: Final = 14 * 3600 * SECOND_NS
 _SAME_NS: Final = 60 * SECOND_NS  # by which the container's clock and the drone's may differ, besides the zone
+_TRUNCATED_NS: Final = SECOND_NS // 1000 - 1
+_GAP_NS: Final = 2 * SECOND_NS  # between parts; a Matrice 30T needs 0.07 s, clocks in whole seconds are off by 1 s
+_HELD_S: Final = 0.1  # drones renew positions 10 times per second, and repeat them in the cues between
 _ZOOMED: Final = 1.01  # what rounds to other digits is no zoom
 _TEXT: Final = ("mov_text", "subrip", "text")
 _WITHOUT_ANGLES: Final = (
@@ -66,6 +72,10 @@ class SubtitleLog:
         self.path = paths[0]
         self._paths = tuple(paths)
         parts = [_Part(path) for path in paths]
+        _check_sizes(parts)
+        zones_ns = [part.zone_ns for part in parts if part.zone_ns is not None]
+        for part in parts if zones_ns else ():
+            part.take_zone(zones_ns[0])
         for before, part in pairwise(parts):
             if not part.has_clock:
                 part.shift(max(before.next_start_ns - part.start_ns, 0))
@@ -96,9 +106,25 @@ class SubtitleLog:
         return float(np.median(focal_mm)) if focal_mm else None
 
     @property
+    def time_std_s(self) -> float:
+        """Standard deviation (s) of when a cue's values were measured: anywhere in the interval that it holds."""
+        held_s = max(_HELD_S, *(interval_s(part.media_ns) for part in self._parts))
+        return float(held_s / math.sqrt(12))
+
+    @property
     def has_angles(self) -> bool:
         """Whether cues state the camera's angles."""
         return any(cue.gimbal_deg is not None for part in self._parts for cue in part.cues)
+
+    def check_video(self, video: Path) -> list[str]:
+        """Sentences on a video that is named apart from the subtitles, which are taken to begin with it.
+
+        Raises:
+            InputError: It is not the video of these subtitles.
+        """
+        media_ns = [part.start_ns + each - self.start_ns for part in self._parts for each in part.media_ns]
+        cues = [cue for part in self._parts for cue in part.cues]
+        return check_fits(media_ns, cues, video_info(video), self.path)
 
     @property
     def counts(self) -> FrameCounts:
@@ -116,7 +142,12 @@ class SubtitleLog:
 
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each thing that the subtitles do not say, and for damage."""
-        return tuple(sentence for part in self._parts for sentence in part.warnings())
+        gaps = (
+            f"{part.path} begins {gap_ns / SECOND_NS:.1f} s after the end of {before.path}; a cut video goes on at once"
+            for before, part in pairwise(self._parts)
+            if (gap_ns := part.start_ns - before.next_start_ns) > _GAP_NS
+        )
+        return (*(sentence for part in self._parts for sentence in part.warnings()), *gaps)
 
 
 class _Part:
@@ -130,6 +161,7 @@ class _Part:
         video: The video that the subtitles belong to; None where there is none.
         start_ns: UTC of the video's first image.
         has_clock: Whether the subtitles state the time of day.
+        zone_ns: The drone's clock minus UTC; None where nothing tells it.
 
     Raises:
         InputError: The file is missing or unreadable, or holds no cue of a drone.
@@ -138,18 +170,27 @@ class _Part:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.video, self._text, self._where = _subtitles_of(path)
+        self._info = None if self.video is None else video_info(self.video)
         self._timed = _on_time_line(self._text)
         if not any(map(_says_something, self._timed.cues)):
             got = "subtitles without telemetry" if find_cues(self._text) else looks_like(path)
             raise InputError("wrong type of file", where=self._where, got=got, expected=TITLE)
-        self._notes: list[str] = []
+        timed = self._timed
+        self._notes = [] if self._info is None else check_fits(timed.media_ns, timed.cues, self._info, self._where)
+        self._notes += joints(timed.media_ns, timed.cues)
         self.has_clock = any(cue.clock_ns is not None for cue in self._timed.cues)
+        self.zone_ns: int | None = None
         self.start_ns = self._own_start_ns()
 
     @property
     def cues(self) -> list[Cue]:
         """All cues whose time goes on."""
         return self._timed.cues
+
+    @property
+    def media_ns(self) -> list[int]:
+        """Times of the cues since the video's first image."""
+        return self._timed.media_ns
 
     @property
     def end_ns(self) -> int:
@@ -159,7 +200,7 @@ class _Part:
     @property
     def next_start_ns(self) -> int:
         """UTC at which a part that goes on would begin: the video's end, else that of the last cue."""
-        duration_ns = None if self.video is None else video_info(self.video).duration_ns
+        duration_ns = None if self._info is None else self._info.duration_ns
         media_ns = self._timed.media_ns
         return self.start_ns + (duration_ns or 2 * media_ns[-1] - media_ns[max(len(media_ns) - 2, 0)] + 1)
 
@@ -171,6 +212,17 @@ class _Part:
     def shift(self, by_ns: int) -> None:
         """Move the part in time."""
         self.start_ns += by_ns
+
+    def take_zone(self, zone_ns: int) -> None:
+        """Take the zone of another part, where this one's is not known."""
+        if self.has_clock and self.zone_ns is None:
+            self.zone_ns = zone_ns
+            self.shift(-zone_ns)
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """Size of the video's images; None without a video."""
+        return None if self._info is None else (self._info.width_px, self._info.height_px)
 
     def events(self) -> Iterator[Event]:
         """All cues in order, in blocks of bounded size."""
@@ -192,9 +244,20 @@ class _Part:
         """One sentence for each thing that the subtitles do not say, and for damage."""
         cues, where = self._timed.cues, self._where
         sentences = [f"{where}: {each}" for each in self._notes]
-        if not any(cue.gimbal_deg is not None for cue in cues):
+        if self.zone_ns is not None:
+            zone = f"UTC{self.zone_ns / _HOUR_NS:+g} h by the video's creation time"
+            sentences.append(f"{where}: the drone's clock is local time: {zone}")
+        elif self.has_clock:
+            sentences.append(f"{where}: the drone's clock is local time without a zone: it is taken for UTC")
+        with_angles = sum(cue.gimbal_deg is not None for cue in cues)
+        with_height = sum(cue.height_home_m is not None for cue in cues)
+        if not with_angles:
             sentences.append(f"{where}: {_WITHOUT_ANGLES}")
-        if not any(cue.height_home_m is not None for cue in cues):
+        elif with_angles < len(cues):
+            sentences.append(f"{where}: no angles of the camera in {len(cues) - with_angles} of {len(cues)} cues")
+        if 0 < with_height < len(cues):
+            sentences.append(f"{where}: no height in {len(cues) - with_height} of {len(cues)} cues")
+        if not with_height:
             absolute = any(cue.altitude_m is not None for cue in cues)
             has = "its altitude is absolute, of no stated datum" if absolute else "it states none"
             sentences.append(f"{where}: no height above the take-off point: {has}; state telemetry.height.manual_m")
@@ -220,7 +283,7 @@ class _Part:
             for cue, media_ns in zip(timed.cues, timed.media_ns, strict=True)
             if cue.clock_ns is not None and cue.clock_ns >= OLDEST_NS
         ]
-        container_ns = None if self.video is None else video_info(self.video).start_ns
+        container_ns = None if self._info is None else self._info.start_ns
         if not local:
             if container_ns is not None:
                 self._notes.append(f"no clock: UTC is the video's creation time, {unix_ns_to_iso(container_ns)}")
@@ -235,12 +298,24 @@ class _Part:
             offset_ns = round((start_ns - container_ns) / _ZONE_NS) * _ZONE_NS
             slack_ns = _SAME_NS + timed.media_ns[-1]  # some containers state the end
             if abs(offset_ns) <= _FARTHEST_NS and abs(start_ns - offset_ns - container_ns) <= slack_ns:
-                self._notes.append(
-                    f"the drone's clock is local time: UTC{offset_ns / 3.6e12:+g} h by the video's creation time"
-                )
+                self.zone_ns = offset_ns
                 return start_ns - offset_ns
-        self._notes.append("the drone's clock is local time without a zone: it is taken for UTC")
+            self._notes.append(
+                f"the video was made at {unix_ns_to_iso(container_ns)}, the drone's clock says that it began at "
+                f"{unix_ns_to_iso(start_ns)}: was it converted, or are the subtitles another video's?"
+            )
         return start_ns
+
+
+def _check_sizes(parts: Sequence[_Part]) -> None:
+    """Refuse videos of several sizes: a camera file is of one."""
+    first = parts[0]
+    for part in parts[1:]:
+        if None not in (part.size_px, first.size_px) and part.size_px != first.size_px:
+            sizes = " and ".join(f"{size[0]} x {size[1]} px" for size in (first.size_px, part.size_px) if size)
+            raise InputError(
+                "not a part of the same video", where=part.path, got=sizes, hint=f"import it apart from {first.path}"
+            )
 
 
 def is_video(path: Path) -> bool:
@@ -332,13 +407,19 @@ def _says_something(cue: Cue) -> bool:
 
 
 def _on_time_line(text: bytes) -> _Timed:
-    """All cues whose time goes on: a single time that is off, ahead or back, is left out with its cue."""
+    """All cues whose time goes on: a single time that is off, ahead or back, is left out with its cue.
+
+    Cue times are truncated to milliseconds. The last cue is taken at the end of its millisecond, as its image would
+    have no cue on its other side.
+    """
     spans = find_cues(text)
     cues = [read_cue(text[at : at + size]) for at, size in spans]
     starts = _starts_ns(cues)
     kept = rows_that_go_on(starts)
+    media_ns = [each for k in kept if (each := starts[k]) is not None]
+    media_ns[-1:] = [each + _TRUNCATED_NS for each in media_ns[-1:]]
     return _Timed(
-        media_ns=[each for k in kept if (each := starts[k]) is not None],
+        media_ns=media_ns,
         spans=[spans[k] for k in kept],
         cues=[cues[k] for k in kept],
         left_out=len(spans) - len(kept),

@@ -217,6 +217,7 @@ class TelemetrySettings:
         health: Limits of the vehicle's health.
         zoom: Reports of the camera's zoom.
         wait_ns: Time that an image waits after its arrival for later telemetry.
+        gps_lon_first: Whether a log's places without names have the longitude first; None to tell it by the log.
         columns: Names of a flight table's columns by what they are, unit included; empty for known tools' tables.
     """
 
@@ -228,6 +229,7 @@ class TelemetrySettings:
     health: HealthSettings = field(default_factory=HealthSettings)
     zoom: ZoomSettings = field(default_factory=ZoomSettings)
     wait_ns: int = 2 * SECOND_NS
+    gps_lon_first: bool | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -22,7 +22,7 @@ from aerodft.adapters.telemetry.mavlink import (
 )
 from aerodft.adapters.telemetry.photographs import PROTOCOL as PHOTOGRAPHS
 from aerodft.adapters.telemetry.photographs import PhotographLog
-from aerodft.adapters.telemetry.subtitles import SubtitleLog, are_subtitles, hfov_deg
+from aerodft.adapters.telemetry.subtitles import SubtitleLog, are_subtitles, carries_subtitles, hfov_deg, unread_tracks
 from aerodft.adapters.telemetry.tables import COLUMN_KEYS
 from aerodft.adapters.telemetry.tlog import TlogSource
 from aerodft.adapters.telemetry.tracks import MOST_ATTACHED

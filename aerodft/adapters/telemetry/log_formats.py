@@ -116,6 +116,7 @@ def followed_by(telemetry: TelemetrySettings | None) -> FollowedIds:
         component=telemetry.component,
         gimbal=telemetry.gimbal,
         angle_scales={str(source): scale for source, scale in telemetry.attitude.scale},
+        gps_lon_first=telemetry.gps_lon_first,
     )
 
 

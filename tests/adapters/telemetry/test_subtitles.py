@@ -14,6 +14,7 @@ import orjson
 import pytest
 
 from aerodft.adapters.telemetry import CompositeDecoder, SubtitleLog, open_log
+from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.errors import InputError
 from aerodft.geometry import yaw_pitch_roll
 from aerodft.model import CameraTrack, GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
@@ -209,6 +210,41 @@ def test_the_order_of_coordinates_is_by_evidence(
         assert said in " ".join(decoder.rejected)
     else:
         assert (found["lat"], found["lon"]) == pytest.approx(place, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("order", "gps", "place", "said"),
+    [
+        ("lat,lon", "GPS(47.4692,8.2090)", (47.4692, 8.2090), ""),
+        ("lon,lat", "GPS(8.2090,47.4692,431.7)", (47.4692, 8.2090), ""),
+        ("lat,lon", "GPS(47.4692,8.2090,18)", (47.4692, 8.2090), ""),  # against what most drones do
+        ("lat,lon", "GPS(149.0251,-20.2533,16)", None, "the latitude is beyond 90 deg"),
+        ("lon,lat", "GPS(60.0000,10.0090,12) HOME(60.0000,10.0000) D 501.00m,", None, "contradicts the order"),
+    ],
+)
+def test_a_stated_order_of_coordinates_counts(
+    order: str, gps: str, place: tuple[float, float] | None, said: str
+) -> None:
+    cue = f"1\n00:00:00,000 --> 00:00:01,000\n{gps} BAROMETER:10.0\n\n".encode()
+    decoder = CompositeDecoder(FollowedIds(gps_lon_first=order == "lon,lat"))
+    zero, size = np.zeros(1, dtype=np.int64), np.array([len(cue)])
+    tracks = decoder.decode(RawBlock(protocol="srt", sender="", arrival_ns=zero, offset=zero, length=size, data=cue))
+    places = [each for each in tracks if isinstance(each, PositionTrack)]
+    if place is None:
+        assert not places
+        assert said in " ".join(decoder.rejected)
+    else:
+        assert np.degrees([places[0].lat_rad[0], places[0].lon_rad[0]]) == pytest.approx(place, abs=1e-9)
+
+
+def test_places_near_home_are_refused_where_farther_ones_contradict_their_order(tmp_path: Path) -> None:
+    path = tmp_path / "clip.srt"
+    cue = "{n}\n00:00:0{n},000 --> 00:00:01,000\nGPS(60.0000,{lon},12) HOME(60.0000,10.0000) D {d:.2f}m, H 9.00m\n\n"
+    places = ((1, "10.0001", 5.6), (2, "10.0090", 501.0), (3, "10.0002", 11.1))
+    path.write_text("".join(cue.format(n=n, lon=lon, d=d) for n, lon, d in places))
+    values, _, decoder, _ = read(path)
+    assert not any("lat" in each for each in values.values())
+    assert decoder.rejected["SRT: GPS: the distance to HOME contradicts the order of latitude and longitude"] == 3
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ from aerodft.service.attitude import GIMBAL_MOUNTS
 MAX_ANGLE_FACTOR: Final = 1e7  # degrees in a field of 1e-7 degrees, the finest unit that MAVLink has
 _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _AXES = {"auto": None, **{str(axes): axes for axes in GIMBAL_MOUNTS}}
+_LON_FIRST = {"auto": None, "lat,lon": False, "lon,lat": True}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
 ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION", "subtitles"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
@@ -266,6 +267,10 @@ class TelemetryTable(Table):
     zoom: ZoomTable = ZoomTable()
     calibration: keys.Text | None = None
     bias: Annotated[TelemetryBiasTable | None, NOT_IN_CONFIG_ID] = None
+    gps_order: Annotated[
+        Literal["auto", "lat,lon", "lon,lat"],
+        SiAttribute("gps_lon_first", into=_LON_FIRST.get, out={False: "lat,lon", True: "lon,lat"}.get),
+    ] = "auto"
     columns: Annotated[dict[str, keys.Text], NOT_IN_CONFIG_ID] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -161,12 +161,14 @@ class FollowedIds:
         component: Component id of its autopilot.
         gimbal: Up to 6 the number of a gimbal that the autopilot speaks for, from 7 on a gimbal's component id.
         angle_scales: Factors of gimbals' angles with a wrong sign or unit, by the name of the message.
+        gps_lon_first: Whether places without names have the longitude first; None to tell it by the log.
     """
 
     system: int | None = None
     component: int | None = None
     gimbal: int | None = None
     angle_scales: Mapping[str, AngleScale] = field(default_factory=dict)
+    gps_lon_first: bool | None = None
 
 
 def fresh_state(followed: FollowedIds) -> IntArray:

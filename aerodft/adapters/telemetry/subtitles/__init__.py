@@ -7,7 +7,7 @@ from aerodft.adapters.telemetry.log_file import HEAD_BYTES
 from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.adapters.telemetry.subtitles.cues import find_cues
 from aerodft.adapters.telemetry.subtitles.decoding import PROTOCOL, SubtitleDecoder, hfov_deg
-from aerodft.adapters.telemetry.subtitles.source import TITLE, SubtitleLog
+from aerodft.adapters.telemetry.subtitles.source import TITLE, SubtitleLog, carries_subtitles, unread_tracks
 
 __all__ = [
     "PROTOCOL",
@@ -15,10 +15,12 @@ __all__ = [
     "SubtitleDecoder",
     "SubtitleLog",
     "are_subtitles",
+    "carries_subtitles",
     "hfov_deg",
     "new_decoder",
     "open_source",
     "recognises",
+    "unread_tracks",
 ]
 
 
@@ -42,6 +44,6 @@ def open_source(path: Path) -> SubtitleLog:
     return SubtitleLog([path])
 
 
-def new_decoder(followed: FollowedIds) -> SubtitleDecoder:  # noqa: ARG001 - of one drone alone
-    """A decoder of cues."""
-    return SubtitleDecoder()
+def new_decoder(followed: FollowedIds) -> SubtitleDecoder:
+    """A decoder of cues, which takes the stated order of coordinates where there is one."""
+    return SubtitleDecoder(gps_lon_first=followed.gps_lon_first)

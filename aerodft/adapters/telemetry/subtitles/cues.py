@@ -6,7 +6,7 @@ them. A number counts where its end is there too, so that what a cut leaves of o
 
 import math
 import re
-from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -44,6 +44,8 @@ _HEIGHTS: Final = {
 _DISTANCE: Final = re.compile(rf"(?<![A-Za-z.])D[ \t]+({_NUMBER})m(?=[,\s])")
 _BODY_YAW: Final = re.compile(rf"\bDrone[ \t]*:[ \t]*Yaw[ \t]*:[ \t]*({_NUMBER})(?=[ \t]*[\],])")
 _PART: Final = re.compile(rf"[^-+\d]*({_NUMBER})\s*([A-Za-z]*)[^\d]*")
+
+AGAINST_WAY_HOME: Final = "GPS: the distance to HOME contradicts the order of latitude and longitude"
 
 _NO_FIX: Final = re.compile(r"\bn/?a\b", re.IGNORECASE)
 
@@ -106,6 +108,7 @@ class _Reader:
     """One cue's text and its numbers by key."""
 
     text: str
+    gps_lon_first: bool | None
     numbers: dict[str, str] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
 
@@ -129,9 +132,14 @@ class _Reader:
         self.faults.append(what)
 
 
-def read_cue(data: bytes) -> Cue:
-    """Read one cue."""
-    reader = _Reader(data.decode("utf-8", "replace"))
+def read_cue(data: bytes, *, gps_lon_first: bool | None = None) -> Cue:
+    """Read one cue.
+
+    Args:
+        data: From its number to the next one's.
+        gps_lon_first: Whether ``GPS(a, b)`` has the longitude first; None to tell it by evidence.
+    """
+    reader = _Reader(data.decode("utf-8", "replace"), gps_lon_first)
     reader.read_keys()
     key, height_m = _height(reader)
     altitude_m = reader.value("altitude")
@@ -233,7 +241,7 @@ def _ordered(reader: _Reader, text: str) -> tuple[float, float] | None:
     """Latitude and longitude of ``GPS(a, b, c)``, by evidence: the range, the third number's kind, the way home.
 
     Drones whose third number counts satellites write the longitude first, those that write ``0.0M`` the latitude. A
-    number beyond 90 is a longitude, whatever the third says.
+    stated order stands above the third number. A number beyond 90 is a longitude.
     """
     parts = _parts(text)
     if _NO_FIX.search(text):
@@ -243,20 +251,29 @@ def _ordered(reader: _Reader, text: str) -> tuple[float, float] | None:
         reader.fault("GPS is cut or no place")
         return None
     first, second = parts[0][0], parts[1][0]
-    if max(abs(first), abs(second)) > _MAX_LAT_DEG:
-        return (second, first) if abs(first) > _MAX_LAT_DEG else (first, second)
-    third = parts[2] if len(parts) > 2 else None  # noqa: PLR2004
-    if third is not None and third[1].upper() == "M":
-        lat, lon = first, second
-    elif third is not None and not third[1] and third[0].is_integer() and 0 <= third[0] <= _MOST_SATELLITES:
-        lat, lon = second, first
-    else:
-        reader.fault("GPS: which number is the latitude is not known")
+    is_lon_first = _is_lon_first(parts) if reader.gps_lon_first is None else reader.gps_lon_first
+    if is_lon_first is None:
+        reader.fault("GPS: which number is the latitude is not known (telemetry.gps_order states it)")
         return None
-    if _contradicts_way_home(reader.text, lat, lon, is_swapped=lat == second):
-        reader.fault("GPS: the distance to HOME contradicts the order of latitude and longitude")
+    lat, lon = (second, first) if is_lon_first else (first, second)
+    if reader.gps_lon_first is not None and abs(lat) > _MAX_LAT_DEG:
+        reader.fault("GPS: in the stated order (telemetry.gps_order) the latitude is beyond 90 deg")
+        return None
+    if _contradicts_way_home(reader.text, lat, lon, is_swapped=is_lon_first):
+        reader.fault(AGAINST_WAY_HOME)
         return None
     return lat, lon
+
+
+def _is_lon_first(parts: Sequence[tuple[float, str]]) -> bool | None:
+    """Order of coordinates by a number beyond 90, else by the kind of the third number; None where that is unknown."""
+    first, second = abs(parts[0][0]), abs(parts[1][0])
+    if max(first, second) > _MAX_LAT_DEG:
+        return first > _MAX_LAT_DEG
+    value, unit = parts[2] if len(parts) > 2 else (math.nan, "")  # noqa: PLR2004 - of three numbers
+    if unit.upper() == "M":
+        return False
+    return True if not unit and value.is_integer() and 0 <= value <= _MOST_SATELLITES else None
 
 
 def _contradicts_way_home(text: str, lat: float, lon: float, *, is_swapped: bool) -> bool:
@@ -308,8 +325,3 @@ def _scaled(text: str | None, unit: float) -> float | None:
         return None
     value = float(text) if "." in text else float(text) * unit
     return value if value > 0 else None
-
-
-def count_faults(cues: list[Cue]) -> Counter[str]:
-    """How often each fault occurs."""
-    return Counter(fault for cue in cues for fault in cue.faults)

@@ -3,11 +3,12 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from aerodft.adapters.telemetry.subtitles.cues import Cue, read_cue
+from aerodft.adapters.telemetry.subtitles.cues import AGAINST_WAY_HOME, Cue, read_cue
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import (
     BoolArray,
@@ -43,11 +44,16 @@ class SubtitleDecoder:
     angles are not stated hangs level on its gimbal: the vehicle's attitude is level then, and a ``fixed_mount`` states
     the camera's own angles; where not even the drone's yaw is stated, its heading is unknown.
 
+    Args:
+        gps_lon_first: Whether ``GPS(a, b)`` has the longitude first; None to tell it by each cue.
+
     Attributes:
         rejected: Values left out, by ``SRT: reason``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, gps_lon_first: bool | None = None) -> None:
+        self._gps_lon_first = gps_lon_first
+        self._is_order_wrong = False
         self.rejected: Counter[str] = Counter()
 
     def frame_names(self, block: RawBlock) -> tuple[IntArray, Mapping[int, str]]:
@@ -63,9 +69,10 @@ class SubtitleDecoder:
         if block.protocol != PROTOCOL:
             raise ValueError(f"got a block of {block.protocol}, must be {PROTOCOL}")
         cues = [
-            read_cue(block.data[at : at + size])
+            read_cue(block.data[at : at + size], gps_lon_first=self._gps_lon_first)
             for at, size in zip(block.offset.tolist(), block.length.tolist(), strict=True)
         ]
+        cues = self._without_misread_places(cues)
         for cue in cues:
             self.rejected.update(f"{_MESSAGE}: {fault}" for fault in cue.faults)
         if not cues:
@@ -80,6 +87,16 @@ class SubtitleDecoder:
             *_zooms(cues, stamps),
         ]
         return tuple(track for track in tracks if len(track.arrival_ns))
+
+    def _without_misread_places(self, cues: list[Cue]) -> list[Cue]:
+        """The cues without places from where one contradicts the order of coordinates: near HOME no other could."""
+        self._is_order_wrong |= any(AGAINST_WAY_HOME in cue.faults for cue in cues)
+        if not self._is_order_wrong:
+            return cues
+        return [
+            replace(cue, lat_lon_deg=None, faults=(*cue.faults, AGAINST_WAY_HOME)) if cue.lat_lon_deg else cue
+            for cue in cues
+        ]
 
 
 def _chosen(stamps: Mapping[str, Any], chosen: BoolArray) -> dict[str, Any]:

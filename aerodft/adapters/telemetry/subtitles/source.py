@@ -37,6 +37,7 @@ _TRUNCATED_NS: Final = SECOND_NS // 1000 - 1
 _GAP_NS: Final = 2 * SECOND_NS  # between parts; a Matrice 30T needs 0.07 s, clocks in whole seconds are off by 1 s
 _HELD_S: Final = 0.1  # drones renew positions 10 times per second, and repeat them in the cues between
 _ZOOMED: Final = 1.01  # what rounds to other digits is no zoom
+_NO_TELEMETRY: Final = frozenset({"TimeCodeHandler", "GoPro TCD"})  # tracks of time codes, as cameras name them
 _TEXT: Final = ("mov_text", "subrip", "text")
 _WITHOUT_ANGLES: Final = (
     "no angles of the camera: state its tilt (`tilt_deg`, or telemetry.attitude.fixed_mount); its gimbal is taken to "
@@ -89,6 +90,11 @@ class SubtitleLog:
                 part.shift(by_ns)
 
     @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that were named, in the order of their times."""
+        return tuple(part.path for part in self._parts)
+
+    @property
     def start_ns(self) -> int:
         """UTC of the first video's first image."""
         return self._parts[0].start_ns
@@ -106,10 +112,14 @@ class SubtitleLog:
         return float(np.median(focal_mm)) if focal_mm else None
 
     @property
+    def interval_s(self) -> float:
+        """Usual time between two cues (s), the longest of all parts."""
+        return max(interval_s(part.media_ns) for part in self._parts)
+
+    @property
     def time_std_s(self) -> float:
         """Standard deviation (s) of when a cue's values were measured: anywhere in the interval that it holds."""
-        held_s = max(_HELD_S, *(interval_s(part.media_ns) for part in self._parts))
-        return float(held_s / math.sqrt(12))
+        return max(_HELD_S, self.interval_s) / math.sqrt(12)
 
     @property
     def has_angles(self) -> bool:
@@ -344,6 +354,24 @@ def _subtitles_of(path: Path) -> tuple[Path | None, bytes, Path]:
     if subtitles is not None:
         return path, _read(subtitles), subtitles
     return path, _text_track(path), path
+
+
+def carries_subtitles(video: Path) -> bool:
+    """Whether a drone's subtitles are beside a video or inside it."""
+    try:
+        _, text, _ = _subtitles_of(video)
+    except InputError:
+        return False
+    return any(_says_something(read_cue(text[at : at + size])) for at, size in find_cues(text))
+
+
+def unread_tracks(video: Path) -> list[str]:
+    """Names of a video's data tracks, which are telemetry in binary form; time codes are none."""
+    try:
+        with av.open(str(video), metadata_errors="replace") as container:
+            return sorted({_tag(each) for each in container.streams.data} - _NO_TELEMETRY)
+    except av.FFmpegError:
+        return []
 
 
 def _read(path: Path) -> bytes:

@@ -8,10 +8,11 @@ from typing import Any, Final
 
 from aerodft.adapters.config.camera import load_camera
 from aerodft.adapters.config.station import StationConfig, Topics, load_station
-from aerodft.adapters.telemetry import PhotographLog, followed_by, opened_signing
+from aerodft.adapters.telemetry import LogSource, PhotographLog, SubtitleLog, followed_by, opened_signing
 from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts, MavlinkLink, is_link, parse_address
 from aerodft.app.assembly import build_calibrator, open_telemetry_log
 from aerodft.app.measure import camera_of_photograph
+from aerodft.app.subtitled import over_cues
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import (
     DiagnosisReport,
@@ -24,8 +25,16 @@ from aerodft.diagnosis import (
     request_messages,
 )
 from aerodft.errors import InputError, NoAnswerError, UsageError
-from aerodft.model import Camera, RawBlock
-from aerodft.service import Batches, Inbox, LiveFeed, PipelineSettings, SigningSettings
+from aerodft.model import Camera, GimbalSource, RawBlock
+from aerodft.service import (
+    AttitudeSettings,
+    Batches,
+    Inbox,
+    LiveFeed,
+    PipelineSettings,
+    SigningSettings,
+    TelemetrySettings,
+)
 from aerodft.service.clocks import WallClock
 
 _TICK_NS: Final = 50_000_000
@@ -117,23 +126,29 @@ def diagnose(
         >>> found.problems[1].partition(":")[0]
         "the vehicle did not move enough to tell the gimbal's frame"
     """
-    station = load_station(Path(station)) if isinstance(station, str | Path) else station
-    settings = None if station is None else station.pipeline.telemetry
+    against = load_station(Path(station)) if isinstance(station, str | Path) else station
+    settings = None if against is None else against.pipeline.telemetry
     if camera is None:
-        reference = None if station is None else station.pipeline.camera
+        reference = None if against is None else against.pipeline.camera
     else:
         reference = camera if isinstance(camera, Camera) else load_camera(Path(camera))
     followed = followed or followed_by(settings)
 
-    def new() -> LogDiagnosis:
-        return LogDiagnosis(str(target), followed=followed, settings=settings, images=_image_check(station, reference))
+    def new(own: TelemetrySettings | None = None) -> LogDiagnosis:
+        images = _image_check(against, reference, own)
+        return LogDiagnosis(str(target), followed=followed, settings=settings, images=images)
 
     requests = None
     if is_link(str(target)):
-        report, requests = _diagnose_link(str(target), new, followed, link or LinkOptions(), station)
+        report, requests = _diagnose_link(str(target), new, followed, link or LinkOptions(), against)
     else:
         _check_for_log(str(target), link)
-        report = _diagnose_log(Path(target), new(), topics or (None if station is None else station.topics))
+        topics = topics or (None if against is None else against.topics)
+        source, _ = open_telemetry_log(Path(target), topics, settings)
+        if against is not None and settings is not None and isinstance(source, SubtitleLog):
+            settings = over_cues(settings, source)
+            against = replace(against, pipeline=replace(against.pipeline, telemetry=settings))
+        report = _diagnose_log(source, new(_by_own_statements(source)))
     return Diagnosis(replace(report, camera=reference), requests)
 
 
@@ -153,10 +168,19 @@ def diagnose_heard(blocks: Iterable[RawBlock], pipeline: PipelineSettings) -> Di
     return Diagnosis(diagnosis.report(counts=FrameCounts(frames=frames)))
 
 
-def _image_check(station: StationConfig | None, camera: Camera | None) -> ImageCheck:
-    """What measures images as an import with the station would."""
+def _by_own_statements(log: LogSource) -> TelemetrySettings | None:
+    """Settings for a log in which the camera's angles are its own statement; None for logs of gimbals' messages."""
+    if not isinstance(log, SubtitleLog):
+        return None
+    return over_cues(TelemetrySettings(attitude=AttitudeSettings(order=(GimbalSource.SUBTITLES,))), log)
+
+
+def _image_check(
+    station: StationConfig | None, camera: Camera | None, telemetry: TelemetrySettings | None
+) -> ImageCheck:
+    """What measures images as an import with the station would; without one by these settings of telemetry."""
     if station is None or station.pipeline.telemetry is None:
-        return ImageCheck(camera=camera)
+        return ImageCheck(camera=camera, telemetry=telemetry)
     pipeline = station.pipeline if camera is None else replace(station.pipeline, camera=camera)
     return ImageCheck(pipeline, calibrator=build_calibrator(station)[0])
 
@@ -172,9 +196,8 @@ def _check_for_log(target: str, link: LinkOptions | None) -> None:
         raise UsageError("`request_messages`", got=f"a log ({target})", expected=expected)
 
 
-def _diagnose_log(path: Path, diagnosis: LogDiagnosis, topics: Topics | None) -> DiagnosisReport:
+def _diagnose_log(source: LogSource, diagnosis: LogDiagnosis) -> DiagnosisReport:
     """The report on a whole log, or on the telemetry of a recording."""
-    source, _ = open_telemetry_log(path, topics, diagnosis.settings)
     for event in source.events():
         if isinstance(event, RawBlock):
             diagnosis.add(event)

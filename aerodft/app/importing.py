@@ -340,9 +340,7 @@ def open_flight(
 
 def _are_own_photos(log: PhotographLog, configured: ImageInput | None) -> bool:
     """Whether a station's images are the photographs that carry the poses: unless it names others, or a rate."""
-    return configured is None or (
-        isinstance(configured, Stills) and configured.folder.absolute() == log.path.absolute()
-    )
+    return configured is None or (isinstance(configured, Stills) and configured.folder.resolve() == log.path.resolve())
 
 
 def _stamped_as(log: LogSource, configured: ImageInput | None) -> LogSource:

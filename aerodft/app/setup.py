@@ -17,16 +17,15 @@ from aerodft.adapters.images import (
     STILLS,
     VIDEO_SUFFIXES,
     StillsFolderSource,
-    camera_of_still,
     depend_on_zone,
     facts_of_still,
     video_info,
 )
-from aerodft.adapters.telemetry import SubtitleLog, hfov_deg
+from aerodft.adapters.telemetry import SubtitleLog, are_subtitles, carries_subtitles, hfov_deg, unread_tracks
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import offset_text, unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
-from aerodft.app.measure import UNSTATED_HOME_STD_M, carries_pose, lens_in_photograph
+from aerodft.app.measure import UNSTATED_HOME_STD_M, camera_of_photograph, carries_pose, lens_in_photograph
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import DiagnosisReport
 from aerodft.errors import InputError, NoAnswerError, UsageError, os_errors_as
@@ -64,6 +63,9 @@ def find_cameras(wanted: str | Path | None = None) -> tuple[KnownCamera, ...]:
         facts = facts_of_still(path)
         size_px, mode = facts.size_px, facts.mode
         found = [*_camera_in(path), *(each for each in cameras if each.shows(size_px, mode))]
+        of_device = [each for each in cameras if each.is_of(mode)]
+        if not of_device or any(each.has_lens_of(mode) for each in of_device):
+            found = found or [*_by_exif(path)]
         got = f'{size_px[0]} x {size_px[1]} px of "{mode.device or "no device"}"'
     elif path.is_file():
         info = video_info(path)
@@ -97,6 +99,17 @@ def _camera_in(photo: Path) -> Iterator[KnownCamera]:
             focal_35mm_mm=None,
             camera=lens.camera,
         )
+
+
+def _by_exif(photo: Path) -> Iterator[KnownCamera]:
+    """The camera of a photo's EXIF data, if they state a focal length."""
+    try:
+        camera, _ = camera_of_photograph(photo)
+    except InputError:
+        return
+    name = f"{camera.name}, this photo"
+    about = "the focal length in its EXIF data"
+    yield KnownCamera(name=name, kind="photo", known_from="photo", source=about, focal_35mm_mm=None, camera=camera)
 
 
 def write_camera(known: KnownCamera, path: Path, *, overwrite: bool = False) -> None:
@@ -142,6 +155,7 @@ class StationDraft:
         taken: One sentence for each thing that was taken from somewhere, with from where.
         to_do: One sentence for each thing that is assumed, and that only the user can measure; what counts most first.
         log: The log that they are for; None for a link or a fixed camera.
+        later: Parts of a cut video that follow it, with their subtitles.
         is_live: Whether telemetry or images come live.
         needs_sync: Whether the video's start is known to seconds only: `sync` of `import_flight` then finds it.
         view: Photo or video of a fixed camera, whose pose is still to be found; None for others.
@@ -152,6 +166,7 @@ class StationDraft:
     taken: tuple[str, ...]
     to_do: tuple[str, ...]
     log: Path | None
+    later: tuple[Path, ...]
     is_live: bool
     needs_sync: bool
     view: Path | None
@@ -166,6 +181,7 @@ class _Sources:
     images: Path | None = None
     stream: str | None = None
     subtitles: SubtitleLog | None = None
+    later: list[Path] = field(default_factory=list)
 
     @property
     def telemetry(self) -> str | None:
@@ -230,7 +246,7 @@ def draft_station(
         "[camera]",
         f"file = {_from(folder, used)}",
         "",
-        *(_fixed(draft) if report is None else _telemetry(draft, found, report, home_above_plane_m)),
+        *(_fixed(draft, found.images) if report is None else _telemetry(draft, found, report, home_above_plane_m)),
         "",
         *_images(draft, found, report, folder),
         *_probes(size_px),
@@ -243,6 +259,7 @@ def draft_station(
         taken=tuple(draft.taken),
         to_do=tuple(draft.to_do),
         log=found.log,
+        later=tuple(found.later),
         is_live=found.link is not None or (found.stream is not None and found.log is None),
         needs_sync=draft.needs_sync,
         view=(_photo(found.images) or found.images) if report is None and found.link is None else None,
@@ -268,29 +285,55 @@ def _sorted(sources: Sequence[str | Path]) -> _Sources:
             raise InputError("no such file or folder", where=source, expected="a log, link, video, photo or stream")
         else:
             kind, value = ("images" if _is_images(path) else "log"), path
+        if kind == "images" and found.images is not None and _is_video(found.images) and _is_video(Path(source)):
+            found.later.append(Path(source))
+            continue
         if getattr(found, kind) is not None:
             raise UsageError("two sources of one kind", got=f"{getattr(found, kind)} and {source}", expected="one")
         setattr(found, kind, value)
     if found == _Sources():
         expected = "a log or link, and a video, photo, folder of photos or stream"
         raise UsageError("nothing to measure from", got="no source", expected=expected)
-    photo = _photo(found.images)
-    if found.telemetry is None and found.images is not None and photo is not None and carries_pose(photo):
-        found.log = found.images
-    if found.telemetry is None and found.images is not None and photo is None:
-        found.subtitles = _subtitles_of(found.images)
-        found.log = None if found.subtitles is None else found.images
+    _find_own_telemetry(found)
     if None not in (found.log, found.link) or None not in (found.images, found.stream):
         raise UsageError("two sources of one kind", got="a file and a live one", expected="one of them")
     return found
 
 
-def _subtitles_of(video: Path) -> SubtitleLog | None:
-    """The subtitles of a drone beside a video or inside it; None where it has none."""
-    try:
-        return SubtitleLog([video])
-    except InputError:
-        return None
+def _find_own_telemetry(found: _Sources) -> None:
+    """Take images that say where they were taken for the log: photographs with poses, videos with subtitles.
+
+    Subtitles that are named themselves have the video beside them, unless another one is named too.
+
+    Raises:
+        UsageError: Several videos without subtitles.
+        InputError: One of several videos has none, or they do not fit.
+    """
+    images = found.images
+    if found.log is not None and are_subtitles(found.log):
+        found.subtitles = SubtitleLog([found.log])
+        found.images = images or next((video for video, _ in found.subtitles.videos), None)
+        if images is not None and not found.later and _is_video(images):
+            found.subtitles.check_video(images)
+    elif found.telemetry is None and images is not None:
+        photo = _photo(images)
+        if photo is not None and carries_pose(photo):
+            found.log = images
+        elif photo is None and carries_subtitles(images):
+            found.subtitles = SubtitleLog([images, *found.later])
+            found.images, *found.later = found.subtitles.paths
+            found.log = found.images
+            return
+    if found.later:
+        raise UsageError(
+            "several videos without subtitles",
+            got=", ".join(map(str, (images, *found.later))),
+            expected="one, or the parts of a cut video with a drone's subtitles beside each of them",
+        )
+
+
+def _is_video(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() not in STILLS
 
 
 def _is_images(path: Path) -> bool:
@@ -406,26 +449,26 @@ def _size_px(image: Path) -> tuple[int, int]:
 def _unknown_camera(
     draft: _Draft, images: Path | None, photo: Path | None, path: Path, *, overwrite: bool
 ) -> tuple[int, int]:
-    """A camera file of what EXIF data say, or of a usual field of view; and its image size in pixels."""
-    try:
-        camera = None if photo is None else camera_of_still(photo)
-    except InputError:  # its EXIF data say nothing
-        camera = None
-    if camera is None:
-        image = photo or images
-        width_px, height_px = _ASSUMED_SIZE_PX if image is None else _size_px(image)
-        focal_px = width_px / 2 / math.tan(math.radians(_ASSUMED_HFOV_DEG) / 2)
-        std = CameraStd(focal_px=_ASSUMED_STD * focal_px, principal_point_px=0.005 * width_px)
-        name = _slug(path.absolute().parent.name)
-        camera = Camera.of_focal(name=name, width_px=width_px, height_px=height_px, focal_px=focal_px, std=std)
-        source = f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"
-        to_do = (
-            "Name your camera (`camera`; `find_cameras` lists them) or calibrate its lens: its field of view is assumed"
-        )
-        draft.to_do.append(f"{to_do}, to {100 * _ASSUMED_STD:.0f} %")
-    else:
-        source, share = f"the EXIF data of {photo}", camera.std.focal_px / camera.fx_px
-        draft.taken.append(f"camera: by {source}; its focal length is known to {100 * share:.0f} % (1 sigma)")
+    """A camera file by EXIF data of a mode that the library lacks, or of a usual field of view; and its image size.
+
+    Raises:
+        InputError: EXIF data state a focal length that tells no camera, as of a fisheye.
+    """
+    mode = None if photo is None else facts_of_still(photo).mode
+    if photo is not None and mode is not None and mode.focal_35mm_mm is not None:
+        camera, said = camera_of_photograph(photo)
+        draft.taken.append(said)
+        _write(path, f"# {said}.\n" + tomli_w.dumps(camera_document(camera)), overwrite=overwrite)
+        return camera.width_px, camera.height_px
+    image = photo or images
+    width_px, height_px = _ASSUMED_SIZE_PX if image is None else _size_px(image)
+    focal_px = width_px / 2 / math.tan(math.radians(_ASSUMED_HFOV_DEG) / 2)
+    std = CameraStd(focal_px=_ASSUMED_STD * focal_px, principal_point_px=0.005 * width_px)
+    name = _slug(path.absolute().parent.name)
+    camera = Camera.of_focal(name=name, width_px=width_px, height_px=height_px, focal_px=focal_px, std=std)
+    source = f"assumed: {_ASSUMED_HFOV_DEG:g} deg across, as most drones have about"
+    to_do = "Name your camera (`camera`; `find_cameras` lists them) or calibrate its lens: its field of view is assumed"
+    draft.to_do.append(f"{to_do}, to {100 * _ASSUMED_STD:.0f} %")
     about = f"# Focal length: {source}. `aerodft calibrate-lens` finds it, with the distortion.\n"
     _write(path, about + tomli_w.dumps(camera_document(camera)), overwrite=overwrite)
     return camera.width_px, camera.height_px
@@ -452,7 +495,7 @@ def _telemetry(
     yield f"order = [{', '.join(map(_quoted, order))}]   # the first that has a value counts"
     said = "as you stated" if home_above_plane_m is not None else "MEASURE THIS"
     yield f"home_above_plane_m = {float(home_above_plane_m or 0.0)}   # take-off point above the water, m: {said}"
-    if report.photographs and home_above_plane_m is None:
+    if (report.photographs or found.subtitles is not None) and home_above_plane_m is None:
         yield f"home_above_plane_std_m = {UNSTATED_HOME_STD_M}   # as long as nobody has measured that: 1 sigma"
     for name in order:
         if name in heights:
@@ -488,8 +531,14 @@ def _stated_attitude(draft: _Draft, attitudes: list[str], *, is_subtitled: bool)
     draft.to_do.append(f"{what}: no gimbal speaks, straight down is assumed")
 
 
-def _fixed(draft: _Draft) -> Iterator[str]:
+def _fixed(draft: _Draft, view: Path | None) -> Iterator[str]:
     """The table of a fixed camera's pose, which nobody knows yet."""
+    tracks = [] if view is None or not _is_video(view) else unread_tracks(view)
+    if tracks:
+        draft.to_do.append(
+            f"Give the flight's log, or the .SRT beside {view}, if a drone took it: its own data ({', '.join(tracks)}) "
+            "cannot be read; a fixed camera is assumed"
+        )
     draft.to_do.insert(
         0,
         "Find where the camera hangs and looks: by landmarks and whatever else is known of its view, with `calibrate`",

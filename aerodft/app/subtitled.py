@@ -5,14 +5,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from aerodft.adapters.config.station import StationConfig, VideoFile, with_derived_settings
 from aerodft.adapters.telemetry import LOG_FORMATS, SubtitleLog, are_subtitles
+from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
 from aerodft.model import GimbalSource
-from aerodft.service import FixedMount
+from aerodft.service import AttitudeSettings, FixedMount, TelemetrySettings
 
 _MAX_TILT_DEG = 180.0
+_CUE_GAPS: Final = 1.5  # twice would interpolate angles over a lost cue; once loses all of cues that jitter by 1 ms
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +46,9 @@ def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[Statio
     Raises:
         InputError: The video that the station names is not the one of the subtitles.
     """
+    if (telemetry := station.pipeline.telemetry) is not None:
+        pipeline = replace(station.pipeline, telemetry=over_cues(telemetry, flight))
+        station = with_derived_settings(replace(station, pipeline=pipeline))
     source, videos = station.images.source, flight.videos
     if source is None and videos:
         source = VideoFile(path=videos[0][0])
@@ -50,7 +56,7 @@ def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[Statio
         return station, flight
     if source.start_ns is not None:
         flight = flight.restarted(source.start_ns)
-    is_own = bool(flight.videos) and flight.videos[0][0].absolute() == source.path.absolute()
+    is_own = bool(flight.videos) and flight.videos[0][0].resolve() == source.path.resolve()
     if not is_own:
         for sentence in flight.check_video(source.path):
             _log.warning("%s: %s", source.path, sentence)
@@ -58,6 +64,18 @@ def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[Statio
     pipeline = replace(station.pipeline, time_std_s=max(station.pipeline.time_std_s, flight.time_std_s))
     images = replace(station.images, source=source, is_auto=False)
     return with_derived_settings(replace(station, images=images, pipeline=pipeline)), flight
+
+
+def over_cues(telemetry: TelemetrySettings, flight: SubtitleLog) -> TelemetrySettings:
+    """Settings that interpolate angles from cue to cue, unless a station states its own longest gap.
+
+    Cues of the slowest dialects are 1.000 to 1.001 s apart.
+    """
+    attitude, default_ns = telemetry.attitude, AttitudeSettings().max_gap_ns
+    if attitude.max_gap_ns != default_ns:
+        return telemetry
+    gap_ns = max(default_ns, round(_CUE_GAPS * flight.interval_s * SECOND_NS))
+    return replace(telemetry, attitude=replace(attitude, max_gap_ns=gap_ns))
 
 
 def with_tilt(station: StationConfig, tilt_deg: float) -> StationConfig:

@@ -71,7 +71,7 @@ def _next_command(draft: "StationDraft") -> str:
         return f"aerodft serve {draft.station}"
     if draft.view is not None:
         return f"aerodft view {draft.view} --camera {draft.camera} --open"
-    log = "" if draft.log is None else f"{draft.log} "
+    log = "".join(f"{each} " for each in (draft.log, *draft.later) if each is not None)
     sync = "--sync auto " if draft.needs_sync else ""
     return f"aerodft import {log}--config {draft.station} {sync}-o {draft.station.parent / 'recording'}"
 

@@ -164,6 +164,11 @@ class ImageCheck:
         self._probes = fixed_requests(self._pipeline.probes)
         self._around = _around_the_middle(self._pipeline.camera)
 
+    @property
+    def telemetry(self) -> TelemetrySettings | None:
+        """Sources, stds and limits of the poses; None for the defaults."""
+        return self._pipeline.telemetry
+
     def pose_source(self) -> PoseSource:
         """Poses by the station's settings, from no telemetry yet."""
         settings = self._pipeline

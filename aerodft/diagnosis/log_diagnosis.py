@@ -328,7 +328,7 @@ class LogDiagnosis:
         self._vehicle = SourceSummary("vehicle", "deg")
         height = (settings or TelemetrySettings()).height
         self._frames = PoseSource(TelemetrySettings(height=height), origin=None, time_std_s=0.0)
-        judge = self._frames if settings is None else self._images.pose_source()
+        judge = self._frames if self._images.telemetry is None else self._images.pose_source()
         self._sources = tuple(dict.fromkeys((self._frames, judge)))
         self._poses = PoseSampler(judge, self._images)
         self._pitches: dict[str, SourceSummary] = {}

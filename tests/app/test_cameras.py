@@ -1,5 +1,7 @@
 """The library of cameras against calibrations that others published, and against what photos say of themselves."""
 
+import math
+
 import pytest
 from PIL import Image
 
@@ -51,6 +53,17 @@ def test_a_photo_tells_its_camera_by_device_size_and_lens(tmp_path):
         ad.find_cameras(photo(tmp_path / "c.jpg", (1000, 750), "FC7303"))
     with pytest.raises(ad.NoAnswerError):
         ad.find_cameras(photo(tmp_path / "d.jpg", (640, 512), "M3T", 162))
+
+
+def test_a_photo_of_a_camera_outside_the_library_tells_by_its_exif_data(tmp_path):
+    (known,) = ad.find_cameras(photo(tmp_path / "a.jpg", (4000, 2250), "FC300S", 20))
+    assert known.known_from == "photo"
+    assert known.camera.fx_px == pytest.approx(20 / 43.2666 * math.hypot(4000, 3000), rel=1e-4)  # by the 4:3 diagonal
+    fisheye = photo(tmp_path / "b.jpg", (1920, 1088), "Disco", 6)
+    with pytest.raises(ad.NoAnswerError):
+        ad.find_cameras(fisheye)
+    with pytest.raises(ad.InputError, match="a fisheye, whose lens EXIF does not describe"):
+        ad.draft_station([fisheye], tmp_path / "mine")
 
 
 def test_a_camera_file_is_written_that_measures(tmp_path):

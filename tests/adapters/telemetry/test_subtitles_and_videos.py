@@ -11,7 +11,10 @@ import pytest
 
 from aerodft.adapters.images import VideoFilesSource
 from aerodft.adapters.telemetry import CompositeDecoder, SubtitleLog
-from aerodft.errors import InputError
+from aerodft.app.diagnose import diagnose
+from aerodft.app.importing import import_flight
+from aerodft.app.setup import draft_station
+from aerodft.errors import InputError, UsageError
 from aerodft.model import HeightTrack, RawBlock
 from tests.adapters.telemetry.srt_writer import time_of
 
@@ -174,3 +177,44 @@ def test_intervals_cover_the_moment_within_a_cue(tmp_path: Path) -> None:
     assert SubtitleLog([path]).time_std_s == pytest.approx(0.1 / 12**0.5)  # positions are renewed ten times a second
     write_cues(path, range(10), "1")
     assert SubtitleLog([path]).time_std_s == pytest.approx(1 / 12**0.5)
+
+
+def test_angles_are_interpolated_between_cues_a_second_apart(tmp_path: Path) -> None:
+    path = tmp_path / "clip.srt"
+    write_cues(path, range(10), "1000/1001")  # 1.001 s apart
+    poses = diagnose(path).to_dict()["poses"]
+    assert poses["ok_s"] == pytest.approx(poses["seconds"], abs=0.2)
+
+
+def test_a_station_for_a_cut_video_measures_all_its_parts(tmp_path: Path) -> None:
+    first, second = tmp_path / "DJI_0001.MP4", tmp_path / "DJI_0002.MP4"
+    for path, images, start in ((first, range(30), START), (second, range(30, 50), START + timedelta(seconds=1.25))):
+        write_video(path, len(images), "25")
+        write_cues(path.with_suffix(".SRT"), images, start=start)
+    draft = draft_station([second, first], tmp_path / "mine", home_above_plane_m=1.5)
+    assert (draft.log, draft.later) == (first, (second,))
+    recording = tmp_path / "recording"
+    result = import_flight([first, second], station=draft.station, output=recording)
+    assert result.statistics.poses["ok"] == 50
+    write_cues(second.with_suffix(".SRT"), range(80))  # of another video
+    with pytest.raises(InputError, match="another video"):
+        draft_station([second], tmp_path / "other")
+
+
+def test_a_station_for_subtitles_alone_has_their_video_or_states_what_they_lack(tmp_path: Path) -> None:
+    path = tmp_path / "clip.srt"
+    write_cues(path, range(30))
+    assert "rate_hz" in draft_station([path], tmp_path / "without").station.read_text()
+    write_video(tmp_path / "clip.mp4", 30)
+    assert 'video = "../clip.mp4"' in draft_station([path], tmp_path / "with").station.read_text()
+    path.write_text(path.read_text().replace("rel_alt", "rel_up"))
+    draft = draft_station([path], tmp_path / "low")
+    assert draft.to_do[0].startswith("State the camera's height above the water")
+
+
+def test_videos_without_subtitles_are_no_parts(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4"):
+        write_video(tmp_path / name, 3)
+    with pytest.raises(UsageError, match="several videos without subtitles"):
+        draft_station([tmp_path / "a.mp4", tmp_path / "b.mp4"], tmp_path / "mine")
+    assert draft_station([tmp_path / "a.mp4"], tmp_path / "one").view == tmp_path / "a.mp4"

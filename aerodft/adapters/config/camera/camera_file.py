@@ -246,13 +246,20 @@ class KnownCamera:
     focal_35mm_mm: float | None
     camera: Camera
 
-    def shows(self, size_px: tuple[int, int], mode: CameraMode) -> bool:
-        """Whether a photo of this size and with these EXIF data may be of it."""
+    def is_of(self, mode: CameraMode) -> bool:
+        """Whether a photo with these EXIF data may be of this device."""
         device = "" if self.camera.mode is None else self.camera.mode.device or ""
-        is_same_lens = None in (mode.focal_35mm_mm, self.focal_35mm_mm) or (
+        return mode.device is not None and mode.device.casefold() == device.casefold()
+
+    def has_lens_of(self, mode: CameraMode) -> bool:
+        """Whether a photo with these EXIF data may be through this lens."""
+        return None in (mode.focal_35mm_mm, self.focal_35mm_mm) or (
             abs((mode.focal_35mm_mm or 0.0) - (self.focal_35mm_mm or 0.0)) <= 0.1 * (self.focal_35mm_mm or 0.0)
         )
-        is_same = mode.device is not None and mode.device.casefold() == device.casefold() and is_same_lens
+
+    def shows(self, size_px: tuple[int, int], mode: CameraMode) -> bool:
+        """Whether a photo of this size and with these EXIF data may be of it."""
+        is_same = self.is_of(mode) and self.has_lens_of(mode)
         is_whole = self.kind == "photo" and mode.digital_zoom in {None, 1.0}
         return is_same and is_whole and size_px == (self.camera.width_px, self.camera.height_px)
 

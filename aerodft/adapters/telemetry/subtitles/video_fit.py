@@ -18,6 +18,7 @@ from aerodft.model import FloatArray
 
 _SLACK_S: Final = 1.0  # cues of the slowest dialects are 1 s apart; half of it refuses whole flights of a Mavic Pro
 _CUES: Final = 1.5  # cue intervals by which cues may begin later or end earlier than the video
+_CUES_ON_TIME: Final = 0.75
 _SAME_RATE: Final = 0.02  # relative; the closest rates of cameras, 24 and 25 per second, differ by 0.04
 _CLOCK_S: Final = 0.05  # of clocks in milliseconds; samples jitter by 0.01 s
 _COARSE_CLOCK_S: Final = 1.0  # of clocks in whole seconds
@@ -66,8 +67,8 @@ def check_fits(media_ns: Sequence[int], cues: Sequence[Cue], info: VideoInfo, wh
 
 
 def interval_s(media_ns: Sequence[int]) -> float:
-    """Median time between two cues; 0 for a cue alone."""
-    return float(np.median(np.diff(media_ns))) / SECOND_NS if len(media_ns) > 1 else 0.0
+    """Time between two cues (s) that three quarters of them keep, as two dialects may be in a file; 0 for one cue."""
+    return float(np.quantile(np.diff(media_ns), _CUES_ON_TIME)) / SECOND_NS if len(media_ns) > 1 else 0.0
 
 
 def joints(media_ns: Sequence[int], cues: Sequence[Cue]) -> Iterator[str]:

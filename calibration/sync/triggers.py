@@ -34,6 +34,9 @@ _MAX_JITTER_S: Final = (
     0.2  # an alignment that needs more is none; with 0.5 a tenth of the photos of other flights fitted
 )
 _CANDIDATES: Final = 12  # offsets that are compared in full
+# Starts on either side of the best offset, over two resolutions: intervals near the resolution have a local best at
+# each multiple, and votes for the true one may fall between two of them (a flight at 1.0 s was one trigger off).
+_PHASES: Final = 8
 _MOST_VOTES: Final = 600  # photos that vote for offsets
 _ROUGH_ITERATIONS, _ITERATIONS = 2, 4
 _ROUGH_NATS: Final = 200.0  # below the best after the rough ones: a drift that is not fitted yet costs no more
@@ -263,10 +266,15 @@ class _Alignments:
         found: list[_Clock] = []
         for offset_s in self._voted():
             found = _likely([*found, self._fitted(offset_s)], _ROUGH_NATS)
+        around_s = np.arange(-_PHASES, _PHASES + 1) / _PHASES * 4 * self._half_s
+        for offset_s in (found[0].offset_s + around_s).tolist() if found else ():
+            found = _likely([*found, self._fitted(offset_s)], _ROUGH_NATS)
         for clock in found:
             self._fit(clock, _ITERATIONS)
         chance = self._chance_log_likelihood()
-        found = [each for each in _likely(found, _NEGLIGIBLE) if each.evidence_per_match(chance) > _MIN_EVIDENCE]
+        found = _likely(found, _NEGLIGIBLE)
+        if not found or found[0].evidence_per_match(chance) <= _MIN_EVIDENCE:
+            return []  # a clock that is less likely than a refused one is no better
         different: list[_Clock] = []
         for clock in found:
             if all(not _is_same(clock, other) for other in different):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.sync import match_photos
-from tests.calibration.photo_flights import UTC_S, photo_flight
+from tests.calibration.photo_flights import UTC_S, PhotoFlight, photo_flight
 from tests.nights import at_night
 
 
@@ -31,6 +31,43 @@ def test_each_photo_gets_its_trigger_or_is_refused(first: int) -> None:
     assert len(deviations) >= 19
     assert np.sqrt(np.mean(np.square(deviations))) < 2.0
     assert np.max(np.abs(deviations)) < 5.0
+
+
+def _without(flight: PhotoFlight, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Which photos ``(p,)`` are left."""
+    count = len(flight.photo_s)
+    kept = np.ones(count, dtype=bool)
+    if kind == "burst":
+        lost = int(rng.integers(5, max(6, min(40, count // 3))))
+        first = int(rng.integers(0, count - lost))
+        kept[first : first + lost] = False
+    elif kind == "first minute":
+        kept &= flight.photo_s + flight.offset_s >= flight.trigger_s[0] + 60
+    return kept
+
+
+@pytest.mark.parametrize("kind", ["burst", "first minute", "hour ahead", "hour behind"])
+@pytest.mark.parametrize("every", [False, *at_night(True)])
+def test_no_photo_gets_a_wrong_trigger_where_many_are_lost(kind: str, *, every: bool) -> None:
+    """The flight of 1035 was one trigger off: no start lay near its clock."""
+    matched = 0
+    for seed in range(1000, 1200) if every else (1002, 1035, 1044, 1112):
+        flight, rng = photo_flight(seed), np.random.default_rng(seed + 77)
+        kept = _without(flight, kind, rng)
+        if np.count_nonzero(kept) < 20:
+            continue
+        shift_s = {"hour ahead": 3600.0, "hour behind": -3600.0}.get(kind, 0.0)
+        found = match_photos(
+            flight.photo_s[kept] + shift_s - UTC_S,
+            flight.trigger_s - UTC_S,
+            resolution_s=1.0,
+            is_ordered=flight.is_ordered[kept],
+            clock_std_s=6 * 3600.0,
+        )
+        is_matched = found.trigger >= 0
+        assert np.array_equal(flight.events[found.trigger[is_matched]], flight.truth[kept][is_matched]), seed
+        matched += int(np.count_nonzero(is_matched))
+    assert matched > 0
 
 
 def test_equal_intervals_with_a_photo_missing_at_an_end_do_not_tell() -> None:

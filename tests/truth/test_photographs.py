@@ -138,6 +138,22 @@ def test_published_angles(path):
     assert abs(turned_deg(found[2], heading_deg)) < apart_deg
 
 
+@pytest.mark.parametrize("path", present("xmp/Teal2_ir_00015.jpg"), ids=named)
+def test_teals_angles_are_composed(path):
+    """The composed rotation is right: sums neglect what the vehicle's roll of -1.04 deg does to a camera 54 deg down.
+
+    It turns the view by sin(54 deg) / cos(58 deg) of that about the vertical: the published sum's heading is 1.61 deg
+    off, its roll 0.93 deg, its tilt 0.014 deg.
+    """
+    vehicle, camera = (319.01593, -3.925035, -1.044397), (359.986359, -54.269375, 0.016501)
+    composed = Rotation.from_euler("ZYX", vehicle, degrees=True) * Rotation.from_euler("ZYX", camera, degrees=True)
+    heading_deg, pitch_deg, _ = composed.as_euler("ZYX", degrees=True)
+    found = angles_deg(path)
+    assert found[0] - 90.0 == pytest.approx(pitch_deg, abs=1e-4)
+    assert turned_deg(found[2], heading_deg) == pytest.approx(0.0, abs=1e-4)
+    assert turned_deg(found[2], 319.002289) == pytest.approx(1.61, abs=0.01)
+
+
 @pytest.mark.parametrize("path", present("xmp/ParrotDisco_parrot-1.jpg"), ids=named)
 def test_disco_looks_straight_down_but_for_its_pitch_and_roll(path):
     """Published: 87.946 deg down along the nose; its roll of -2.392 deg leans the view aside as well."""

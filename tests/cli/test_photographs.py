@@ -304,3 +304,12 @@ def test_a_photo_is_a_camera_file(photo, tmp_path):
     assert load_camera(tmp_path / "camera.toml") == load_camera(own)
     assert load_camera(own).distortion[0] == -0.26
     assert load_camera(photo).distortion == ()
+
+
+def test_a_folder_of_two_cameras_of_one_size_is_refused_by_their_names(tmp_path):
+    values = dji(0.0, -60.0, 0.0)
+    for name, model in (("a", "FC6310R"), ("b", "FC6310R"), ("c", "FC300S")):
+        write_photo(tmp_path / f"{name}.jpg", packet(values), exif(model=model))
+    done = run_aerodft("doctor", tmp_path)
+    assert done.code == 3
+    assert "photographs by several cameras: got FC300S (1), FC6310R (2)" in " ".join(done.err.split())

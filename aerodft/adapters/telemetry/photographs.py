@@ -7,7 +7,7 @@ own stamp alone; nothing is interpolated between two photographs.
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -87,6 +87,7 @@ class PhotographLog:
         self._paths, self._strangers = frozenset(known), len(tags) - len(known)
         self._photos = [(stamp_ns, tags[each]) for stamp_ns, each in stamped if each in known]
         self._poses = [known[each] for _, each in stamped if each in known]
+        self._check_one_camera([tags for _, tags in self._photos])
         self.first_photo = next((each for _, each in stamped if each in known), path)
         if not any(pose.wxyz is not None for pose in self._poses):
             said = self._poses[0].remarks if self._poses else ()
@@ -134,6 +135,15 @@ class PhotographLog:
         if self._strangers:
             said.append(f"{self._strangers} stills beside them say no pose of a drone that is known here: left out")
         return tuple(f"{self.path.name}: {sentence}" for sentence in said)
+
+    def _check_one_camera(self, photos: Sequence[PhotoTags]) -> None:
+        """Refuse photographs of several cameras by their names in EXIF data: one lens cannot measure in all of them."""
+        cameras = Counter(str(tags.exif["Model"]) for tags in photos if tags.exif.get("Model"))
+        if len(cameras) > 1:
+            got = ", ".join(f"{name} ({count})" for name, count in sorted(cameras.items()))
+            raise InputError(
+                "photographs by several cameras", where=self.path, got=got, hint="put each camera's into a folder"
+            )
 
     @property
     def dialects(self) -> dict[str, int]:

@@ -407,7 +407,7 @@ class _SuspectPrior:
 
 
 def _one_landmark(attempt: Attempt) -> Iterator[Cause]:
-    """Landmarks without which all others fit, or that fit if one number of their place is left open.
+    """Landmarks without which all others fit as stated, or that do if one number of their place is left open.
 
     One number left open fits no better than a landmark left out: where that explains nothing, no number is tried.
     """
@@ -423,7 +423,7 @@ def _one_landmark(attempt: Attempt) -> Iterator[Cause]:
         places = ((None, north_m, up_m), (east_m, None, up_m), (east_m, north_m, None))
         opened = [attempt.with_instead(index, replace(landmark, position_m=place)) for place in places]
         for variant, numbers in ((removed, _NUMBERS_OF_PIXEL), *((each, 1) for each in opened)):
-            if variant is None:
+            if variant is None or not variant.solution.is_explained:
                 continue
             error = InputError(
                 f"{stated.label}: pixel or place contradicts the other landmarks",

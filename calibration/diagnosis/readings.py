@@ -25,7 +25,8 @@ _LARGE_M: Final = 1e5
 _WEB_MERCATOR: Final = "EPSG:3857"
 _PLACE: Final = ("east", "north", "heading")
 POSE: Final = ("east", "north", "height", "tilt", "roll", "heading")
-_OWN_PLACE: Final = {"east", "north", "height", "heading", "elevation"}
+_OWN_HEIGHT: Final = frozenset({"height", "elevation"})
+_OWN_PLACE: Final = _OWN_HEIGHT | {"east", "north", "heading"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,13 +100,13 @@ def alternative_readings(found: EvidenceFile, camera: Camera, names: tuple[str, 
     if not points.landmarks:
         return
     priors = found.known.priors
-    others = {name: prior for name, prior in priors.items() if name not in _OWN_PLACE}
-    unknowns = tuple(dict.fromkeys((*expand_groups(names), *(name for name in _PLACE if name in priors))))
-    for kind, what, hint, places_m in _other_places(found.frame, points.places):
+    for kind, what, hint, places_m, own in _other_places(found.frame, points.places):
         if np.all(np.isfinite(places_m)):
+            others = {name: prior for name, prior in priors.items() if name not in own}
             known = EvidenceSet(evidence=(*points.at(points.pixels, places_m), *points.others), priors=others)
-            dropped = len(priors) - len(others)
-            yield Reading(kind=kind, what=what, hint=hint, known=known, names=unknowns, dropped=dropped)
+            dropped = [name for name in priors if name in own]
+            unknowns = tuple(dict.fromkeys((*expand_groups(names), *(name for name in _PLACE if name in dropped))))
+            yield Reading(kind=kind, what=what, hint=hint, known=known, names=unknowns, dropped=len(dropped))
     here_m = found.frame.local_m(points.places)
     for kind, what, hint, pixels in _other_pixels(points.pixels, camera):
         if in_image(camera, pixels).all():
@@ -122,8 +123,11 @@ def columns_swapped(points: CompleteLandmarks, camera: Camera) -> Reading | None
     return Reading(kind="columns", what=what, hint=hint, known=EvidenceSet(evidence=evidence), names=POSE)
 
 
-def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, str, FloatArray]]:
-    """Other readings of places: kind, what is wrong, what to do, and places in metres ``(n, 3)``."""
+def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, str, str, FloatArray, frozenset[str]]]:
+    """Other readings of places: kind, what is wrong, what to do, places in metres ``(n, 3)``, and priors without sense.
+
+    Where heights alone are read otherwise, the camera's own east, north and heading keep their sense.
+    """
     _, second, height = places.T
     swapped, in_degrees = places[:, [1, 0, 2]], takes_degrees(frame.crs)
     x, y = ("latitude", "longitude") if in_degrees else ("x" if frame.crs == LOCAL else "easting", "northing")
@@ -135,6 +139,7 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
             f"{x} and {y} of the landmarks look interchanged",
             f"swap {x} and {y}, if the image is not mirrored",
             mirrored.local_m(swapped),
+            _OWN_PLACE,
         )
     if frame.crs == LOCAL and np.all(np.ptp(places[:, :2], axis=0) < _SITE_DEG):
         for label, read in (("latitudes and longitudes", places), ("longitudes and latitudes", swapped)):
@@ -143,20 +148,20 @@ def _other_places(frame: LocalFrame, places: FloatArray) -> Iterator[tuple[str, 
                 origin = (float(lat_lon[0, 0]), float(lat_lon[0, 1]), float(np.median(height)))
                 hint = 'write lat_deg, lon_deg and alt_m, with crs = "geo"'
                 in_metres = LocalFrame(GEO, origin).local_m(read)
-                yield "degrees", f"the landmarks' places look like {label}", hint, in_metres
+                yield "degrees", f"the landmarks' places look like {label}", hint, in_metres, _OWN_PLACE
     if frame.crs == LOCAL and np.all(np.abs(places[0, :2]) > _LARGE_M):
         mercator = replace(frame, crs=_WEB_MERCATOR)
         hint = f'write crs = "{_WEB_MERCATOR}"'
-        yield "crs", "the landmarks' places look like those of a web map", hint, mercator.local_m(places)
+        yield "crs", "the landmarks' places look like those of a web map", hint, mercator.local_m(places), _OWN_PLACE
     elif frame.crs != LOCAL and not in_degrees:
         local_m = replace(frame, crs=LOCAL).local_m(places)
-        yield "crs", f"the landmarks' places do not look like {frame.crs}", "check crs", local_m
+        yield "crs", f"the landmarks' places do not look like {frame.crs}", "check crs", local_m, _OWN_PLACE
     for label, hint, scale in (
         ("depths, counted downwards", "change their signs", -1.0),
         ("feet", "convert them to metres", FOOT_M),
     ):
         heights_m = frame.local_m(places * [1.0, 1.0, scale])
-        yield label, f"the landmarks' heights look like {label}", hint, heights_m
+        yield label, f"the landmarks' heights look like {label}", hint, heights_m, _OWN_HEIGHT
 
 
 def _other_pixels(pixels: FloatArray, camera: Camera) -> Iterator[tuple[str, str, str, FloatArray]]:

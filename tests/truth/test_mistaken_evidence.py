@@ -35,7 +35,7 @@ ONE = (
     "its digits",
 )
 NAMES = {
-    "flat": (),
+    "flat": ONE,
     "feet": ("look like feet",),
     "depths": ("look like depths",),
     "focal": ("not of this camera's mode", "not of this camera's lens"),

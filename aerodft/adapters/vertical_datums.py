@@ -111,6 +111,6 @@ def _undulation(datum: str, lat_deg: float, lon_deg: float) -> tuple[float, floa
             return float(undulation_m), max(transformer.accuracy, 0.0) or SEA_LEVELS_STD_M
     grids = [grid.short_name for operation in found.unavailable_operations for grid in operation.grids]
     expected = f"one of {CRS.from_epsg(code).name} at {lat_deg:.4f}, {lon_deg:.4f}"
-    hint = f"install it with `pyproj sync --file {grids[0]}`" if grids else "PROJ knows no grid"
+    hint = f"install PROJ's grid {grids[0]} by `pyproj sync`" if grids else "PROJ knows no grid"
     hint = f"{hint}, or state ground.level_zero_m"
     raise ConfigError("no geoid grid", where="ground.level_datum", got="none installed", expected=expected, hint=hint)

@@ -328,11 +328,6 @@ def _check_sizes(parts: Sequence[_Part]) -> None:
             )
 
 
-def is_video(path: Path) -> bool:
-    """Whether a file is a video by its name."""
-    return path.suffix.lower() in VIDEO_SUFFIXES
-
-
 def beside(path: Path, suffixes: Sequence[str]) -> Path | None:
     """The file of the same stem with one of some suffixes, in whatever case; None where there is none."""
     try:

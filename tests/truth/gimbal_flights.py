@@ -99,7 +99,7 @@ def exchanged(one, two):
     """A flight with the gimbal of one until its middle, and twelve seconds later of another; both held the same."""
     rows, samples = len(one.tracks[-1].arrival_ns) // 2, len(one.looking) // 2
     before, after = _rows(one.tracks[-1], 0, rows), _rows(two.tracks[-1], rows + 120, None)
-    names = [each.name for each in fields(before) if each.name != "source"]
+    names = [each.name for each in fields(before) if isinstance(getattr(before, each.name), np.ndarray)]
     gimbals = {name: np.concatenate([getattr(before, name), getattr(after, name)]) for name in names}
     return Flight(
         tracks=(*one.tracks[:-1], replace(before, **gimbals)),

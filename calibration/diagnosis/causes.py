@@ -43,6 +43,7 @@ _FEW_PX: Final = 5.0  # residual (rms) of careless clicks: an unexplained larger
 _MAX_NAMED: Final = 3  # landmarks in a sentence
 _MAX_LEFT_OUT: Final = 20  # landmarks that are left out in turn; one of more does little harm
 _NUMBERS_OF_PIXEL: Final = 2
+_SAME_HEIGHT_M: Final = 1e-3  # chosen: no survey's heights agree by chance to a millimetre
 _UNKNOWN_PENALTY: Final = 10.0
 """Twice the log odds of a parameter that a cause leaves open: its std is about 1/150 of what it might have been."""
 _MOST_BENDS: Final = 2  # coefficients of another lens that are looked for; more would fit mistaken pixels
@@ -410,7 +411,13 @@ def _one_landmark(attempt: Attempt) -> Iterator[Cause]:
     """Landmarks without which all others fit as stated, or that do if one number of their place is left open.
 
     One number left open fits no better than a landmark left out: where that explains nothing, no number is tried.
+    Heights that are all equal may be missing ones, which a tall landmark alone contradicts: then both are said.
     """
+    heights_m = CompleteLandmarks.from_file(attempt.evidence).places[:, 2:]
+    suspicion, hint = "", "correct its pixel or its place, or remove it"
+    if heights_m.size and np.ptp(heights_m) < _SAME_HEIGHT_M:
+        suspicion = ", or their heights, all equal, are not true"
+        hint = f"state the landmarks' own heights; if all are on level ground, {hint}"
     evidence, kept = attempt.evidence, attempt.result.solution.kept
     for index in np.flatnonzero(kept).tolist() if np.count_nonzero(kept) <= _MAX_LEFT_OUT else ():
         landmark, stated = evidence.known.evidence[index], evidence.stated[index]
@@ -426,11 +433,11 @@ def _one_landmark(attempt: Attempt) -> Iterator[Cause]:
             if variant is None or not variant.solution.is_explained:
                 continue
             error = InputError(
-                f"{stated.label}: pixel or place contradicts the other landmarks",
+                f"{stated.label}: pixel or place contradicts the other landmarks{suspicion}",
                 where=evidence.path,
                 got=f"{landmark.name}, without which all fits{_fit(variant)}",
                 expected="the place that is seen at its pixel",
-                hint="correct its pixel or its place, or remove it",
+                hint=hint,
             )
             yield Cause(stated.label, error, _surprise(variant, numbers))
 

@@ -35,7 +35,7 @@ ONE = (
     "its digits",
 )
 NAMES = {
-    "flat": ONE,
+    "flat": ("their heights, all equal",),
     "feet": ("look like feet",),
     "depths": ("look like depths",),
     "focal": ("not of this camera's mode", "not of this camera's lens"),

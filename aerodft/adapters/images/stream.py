@@ -251,8 +251,7 @@ _WAITING = 4  # images between reading and delivery; the oldest gives way
 _OPEN_S = 4.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 5.0
 _STOP_S = 0.9
-_OPTIONS = {
-    "fflags": "nobuffer",
+_OPTIONS = {  # not fflags=nobuffer: FFmpeg then drops all that it probed, the first key image among it
     "flags": "low_delay",
     "analyzeduration": "500000",
     "probesize": "500000",
@@ -329,7 +328,8 @@ class StreamStatus:
         connected: Whether images are coming.
         images: Delivered so far.
         left_out: Images that came and were not delivered, by cause: ``too_many`` for the receiver, ``damaged``,
-            ``not_later`` than the one before, or before the stream's clock was known (``unstamped``).
+            ``not_later`` than the one before, before the first key image (``undecodable``), or before the stream's
+            clock was known (``unstamped``).
         losses: How often the stream broke off.
         reason: Of the last loss.
     """
@@ -483,6 +483,8 @@ class StreamReader:
             if seen_key:
                 image = self._decode(packet, base, arrivals, arrival_ns)
                 tap(packet, image, self._clock.now_ns())
+            elif packet.size:
+                self._leave_out("undecodable")
 
     def _arrival_ns(self, offset: int | None) -> int:
         known = self._udp.arrival_ns(offset) if self._udp is not None and offset is not None and offset >= 0 else None

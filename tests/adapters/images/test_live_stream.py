@@ -72,7 +72,8 @@ class SendersClock:
 class Sender:
     """Sends H.264 in MPEG-TS over UDP at a steady rate; image ``i`` has brightness 20 + 12 (i mod 16)."""
 
-    def __init__(self, port: int, muxer: str = "mpegts", clock: SendersClock | None = None) -> None:
+    def __init__(self, port: int, muxer: str = "mpegts", clock: SendersClock | None = None, key_every: int = 8) -> None:
+        self._key_every = key_every
         self.due_ns: list[int] = []
         self._clock = clock or SendersClock()
         self._muxer = muxer
@@ -94,7 +95,7 @@ class Sender:
         with av.open(url, "w", format=self._muxer, options={"flush_packets": "1"}) as container:
             stream = container.add_stream("libx264", rate=RATE_HZ)
             stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
-            stream.options = {"preset": "ultrafast", "tune": "zerolatency", "g": "8"}
+            stream.options = {"preset": "ultrafast", "tune": "zerolatency", "g": str(self._key_every)}
             begin, begin_ns = time.monotonic(), CLOCK.now_ns()
             for index in range(10_000):
                 if self._stopping.wait(max(0.0, begin + index / RATE_HZ - time.monotonic())):
@@ -130,6 +131,22 @@ def test_a_udp_stream_is_stamped_with_when_it_was_sent(port: int, caplog: pytest
     assert "first key image" in caplog.text
     assert "images are coming, 160 x 120 px" in caplog.text
     assert reader.status.images == len(receiver.images)
+
+
+@pytest.mark.parametrize("key_every_s", [1, 25])
+def test_no_image_is_lost_unsaid_from_the_first_key_image_on(port: int, key_every_s: int) -> None:
+    receiver = Receiver()
+    with StreamReader(f"udp://127.0.0.1:{port}", receiver, clock=CLOCK, silence_s=0.3) as reader:
+        total = 0
+        for connection in (1, 2):
+            with Sender(port, key_every=key_every_s * RATE_HZ).running() as sender:
+                assert receiver.wait_for(20 * connection)
+            until(lambda connection=connection: reader.status.losses == connection)
+            total += len(sender.due_ns)
+            # The last image ends where the next one would begin.
+            assert total - 2 * connection <= reader.status.images + sum(reader.status.left_out.values()) <= total
+    assert reader.status.left_out.keys() <= {"unstamped", "too_many"}
+    assert reader.status.left_out["unstamped"] <= 2 * 2 * RATE_HZ
 
 
 def test_a_stream_that_comes_back_is_found_again(port: int, caplog: pytest.LogCaptureFixture) -> None:

@@ -19,11 +19,9 @@ from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurement, encode_measurements
 from aerodft.adapters.wire.pose import encode_height_switch, encode_poses
 from aerodft.adapters.wire.requests import (
-    MeasureRequest,
     encode_error,
     encode_probes,
     parse_history_request,
-    parse_measure_request,
     parse_observation,
 )
 from aerodft.adapters.wire.status import StationStatus, encode_camera_motion, encode_estimate, encode_status
@@ -167,7 +165,7 @@ class StationQueries:
         session: Where to.
         keys: The station's.
         probes: The probes that are measured; called in threads of the bus, as ``measure`` is.
-        measure: Answers a ``measure`` query with the payload of its reply; None where nobody can.
+        measure: Answers the payload of a ``measure`` query with that of its reply; None where nobody can.
     """
 
     def __init__(
@@ -176,7 +174,7 @@ class StationQueries:
         keys: Keys,
         *,
         probes: Callable[[], Sequence[Probe]],
-        measure: Callable[[MeasureRequest], bytes] | None,
+        measure: Callable[[bytes], bytes] | None,
     ) -> None:
         self._history: deque[tuple[str, bytes]] = deque(maxlen=MOST_HISTORY)
         self._lock = threading.Lock()
@@ -185,7 +183,7 @@ class StationQueries:
             keys.history: self._answer_history,
         }
         if measure is not None:
-            answers[keys.measure] = lambda data: measure(parse_measure_request(data))
+            answers[keys.measure] = measure
         self._declared = [_declare(session, key, answer) for key, answer in answers.items()]
 
     def remember(self, probe: str, payload: bytes) -> None:
@@ -257,7 +255,7 @@ class ZenohBus:
         listen: Endpoint; None to listen nowhere.
         connect: Endpoints of others.
         probes: What ``probes`` queries show.
-        on_measure: Answers ``measure`` queries, in a thread of the bus.
+        on_measure: Answers the payload of a ``measure`` query, in a thread of the bus.
         on_observation: Takes observations (their arrival is to be set), in a thread of the bus.
         in_utc: Puts an image's stamp into UTC before it is published, so that an observer's answer is in UTC too.
 
@@ -272,7 +270,7 @@ class ZenohBus:
         connect: Sequence[str] = (),
         *,
         probes: Sequence[Probe] = (),
-        on_measure: Callable[[MeasureRequest], list[Measurement]] | None = None,
+        on_measure: Callable[[bytes], list[Measurement]] | None = None,
         on_observation: Callable[[Observation], None] | None = None,
         in_utc: Callable[[Image], Image] = _as_it_is,
     ) -> None:
@@ -288,7 +286,7 @@ class ZenohBus:
             self._session,
             self._keys,
             probes=lambda: probes,
-            measure=None if on_measure is None else lambda request: encode_measurements(on_measure(request)),
+            measure=None if on_measure is None else lambda data: encode_measurements(on_measure(data)),
         )
         self._declared: list[zenoh.LivelinessToken | zenoh.Subscriber[None]] = [
             self._session.liveliness().declare_token(self._keys.alive)

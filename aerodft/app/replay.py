@@ -16,7 +16,7 @@ from aerodft.adapters.telemetry.mavlink import LinkKind, open_transport, parse_a
 from aerodft.adapters.timestamps import unix_ns_to_iso
 from aerodft.adapters.wire.keys import DEFAULT_LISTEN, Keys
 from aerodft.adapters.wire.measurement import encode_measurements
-from aerodft.adapters.wire.requests import MeasureRequest
+from aerodft.adapters.wire.requests import parse_measure_request
 from aerodft.app import Progress, no_progress
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import NoAnswerError, UsageError
@@ -122,8 +122,11 @@ class _ReplayedQueries:
         with self._lock:
             return self._run_of(self._places[root][0]).station.pipeline.probes
 
-    def _measure(self, root: str, request: MeasureRequest) -> bytes:
+    def _measure(self, root: str, question: bytes) -> bytes:
         recording, log_ns, shift_ns = self._places[root]
+        with self._lock:
+            points = self._run_of(recording).station.pipeline.setup.points
+        request = parse_measure_request(question, points)
         if request.stamp_ns is not None:
             request = replace(request, stamp_ns=request.stamp_ns - shift_ns)
         with self._lock:

@@ -3,6 +3,7 @@
 from aerodft.dft.covariance import CHI2_2D_95, Z95, Share, advice, ellipses95, scalar_jacobians, shared_covariance
 from aerodft.dft.engine import explain, measure
 from aerodft.dft.equations import tilt_warning, vertical_angle
+from aerodft.dft.known_points import End, at_own_heights, probe_end
 from aerodft.dft.measurement_batch import NO_IMAGE, MeasurementBatch, MeasurementColumn, single_image_batch
 from aerodft.dft.probe_kinds import MAX_RELATIVE_RANGE_STD, PROBE_KINDS, Kind, Refusal, recorded_kind, scalars
 from aerodft.dft.projection import (

@@ -1,14 +1,14 @@
 """Input of the engine: a station's setup, and requests, each a probe with its pixels."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Optional
 
 import numpy as np
 
 from aerodft.geometry import Ground
-from aerodft.model import Camera, FloatArray, IntArray, PoseSample, Probe, ProbeKind, ProjectionModel
+from aerodft.model import Camera, FloatArray, IntArray, KnownPoint, PoseSample, Probe, ProbeKind, ProjectionModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +24,8 @@ class Setup:
         level_std_m: Standard deviation of the water's level, which elevations count from, at one stamp.
         max_range_m: Farther points are ``BEYOND_RANGE``; None for no limit.
         config_id: Named in every measurement.
+        points: Surveyed points by name whose heights count from the measured plane, which is level and stays: none
+            over other ground, or over water whose level changes.
     """
 
     camera: Camera
@@ -34,6 +36,7 @@ class Setup:
     level_std_m: float = 0.0
     max_range_m: float | None = None
     config_id: str | None = None
+    points: Mapping[str, KnownPoint] = field(default_factory=dict, hash=False)
 
     @property
     def surface_std_m(self) -> float:

@@ -47,12 +47,12 @@ class KnownPoint:
     """A surveyed point to measure from or to: where it is seen, and its height.
 
     Attributes:
-        pixel: ``(u, v)``.
+        pixel: ``(u, v)``; None where it changes from image to image.
         elevation_m: Above the measured plane.
         elevation_std_m: Its standard deviation.
     """
 
-    pixel: Px
+    pixel: Px | None
     elevation_m: float
     elevation_std_m: float = 0.0
 

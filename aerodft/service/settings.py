@@ -13,6 +13,7 @@ from aerodft.model import (
     Camera,
     GeoOrigin,
     GimbalSource,
+    KnownPoint,
     LevelSeries,
     MountAxes,
     PoseSample,
@@ -301,6 +302,7 @@ class PipelineSettings:
         match_tolerance_ns: Largest difference between the stamps of an observation and its image.
         tick_ns: The grid of arrival times on which the pipeline advances.
         config_id: ``sha256:...`` of the resolved configuration.
+        points: Surveyed points by name; heights above the measured plane.
     """
 
     station: str
@@ -317,16 +319,19 @@ class PipelineSettings:
     match_tolerance_ns: int = 20_000_000
     tick_ns: int = 50_000_000
     config_id: str | None = None
+    points: Mapping[str, KnownPoint] = field(default_factory=dict, hash=False)
 
     @property
     def setup(self) -> Setup:
         """The engine's setup, with the camera unzoomed."""
+        is_plane_fixed = self.ground is None and self.level is None
         return Setup(
             camera=self.camera,
             model=self.model,
             ground=self.ground,
             max_range_m=self.max_range_m,
             config_id=self.config_id,
+            points=self.points if is_plane_fixed else {},
         )
 
 

@@ -1,5 +1,6 @@
 """What a page asks over its WebSocket, checked and answered."""
 
+from functools import partial
 from typing import Any, Final, TypeAlias
 
 import orjson
@@ -67,7 +68,8 @@ class Answers:
         probes = asked["probes"]
         if not isinstance(probes, list) or len(probes) > _MOST_PROBES:
             raise UsageError("the request's probes", expected=f"a list of at most {_MOST_PROBES}")
-        image, found = asked["image"], [probe_of(each, self._std_px) for each in probes]
+        image = asked["image"]
+        found = [probe_of(each, self._std_px, partial(self._view.points, image)) for each in probes]
         answer: Document = {"measurements": self._view.measure(image, found, with_budget=bool(asked.get("budget")))}
         if asked.get("vertical") and found:
             answer["vertical"] = self._view.vertical_px(image, found[0])
@@ -80,7 +82,8 @@ class Answers:
 
     def _saved(self, asked: Document) -> Document:
         self._refuse_read_only("to save a probe")
-        probe, is_tracked = probe_of(asked["save"], self._std_px), bool(asked.get("tracked"))
+        points, is_tracked = partial(self._view.points, asked["image"]), bool(asked.get("tracked"))
+        probe = probe_of(asked["save"], self._std_px, points)
         return {"file": str(self._view.save_probe(asked["image"], probe, is_tracked=is_tracked))}
 
     def _calibrated(self, asked: Document) -> Document:

@@ -4,6 +4,7 @@ The doors lead to one engine: the same question has the same bytes for an answer
 """
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,9 +14,14 @@ import tomli_w
 
 import aerodft as ad
 from aerodft.adapters.bus import session_on
+from aerodft.adapters.config.station import parse_station, resolved_toml
+from aerodft.adapters.wire.requests import parse_measure_request
 from aerodft.app.measure import MeasuredSurface, image_setup, measured_document
-from aerodft.app.viewing import FixedCameraView
-from aerodft.dft import PROBE_KINDS
+from aerodft.app.viewing import FixedCameraView, probe_of
+from aerodft.cli.scenes.image_options import Stds, parse_probes
+from aerodft.dft import PROBE_KINDS, probe_end
+from aerodft.errors import AerodftError
+from aerodft.model import KnownPoint
 from aerodft.web.answers import Answers
 from replay.recordings import Recording
 from tests.commands import run_aerodft
@@ -50,7 +56,33 @@ PIXELS = {
     "river": [[300, 700], [900, 690], [310, 500], [880, 490], [330, 300], [870, 310]],
 }
 HEIGHTS = {"elevation_m": [0.027, 0.48], "elevation_std_m": [0.02, 0.03]}
+POINTS = {
+    "A": {"pixel": (400.0, 300.0), "elevation_m": 0.027, "elevation_std_m": 0.02},
+    "B": {"pixel": (1500.0, 420.0), "elevation_m": 0.48, "elevation_std_m": 0.03},
+}
+SURVEYED = [
+    ({"kind": "distance", "pixels": ["@A", "@B"]}, {"pixels": PIXELS["distance"], **HEIGHTS}),
+    (
+        {"kind": "width", "pixels": [[600, 700], "660,702@B"], "elevation_m": 0.1, "elevation_std_m": 0.01},
+        {"pixels": PIXELS["width"], "elevation_m": [0.1, 0.48], "elevation_std_m": [0.01, 0.03]},
+    ),
+    (
+        {"kind": "area", "pixels": ["@A", [1500, 320], [1400, 900], "380,850@B"], "elevation_m": [0.5, 1.0]},
+        {
+            "pixels": PIXELS["area"],
+            "elevation_m": [0.027, 0.5, 1.0, 0.48],
+            "elevation_std_m": [0.02, 0.0, 0.0, 0.03],
+        },
+    ),
+    (
+        {"kind": "height", "pixels": ["820,640@A", "822,560@B"]},
+        {"pixels": PIXELS["height"], "elevation_m": [0.027], "elevation_std_m": [0.02]},
+    ),
+    ({"kind": "bearing", "pixels": ["1000,500@A"]}, {"pixels": PIXELS["bearing"]}),
+]
+"""Probes of surveyed points, and what they are where pixels and heights are typed out."""
 PROBES = [
+    *(each for each, _ in SURVEYED),
     *({"kind": kind, "pixels": pixels} for kind, pixels in PIXELS.items()),
     {"kind": "bearing", "pixels": [[500, 800], [900, 300]]},
     {"kind": "distance", "pixels": PIXELS["distance"], "elevation_m": 0.3, "elevation_std_m": 0.05},
@@ -82,7 +114,11 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def by_python(folder):
-    probes = [ad.probe(**each, std_px=NOISE_PX) for each in PROBES]
+    points = {name: KnownPoint(**each) for name, each in POINTS.items()}
+    probes = [
+        ad.probe(**{**each, "pixels": [probe_end(end, points) for end in each["pixels"]]}, std_px=NOISE_PX)
+        for each in PROBES
+    ]
     pose = ad.CameraPose(**POSE, std=ad.PoseStd(**STD))
     found = ad.measure(ad.load_camera(folder / "camera.toml"), pose, probes)
     return [measured_document(each, None) for each in found]
@@ -90,7 +126,7 @@ def by_python(folder):
 
 def typed(probe):
     """A probe as it is typed after ``--probe``."""
-    words = [probe["kind"], *(f"{u!r},{v!r}" for u, v in probe["pixels"])]
+    words = [probe["kind"], *(end if isinstance(end, str) else f"{end[0]!r},{end[1]!r}" for end in probe["pixels"])]
     for key, value in probe.items():
         if key.startswith("elevation"):
             words.append(
@@ -102,8 +138,15 @@ def typed(probe):
 def by_command(folder):
     stds = ",".join(f"{name.rpartition('_')[0]}={std}" for name, std in STD.items())
     pose = [word for name, value in POSE.items() for word in (f"--{name.rpartition('_')[0]}", value)]
+    landmarks = [
+        {"name": name, "pixel": each["pixel"], "position_m": [1.0, 2.0, each["elevation_m"]],
+         "std_m": [0.0, 0.0, each["elevation_std_m"]]}
+        for name, each in POINTS.items()
+    ]  # fmt: skip
+    (folder / "landmarks.toml").write_text(tomli_w.dumps({"crs": "local", "elevation_m": 0.0, "landmark": landmarks}))
     run = run_aerodft(
         "measure", "--camera", folder / "camera.toml", *pose, "--std", f"{stds},px={NOISE_PX}",
+        "--landmarks", folder / "landmarks.toml",
         *(word for each in PROBES for word in ("--probe", typed(each))), "--json",
     )  # fmt: skip
     assert run.code == 0, run.err
@@ -120,6 +163,7 @@ def station_document(endpoint):
         "pose": pose | {"std": std},
         "images": {"rate_hz": 1},
         "zenoh": {"listen": endpoint},
+        "known_point": [{"name": name, **each} for name, each in POINTS.items()],
         "probe": probes,
     }
 
@@ -150,7 +194,8 @@ def by_station(folder):
 
 def by_page(folder):
     camera, std = ad.load_camera(folder / "camera.toml"), ad.PoseStd(**STD)
-    scene = image_setup(camera, ad.CameraPose(**POSE, std=std))
+    setup, sample = image_setup(camera, ad.CameraPose(**POSE, std=std))
+    scene = replace(setup, points={name: KnownPoint(**each) for name, each in POINTS.items()}), sample
     view = FixedCameraView(folder / "yard.png", camera, scene, {}, MeasuredSurface())
     view.std_px = NOISE_PX
     answers = Answers(view, is_read_only=True)
@@ -176,9 +221,59 @@ def test_every_door_gives_the_same_bytes(folder, by_python, by_station):
         assert len(answers) == len(PROBES)
         for probe, expected, answer in zip(PROBES, by_python, answers, strict=True):
             assert answer_bytes(answer) == answer_bytes(expected), (door, probe)
-    for probe, answer in zip(PROBES, doors["page"], strict=True):
+    for probe, answer in zip(PROBES[len(SURVEYED) :], doors["page"][len(SURVEYED) :], strict=True):
         assert all(word in answer["command"] for word in typed(probe).split() if word.startswith("elevation"))
     assert {each["status"] for each in by_python} == {"ok"}
+
+
+def test_surveyed_points_are_measured_at_their_own_heights(folder, by_python):
+    typed_out = [ad.probe(probe["kind"], **stated, std_px=NOISE_PX) for probe, stated in SURVEYED]
+    pose = ad.CameraPose(**POSE, std=ad.PoseStd(**STD))
+    found = ad.measure(ad.load_camera(folder / "camera.toml"), pose, typed_out)
+    for surveyed, stated in zip(by_python[: len(SURVEYED)], found, strict=True):
+        assert answer_bytes(surveyed) == answer_bytes(measured_document(stated, None))
+
+
+@pytest.mark.parametrize(
+    ("pixels", "more", "said"),
+    [
+        (["@A", "@C"], {}, "got @C, expected one of A, B"),
+        (["@A", "1,2,3"], {}, "1,2,3"),
+        (["@A", "1,nan@B"], {}, "'nan', expected a finite number"),
+        (["@A", [900, 900]], {"elevation_m": [0.1, 0.2]}, "got 2 elevations beside 1 surveyed point, expected one ele"),
+        (["@A"], {}, "got 1 pixel, expected 2"),
+    ],
+)
+def test_a_surveyed_point_that_nobody_knows_is_refused_at_each_door(folder, pixels, more, said):
+    points = {name: KnownPoint(**each) for name, each in POINTS.items()}
+    document = station_document("tcp/127.0.0.1:1")
+    document["probe"] = [{"name": "d", "kind": "distance", "pixels": pixels, **more}]
+    question = {"kind": "distance", "pixels": pixels, **more}
+    doors = (
+        lambda: parse_station(tomli_w.dumps(document).encode(), where="station.toml", folder=folder),
+        lambda: parse_measure_request(orjson.dumps(question), points),
+        lambda: probe_of(question, 1.0, lambda: points),
+        lambda: parse_probes([typed(question)], Stds(), 0.0, points),
+    )
+    for door in doors:
+        with pytest.raises(AerodftError) as refused:
+            door()
+        assert said in str(refused.value), door
+
+
+def test_heights_of_surveyed_points_count_over_level_ground_alone(folder):
+    points = {name: KnownPoint(**each) for name, each in POINTS.items()}
+    camera, pose = ad.load_camera(folder / "camera.toml"), ad.CameraPose(**POSE)
+    slope = ad.Slope(slope_deg=5.0, uphill_deg=20.0)
+    with pytest.raises(ad.AerodftError, match="got ground that is not level"):
+        ad.measure(camera, pose, ad.Distance([points["A"], points["B"]]), ground=slope)
+    document = station_document("tcp/127.0.0.1:1") | {"ground": {"slope_deg": 5.0, "uphill_azimuth_deg": 20.0}}
+    with pytest.raises(AerodftError, match="no surveyed point has a height above the measured plane, expected level"):
+        parse_station(tomli_w.dumps(document).encode(), where="station.toml", folder=folder)
+    document["probe"] = []
+    station = parse_station(tomli_w.dumps(document).encode(), where="station.toml", folder=folder)
+    assert (len(station.pipeline.points), station.pipeline.setup.points) == (2, {})
+    assert parse_station(resolved_toml(station).encode(), where="", folder=folder).pipeline.points == points
 
 
 def on_planes_m(pixels, elevation_m):

@@ -84,7 +84,7 @@ def test_what_it_refuses_has_its_reason():
 def test_how_many_pixels_it_takes_is_checked_where_it_is_measured_and_where_it_is_asked():
     with pytest.raises(ValueError, match="1 pixels, mean-range needs 2 to 9"):
         measured((MEAN_RANGE, NEAR[:1]))
-    request = parse_measure_request(b'{"kind": "mean-range", "pixels": [[900, 900], [960, 950]]}')
+    request = parse_measure_request(b'{"kind": "mean-range", "pixels": [[900, 900], [960, 950]]}', {})
     assert request.probe.kind == MEAN_RANGE
 
 
@@ -126,8 +126,8 @@ def test_a_kind_from_outside_is_asked_for_through_every_door(tmp_path):
         request.probe,
         probe("perimeter", pixels),
         aerodft.Perimeter(pixels),
-        probe_of({"kind": "perimeter", "pixels": pixels}, 1.0),
-        parse_measure_request(orjson.dumps({"kind": "perimeter", "pixels": pixels})).probe,
+        probe_of({"kind": "perimeter", "pixels": pixels}, 1.0, dict),
+        parse_measure_request(orjson.dumps({"kind": "perimeter", "pixels": pixels}), {}).probe,
         load_station(tmp_path / "station.toml").pipeline.probes[0],
     ]
     assert kinds_document()["perimeter"] == {"least": 3, "most": 256, "closed": True}

@@ -5,6 +5,7 @@ from aerodft.adapters.config.keys import (
     TILT_RANGE,
     Elevations,
     ElevationStds,
+    End,
     Many,
     Pixel,
     Positive,

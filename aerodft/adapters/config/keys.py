@@ -3,7 +3,7 @@
 import re
 from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
 from pydantic_core import PydanticCustomError
 
 from aerodft.conventions import LARGEST
@@ -61,6 +61,19 @@ FieldOfViewDeg = Annotated[float, Field(gt=0.001, lt=180)]
 BiasDeg = Annotated[float, Field(ge=-45, le=45)]
 Text = Annotated[str, Field(min_length=1)]
 Pixel = Annotated[tuple[Real, Real], Field(strict=False)]
+
+
+def _pixel_or_point(value: object, as_pixel: ValidatorFunctionWrapHandler) -> object:
+    """Let text that names a surveyed point stand as it is; anything else must be a pixel."""
+    if not isinstance(value, str):
+        return as_pixel(value)
+    if "@" not in value:
+        raise impossible("", got=f'"{value}"', expected='[u, v], "@NAME" or "u,v@NAME"')
+    return value
+
+
+End = Annotated[Pixel, WrapValidator(_pixel_or_point)]
+"""A pixel, or text that names a surveyed point: ``@NAME``, or ``u,v@NAME`` where it is seen elsewhere."""
 Many = Annotated[tuple[Quantity, ...], Field(strict=False)]
 Matrix = Many[Many[Real]]
 

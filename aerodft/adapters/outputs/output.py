@@ -1,13 +1,13 @@
 """What an output is, and what it may ask of the run that it is of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from aerodft.adapters.config import Table
 from aerodft.adapters.wire.requests import MeasureRequest
 from aerodft.adapters.wire.status import StationStatus
-from aerodft.model import Camera, Image, Measurement, Observation, Probe
+from aerodft.model import Camera, Image, KnownPoint, Measurement, Observation, Probe
 from aerodft.service import Sink
 
 
@@ -19,6 +19,7 @@ class Run:
         station: Name of the station.
         camera: What its images are taken with.
         probes: What it measures.
+        points: Surveyed points by name, which a question may name.
         is_live: Whether it measures as images come, not from files.
         measure: Measures at once what somebody asks for.
         put_observation: Takes what others have seen in the images, its arrival to be set; None where nobody may.
@@ -28,6 +29,7 @@ class Run:
     station: str
     camera: Camera
     probes: tuple[Probe, ...]
+    points: Mapping[str, KnownPoint]
     is_live: bool
     measure: Callable[[MeasureRequest], list[Measurement]]
     put_observation: Callable[[Observation], None] | None

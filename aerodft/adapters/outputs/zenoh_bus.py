@@ -26,13 +26,14 @@ def open_output(settings: ZenohTable, run: Run) -> Output | None:
     if not (settings.enabled and run.is_live):
         return None
     from aerodft.adapters.bus import ZenohBus  # noqa: PLC0415 - configurations are read without zenoh
+    from aerodft.adapters.wire.requests import parse_measure_request  # noqa: PLC0415 - likewise
 
     return ZenohBus(
         run.station,
         settings.listen,
         settings.connect,
         probes=run.probes,
-        on_measure=run.measure,
+        on_measure=lambda question: run.measure(parse_measure_request(question, run.points)),
         on_observation=run.put_observation,
         in_utc=run.in_utc,
     )

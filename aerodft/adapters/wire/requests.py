@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from aerodft.adapters.config import (
     Elevations,
     ElevationStds,
+    End,
     Many,
     Pixel,
     Positive,
@@ -25,9 +26,9 @@ from aerodft.adapters.config import (
 )
 from aerodft.adapters.files import check_is_no_pipe
 from aerodft.adapters.wire.payload import COUNT, TEXT, Payload, StampNs, doc, load_object
-from aerodft.dft import PROBE_KINDS
-from aerodft.errors import InputError, Reason, counted, located, os_errors_as
-from aerodft.model import Box, Observation, Probe, ProbeKind, StampClock
+from aerodft.dft import PROBE_KINDS, at_own_heights, probe_end
+from aerodft.errors import InputError, Reason, UsageError, counted, located, os_errors_as
+from aerodft.model import Box, KnownPoint, Observation, Probe, ProbeKind, StampClock
 
 ERROR_SCHEMA = "aerodft.error/1"
 
@@ -57,7 +58,7 @@ def _kind(name: str) -> str:
 class _MeasureQuestion(Table):
     name: Text = _WHERE
     kind: Annotated[str, AfterValidator(_kind)]
-    pixels: Many[Pixel]
+    pixels: Many[End]
     stamp_ns: StampNs | None = None
     std_px: Positive = 1.0
     elevation_m: Elevations = 0.0
@@ -69,7 +70,10 @@ class _MeasureQuestion(Table):
         if not kind.takes_pixels(len(self.pixels)):
             expected = f"{kind.pixels_wanted} x [u, v] for {self.kind}"
             raise impossible("pixels", got=counted(len(self.pixels), "pixel"), expected=expected)
-        if wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, len(self.pixels)):
+        is_surveyed = any(isinstance(end, str) for end in self.pixels)
+        if not is_surveyed and (
+            wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, len(self.pixels))
+        ):
             expected = f"{kind.elevations_wanted(len(self.pixels))} of {self.kind}"
             raise impossible("elevation_m", got=wrong, expected=expected)
         return self
@@ -93,20 +97,30 @@ class MeasureRequest:
     stamp_ns: int | None = None
 
 
-def parse_measure_request(data: bytes) -> MeasureRequest:
+def parse_measure_request(data: bytes, points: Mapping[str, KnownPoint]) -> MeasureRequest:
     """Parse the payload of a ``measure`` query.
 
+    Args:
+        data: A JSON object.
+        points: Surveyed points by name, whose heights count from the measured plane.
+
     Raises:
-        InputError: It is no such question.
+        InputError: It is no such question, or names an unknown point.
     """
     asked = _question(_MeasureQuestion, data, _WHERE, _EXAMPLE)
+    kind = ProbeKind(asked.kind)
+    try:
+        ends = [probe_end(end, points) for end in asked.pixels]
+        pixels, elevation_m, std_m = at_own_heights(kind, ends, asked.elevation_m, asked.elevation_std_m)
+    except UsageError as error:
+        raise InputError(f"pixels: {error.what}", where=_WHERE, got=error.got, expected=error.expected) from None
     probe = Probe(
         name=asked.name,
-        kind=ProbeKind(asked.kind),
-        pixels=asked.pixels,
+        kind=kind,
+        pixels=pixels,
         std_px=asked.std_px,
-        elevation_m=asked.elevation_m,
-        elevation_std_m=asked.elevation_std_m,
+        elevation_m=elevation_m,
+        elevation_std_m=std_m,
     )
     return MeasureRequest(probe=probe, stamp_ns=asked.stamp_ns)
 

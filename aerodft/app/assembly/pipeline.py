@@ -253,6 +253,7 @@ def outputs_run(station: StationConfig, pipeline: Pipeline, inbox: Inbox | None 
         station=station.pipeline.station,
         camera=station.pipeline.camera,
         probes=station.pipeline.probes,
+        points=station.pipeline.setup.points,
         is_live=inbox is not None,
         measure=measure,
         put_observation=inbox.put_observation if inbox is not None and station.observations.topic else None,

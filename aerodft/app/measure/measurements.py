@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeAlias, overload
@@ -22,14 +22,27 @@ from aerodft.app.measure.scene import (
     refuse_other,
 )
 from aerodft.conventions import LARGEST
-from aerodft.dft import PROBE_KINDS, Request, Share, advice, ground_frame_pose, link_requests
+from aerodft.dft import PROBE_KINDS, End, Request, Share, advice, at_own_heights, ground_frame_pose, link_requests
 from aerodft.dft import measure as measure_batch
 from aerodft.dft.maps import GroundMap, ground_covariances
 from aerodft.errors import NoAnswerError, UsageError, counted
-from aerodft.model import Camera, FloatArray, Measurement, Pose, PoseBatch, PoseSample, ProbeKind, ProjectionModel
+from aerodft.model import (
+    Camera,
+    FloatArray,
+    KnownPoint,
+    Measurement,
+    Pose,
+    PoseBatch,
+    PoseSample,
+    ProbeKind,
+    ProjectionModel,
+)
 
 Pixels: TypeAlias = Sequence[float] | Sequence[tuple[float, float]] | FloatArray
 """One pixel ``(u, v)``, or several; (0, 0) is the middle of the top-left pixel."""
+
+Ends: TypeAlias = Pixels | Sequence[End] | KnownPoint
+"""Pixels, or surveyed points as ``known_points`` gives them, whose pixels and heights are known."""
 
 
 Elevations: TypeAlias = float | Sequence[float] | FloatArray
@@ -50,6 +63,23 @@ def _pixels(told: npt.ArrayLike, what: str) -> FloatArray:
         if pixels.shape[-1:] == (2,) or not pixels.size:
             return pixels if pixels.size else np.empty((0, 2))
     raise UsageError(what, got=repr(told)[:80], expected=_PAIRS)
+
+
+def _ends(told: Ends, what: str) -> list[End]:
+    """The ends of a probe, each a pixel or a surveyed point; ``what`` has them.
+
+    Raises:
+        UsageError: One is neither.
+    """
+    if isinstance(told, KnownPoint):
+        return [told]
+    surveyed = () if isinstance(told, np.ndarray) else [each for each in told if isinstance(each, KnownPoint)]
+    if surveyed:
+        return [end for each in told for end in _ends(each, what)]  # type: ignore[arg-type]  # a point, or a pixel
+    pixels = _pixels(told, what)  # type: ignore[arg-type]  # no surveyed points
+    if not np.all(np.abs(pixels) <= LARGEST):
+        raise UsageError(what, got=repr(told), expected=_PAIRS)
+    return [(u, v) for u, v in pixels.reshape(-1, 2).tolist()]
 
 
 def _elevations(name: str, stated: Elevations, low: float, expected: str) -> float | tuple[float, ...]:
@@ -73,9 +103,10 @@ class ImageProbe:
     """A quantity to measure at some pixels of one image.
 
     Attributes:
-        pixels: One ``(u, v)`` or several; (0, 0) is the middle of the top-left pixel, u to the right, v down.
+        pixels: One ``(u, v)`` or several; (0, 0) is the middle of the top-left pixel, u to the right, v down. In place
+            of any may stand a surveyed point (see ``known_points``), which brings its pixel and its height.
         elevation_m: Height of the measured surface above the ground; or one for each point, where these lie at
-            different heights (of a river also two: left banks, right banks).
+            different heights (of a river also two: left banks, right banks). Beside surveyed points: of the others.
         name: What the measurement is called; None for the kind and its place among the probes, ``width-1``.
         std_px: Standard deviation of each pixel coordinate.
         elevation_std_m: Standard deviation of the elevation, whose error all points share. Of several elevations each
@@ -90,21 +121,20 @@ class ImageProbe:
 
     kind: ClassVar[ProbeKind]
 
-    pixels: Pixels
+    pixels: Ends
     elevation_m: Elevations = 0.0
     name: str | None = None
     std_px: float = 1.0
     elevation_std_m: Elevations = 0.0
     on_top_of: str | None = None
+    has_surveyed_ends: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        pixels = _pixels(self.pixels, f"a {self.kind}")
-        if not np.all(np.abs(pixels) <= LARGEST):
-            raise UsageError(f"a {self.kind}", got=repr(self.pixels), expected=_PAIRS)
+        ends = _ends(self.pixels, f"a {self.kind}")
         in_range("std_px", self.std_px, 0.0, LARGEST, "a standard deviation of at least 0")
         elevation_m = _elevations("elevation_m", self.elevation_m, -LARGEST, "m above the ground, finite")
         stds_m = _elevations("elevation_std_m", self.elevation_std_m, 0.0, "a standard deviation of at least 0")
-        pairs = tuple((u, v) for u, v in pixels.reshape(-1, 2).tolist())
+        pairs, elevation_m, stds_m = at_own_heights(self.kind, ends, elevation_m, stds_m)
         kind = PROBE_KINDS[self.kind]
         if not kind.takes_pixels(len(pairs)):
             wanted = f"{kind.pixels_wanted} for {self.kind}"
@@ -116,7 +146,9 @@ class ImageProbe:
             raise UsageError(
                 f"the elevations of a {self.kind}", got="them beside `on_top_of`", expected="one of the two"
             )
-        for name, value in (("pixels", pairs), ("elevation_m", elevation_m), ("elevation_std_m", stds_m)):
+        is_surveyed = any(isinstance(end, KnownPoint) for end in ends)
+        checked = {"pixels": pairs, "elevation_m": elevation_m, "elevation_std_m": stds_m}
+        for name, value in {**checked, "has_surveyed_ends": is_surveyed}.items():
             object.__setattr__(self, name, value)
 
 
@@ -150,6 +182,9 @@ class Distance(ImageProbe):
         0.5
         >>> Distance([(812, 604.5), (1377, 611)], elevation_m=(0.03, 0.48), elevation_std_m=0.02).elevation_m
         (0.03, 0.48)
+        >>> pier = KnownPoint(pixel=(812, 604.5), elevation_m=2.31)
+        >>> Distance([pier, (1377, 611)], elevation_m=0.48).elevation_m
+        (2.31, 0.48)
     """
 
     kind = ProbeKind.DISTANCE
@@ -224,7 +259,7 @@ class RiverWidth(ImageProbe):
 
 def probe(
     kind: str,
-    pixels: Pixels,
+    pixels: Ends,
     *,
     elevation_m: Elevations = 0.0,
     name: str | None = None,
@@ -370,6 +405,9 @@ def measure(
     wanted = (probes,) if isinstance(probes, ImageProbe) else tuple(probes)
     for probe in wanted:
         refuse_other("probes", probe, ImageProbe, "probes, e.g. Width([(812, 1604), (1377, 1611)])")
+        if setup.ground is not None and probe.has_surveyed_ends:
+            expected = "pixels with `elevation_m` above that ground"
+            raise UsageError(f"a {probe.kind} of surveyed points", got="ground that is not level", expected=expected)
     found = measure_batch(setup, PoseBatch.from_samples([sample]), requests_of(wanted))[0]
     return found[0] if isinstance(probes, ImageProbe) else found
 

@@ -416,7 +416,8 @@ def image_setup(
     else:
         terrain, origin = _ground(ground, pose.origin)
         sample = pose.sample(origin, camera)
-    setup = Setup(camera=camera, model=model or ProjectionModel.PINHOLE, ground=terrain)
+    points = {} if known is None or terrain is not None else known.points
+    setup = Setup(camera=camera, model=model or ProjectionModel.PINHOLE, ground=terrain, points=points)
     if known is not None:
         setup, sample = _corrected(setup, sample, known)
     return surface.on(setup), sample
@@ -465,7 +466,8 @@ def _calibrated(
     surface, origin = _ground(ground, flat.origin)
     with located(path):
         sample = flat if surface is None else pose_sample(pose, origin, surface)
-    return Setup(camera=lens, model=known.model, ground=surface), sample
+    points = known.points if surface is None else {}
+    return Setup(camera=lens, model=known.model, ground=surface, points=points), sample
 
 
 def _corrected(setup: Setup, sample: PoseSample, known: CalibrationFile) -> tuple[Setup, PoseSample]:

@@ -1,17 +1,18 @@
 """What a page asks for, as it comes over the wire: probes and evidence, checked before anything is done."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from aerodft.adapters.config.evidence import GEO_KEYS, LOCAL, landmark_tables
 from aerodft.adapters.wire.payload import as_json
 from aerodft.app.measure import ImageProbe, probe
-from aerodft.dft import PROBE_KINDS
+from aerodft.dft import PROBE_KINDS, probe_end
 from aerodft.errors import UsageError, located
-from aerodft.model import ProbeKind
+from aerodft.model import KnownPoint, ProbeKind
 
 MOST_POINTS: Final = 256
 _MOST_NAME: Final = 64
+_MOST_PIXEL: Final = 64  # letters of a pixel before a point's name
 _ELEVATIONS: Final = ("elevation_m", "elevation_std_m")
 _MOST_EVIDENCE: Final = 256
 EVIDENCE_KINDS: Final = ("landmark", "length", "height", "vertical", "horizon")
@@ -26,13 +27,15 @@ def kinds_document() -> dict[str, dict[str, Any]]:
     }
 
 
-def probe_of(document: object, std_px: float) -> ImageProbe:
+def probe_of(document: object, std_px: float, points: Callable[[], Mapping[str, KnownPoint]]) -> ImageProbe:
     """A probe as a page asks for it.
 
     Args:
-        document: ``kind``, ``pixels`` as a list of ``[u, v]``, and perhaps a ``name`` without spaces, ``elevation_m``
-            and ``elevation_std_m``: a number, or one for each point.
+        document: ``kind``, ``pixels`` as a list of ``[u, v]`` or of text that names a surveyed point, and perhaps a
+            ``name`` without spaces, ``elevation_m`` and ``elevation_std_m``: a number, or one for each point without a
+            name.
         std_px: Of each pixel coordinate.
+        points: Gives surveyed points by name; called where one is named.
 
     Raises:
         UsageError: It is something else.
@@ -42,7 +45,7 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
     kind, pixels, name = (document.get(key) for key in ("kind", "pixels", "name"))
     if not isinstance(kind, str) or ProbeKind(kind) not in PROBE_KINDS:
         raise UsageError("a probe's kind", got=as_json(kind), expected=f"one of {', '.join(PROBE_KINDS)}")
-    if not isinstance(pixels, list) or len(pixels) > MOST_POINTS or not all(map(is_pixel, pixels)):
+    if not isinstance(pixels, list) or len(pixels) > MOST_POINTS or not all(map(_is_end, pixels)):
         raise UsageError("a probe's pixels", got=as_json(pixels), expected=f"up to {MOST_POINTS} pairs of numbers")
     if name is not None and not _is_name(name):
         raise UsageError("a probe's name", got=as_json(name), expected=f"up to {_MOST_NAME} letters, no space")
@@ -53,7 +56,9 @@ def probe_of(document: object, std_px: float) -> ImageProbe:
             expected = "a number of metres, or one for each point"
             raise UsageError(f"a probe's {key}", got=as_json(value), expected=expected)
     known = {"elevation_m": elevation_m, "elevation_std_m": elevation_std_m}
-    return probe(kind, [(u, v) for u, v in pixels], name=name, std_px=std_px, **known)
+    named = points() if any(isinstance(each, str) for each in pixels) else {}
+    ends = [probe_end(each if isinstance(each, str) else (each[0], each[1]), named) for each in pixels]
+    return probe(kind, ends, name=name, std_px=std_px, **known)
 
 
 def evidence_of(document: object) -> dict[str, Any]:
@@ -114,6 +119,10 @@ def landmarks_in(text: object) -> dict[str, Any]:
 
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and 0 < len(value) <= _MOST_NAME and value.isprintable() and " " not in value
+
+
+def _is_end(value: object) -> bool:
+    return is_pixel(value) or (isinstance(value, str) and len(value) <= _MOST_NAME + _MOST_PIXEL)
 
 
 def _are_numbers(value: object, count: int) -> bool:

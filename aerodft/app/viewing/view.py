@@ -22,7 +22,7 @@ from aerodft.app.viewing.overlay import scene_overlay
 from aerodft.dft import Request, Setup, explain, measure
 from aerodft.errors import AerodftError, InputError, UsageError
 from aerodft.geometry import matrix, pixels_from_rays
-from aerodft.model import Camera, Image, ImageArray, Measurement, PoseBatch, PoseSample
+from aerodft.model import Camera, Image, ImageArray, KnownPoint, Measurement, PoseBatch, PoseSample
 from replay.export import MapCrs, geojson_text, map_features, parse_measurement
 
 if TYPE_CHECKING:
@@ -257,6 +257,17 @@ class View(ABC):
         poses, distances = PoseBatch.from_samples([sample]), requests_of([Distance(side) for side in sides])
         across, down = measure(setup, poses, distances)[0]
         return None if across.value is None or down.value is None else (across.value, down.value)
+
+    def points(self, number: int) -> Mapping[str, KnownPoint]:
+        """Surveyed points by name, whose heights count from the plane that is measured in an image.
+
+        Args:
+            number: Of the image.
+
+        Raises:
+            AerodftError: There is no such image, or nothing is known of its pose.
+        """
+        return self.scene(number)[0].points
 
     def save_probe(self, number: int, probe: ImageProbe, *, is_tracked: bool) -> Path:
         """Have a station measure something from its next start on.

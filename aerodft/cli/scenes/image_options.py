@@ -26,7 +26,6 @@ _ANGLES: Final = ("tilt", "pan", "roll")
 _POSE_STDS: Final = ("height", "position", *_ANGLES, "heading", "attitude")
 _OTHER_STDS: Final = ("focal", "elevation", "px")  # of the camera, the surface, and the pixels
 _PROBE_OPTIONS: Final = ("elevation", "elevation_std", "name")
-_MOST_NAMES: Final = 12  # of points in a sentence
 _Elevations: TypeAlias = float | tuple[float, ...]
 _LEVEL: Final = ("roll", "heading")  # of which 0 says nothing
 
@@ -329,8 +328,8 @@ def parse_probes(
     Args:
         texts: A kind, as many ``u,v`` as it needs, and ``key=value`` options each. In place of ``u,v`` may stand
             ``@NAME``, a surveyed point with its pixel and height, or ``u,v@NAME``, a pixel with that point's height.
-            ``elevation`` is a number, one for each point (``0.03,0.48``), or the name of a ``height`` on whose object's
-            top the probe lies; ``elevation_std`` a number, or one for each point.
+            ``elevation`` is a number, one for each point without a name (``0.03,0.48``), or the name of a ``height`` on
+            whose object's top the probe lies; ``elevation_std`` a number, or one for each point.
         stds: Of pixels and elevations.
         elevation_m: Of probes that have no ``elevation``.
         points: Surveyed points by name.
@@ -349,47 +348,27 @@ def parse_probes(
 
 def _parse_probe(text: str, stds: Stds, elevation_m: float, points: "Mapping[str, KnownPoint]") -> "ImageProbe":
     from aerodft.app.measure import probe
-    from aerodft.dft import PROBE_KINDS
+    from aerodft.dft import PROBE_KINDS, probe_end
 
     kind, *words = text.split() or [""]
     if ProbeKind(kind) not in PROBE_KINDS:
         expected = f"one of {', '.join(PROBE_KINDS)}"
         raise UsageError(f'--probe "{text}"', got=f"kind {kind!r}", expected=expected)
     options = _options(words, text)
-    ends = [_end(word, text, points) for word in words if "=" not in word]
     elevation, std = options.get("elevation", ""), options.get("elevation_std", "")
     named = elevation != "" and "," not in elevation and not _is_number(elevation)
-    several = elevation_m if named or not elevation else _numbers(elevation, text)
-    several_std = _numbers(std, text) if std else stds.elevation_m
-    pixels, known = [pixel for pixel, _ in ends], [point for _, point in ends]
-    if any(known[: PROBE_KINDS[ProbeKind(kind)].on_ground(len(ends))]):
-        several, several_std = _of_points(known, kind, several, several_std, text)
     try:
         return probe(
             kind,
-            pixels,
+            [probe_end(word, points) for word in words if "=" not in word],
             name=options.get("name"),
             std_px=1.0 if stds.px is None else stds.px,
-            elevation_m=several,
-            elevation_std_m=several_std,
+            elevation_m=elevation_m if named or not elevation else _numbers(elevation, text),
+            elevation_std_m=_numbers(std, text) if std else stds.elevation_m,
             on_top_of=elevation if named else None,
         )
     except UsageError as error:
         raise UsageError(f'--probe "{text}"', got=error.got, expected=error.expected) from None
-
-
-def _of_points(
-    known: "list[KnownPoint | None]", kind: str, elevation: _Elevations, std: _Elevations, text: str
-) -> tuple[_Elevations, _Elevations]:
-    """Elevations and standard deviations of a probe's points, of which some are surveyed."""
-    from aerodft.dft import PROBE_KINDS
-
-    if isinstance(elevation, tuple) or isinstance(std, tuple):
-        expected = "elevation=Z for the other points, or all points as u,v with elevation=Z,Z"
-        raise UsageError(f'--probe "{text}"', got="several elevations beside @NAME", expected=expected)
-    on_ground = known[: PROBE_KINDS[ProbeKind(kind)].on_ground(len(known))]
-    heights = tuple(elevation if each is None else each.elevation_m for each in on_ground)
-    return heights, tuple(std if each is None else each.elevation_std_m for each in on_ground)
 
 
 def _options(words: list[str], text: str) -> dict[str, str]:
@@ -407,29 +386,6 @@ def _options(words: list[str], text: str) -> dict[str, str]:
             raise UsageError(f'--probe "{text}"', got=f"{key} again", expected="each option once")
         options[key] = value
     return options
-
-
-def _end(word: str, text: str, points: "Mapping[str, KnownPoint]") -> "tuple[tuple[float, float], KnownPoint | None]":
-    """The pixel of a word, and the surveyed point whose height it has; None for a pixel alone."""
-    pixel, at, name = word.partition("@")
-    if not at:
-        return _pixel(word, text), None
-    if name not in points:
-        got = f"@{name}" if points else f"@{name} without surveyed points"
-        expected = f"one of {_listed(points)}" if points else "--landmarks FILE, or a --calibration made from landmarks"
-        raise UsageError(f'--probe "{text}"', got=got, expected=expected)
-    return _pixel(pixel, text) if pixel else points[name].pixel, points[name]
-
-
-def _listed(points: "Mapping[str, KnownPoint]") -> str:
-    return ", ".join(list(points)[:_MOST_NAMES]) + (", ..." if len(points) > _MOST_NAMES else "")
-
-
-def _pixel(word: str, text: str) -> tuple[float, float]:
-    parts = word.split(",")
-    if len(parts) != 2:  # noqa: PLR2004 - u and v
-        raise UsageError(f'--probe "{text}"', got=repr(word), expected="a pixel as u,v")
-    return _finite(parts[0], text), _finite(parts[1], text)
 
 
 def _numbers(words: str, text: str) -> _Elevations:

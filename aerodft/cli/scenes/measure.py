@@ -245,11 +245,9 @@ def measure_image(
     if mapped.depth_map is not None:
         _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)
         return
-    points = known_points(asked.landmarks, scene.calibration)
-    if setup.ground is not None and any("@" in each for each in asked.probes):
-        raise UsageError(
-            "--probe with @NAME", got="ground that is not level", expected="level ground: heights of a plane"
-        )
+    points = setup.points
+    if asked.landmarks is not None and setup.ground is None:
+        points = {**points, **known_points(asked.landmarks, scene.calibration)}
     requests = parse_probes(asked.probes, scene.stds, scene.elevation, points)
     from aerodft.cli.scenes.measured import show_measurements, show_models
 

@@ -18,7 +18,7 @@ import zenoh
 from jsonschema import Draft202012Validator
 
 from aerodft.adapters.bus import ZenohBus, open_session, session_on
-from aerodft.adapters.wire.requests import MeasureRequest
+from aerodft.adapters.wire.requests import MeasureRequest, parse_measure_request
 from aerodft.adapters.wire.schemas import SCHEMAS
 from aerodft.adapters.wire.status import StationStatus
 from aerodft.errors import InputError, LinkError, NoAnswerError
@@ -182,8 +182,8 @@ def test_another_process_receives_everything_valid(endpoint: str) -> None:
 def test_questions_are_answered(endpoint: str) -> None:
     asked: list[MeasureRequest] = []
 
-    def on_measure(request: MeasureRequest) -> list[Measurement]:
-        asked.append(request)
+    def on_measure(question: bytes) -> list[Measurement]:
+        asked.append(parse_measure_request(question, {}))
         return [a_measurement(9)]
 
     with a_bus(endpoint, on_measure=on_measure) as bus, session_on(None, [endpoint]) as client:
@@ -225,12 +225,13 @@ def test_questions_are_answered(endpoint: str) -> None:
 def test_every_question_gets_an_answer(
     endpoint: str, question: object, said: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def on_measure(request: MeasureRequest) -> list[Measurement]:
-        if request.probe.name == "refused":
+    def on_measure(question: bytes) -> list[Measurement]:
+        name = parse_measure_request(question, {}).probe.name
+        if name == "refused":
             raise InputError("no pose yet")
-        if request.probe.name == "no answer":
+        if name == "no answer":
             raise NoAnswerError("too early")
-        raise KeyError(request.probe.name)
+        raise KeyError(name)
 
     with a_bus(endpoint, on_measure=on_measure), session_on(None, [endpoint]) as client:
         code, sentence = refusal(client, "aerodft/s/measure", question)

@@ -3,6 +3,7 @@
 from aerodft.adapters.config.camera.calibration_file import (
     BiasTable,
     CalibrationFile,
+    KnownPointTable,
     bias_table,
     biases_from,
     load_calibration,

@@ -100,10 +100,10 @@ def bias_table(calibration: Calibration, kind: type[BiasTableT], **further: str)
 
 
 class KnownPointTable(Table):
-    """A surveyed point of the calibration: where it is seen, and its height above the measured plane."""
+    """A surveyed point: where it is seen, if that stays, and its height above the measured plane."""
 
     name: keys.Text
-    pixel: keys.Pixel
+    pixel: keys.Pixel | None = None
     elevation_m: keys.Real
     elevation_std_m: keys.NonNegative = 0.0
 

@@ -15,6 +15,7 @@ import tomli_w
 
 from aerodft.adapters.config.camera import (
     FixedPose,
+    KnownPointTable,
     bias_table,
     biases_from,
     camera_document,
@@ -52,8 +53,8 @@ from aerodft.adapters.config.tables import AnyValue, si_value
 from aerodft.adapters.outputs import outputs_document, outputs_from
 from aerodft.adapters.vertical_datums import Altitude
 from aerodft.errors import ConfigError, InputError, located, named_in
-from aerodft.model import Calibration, Camera, ProjectionModel
-from aerodft.service import PipelineSettings, TelemetrySettings
+from aerodft.model import Calibration, Camera, KnownPoint, ProjectionModel
+from aerodft.service import LiveCalibration, PipelineSettings, TelemetrySettings
 
 _log = logging.getLogger(__name__)
 
@@ -117,8 +118,9 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
     ground = resolved_ground(table.ground, folder)
     camera = camera_from(lens.contents, "camera.") if lens.file is None else load_camera(folder / lens.file)
     pose, biases = _pose_and_biases(table)
+    points: dict[str, KnownPoint] = {}
     if name := (table.pose and table.pose.calibration) or (telemetry and telemetry.calibration):
-        camera, pose, biases = _calibrated(folder / name, camera, model, is_fixed=telemetry is None)
+        camera, pose, biases, points = _calibrated(folder / name, camera, model, is_fixed=telemetry is None)
     elif ground is not None and ground.needs_place and table.pose is not None and table.pose.heading_deg is None:
         expected = "degrees from north, because the ground is laid out on the map"
         raise ConfigError("pose.heading_deg", got="nothing", expected=expected)
@@ -129,11 +131,15 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
         table.images,
         table.observations,
         camera=camera,
-        probes=probes_from(table.probe, camera),
+        probes=(),
         model=model,
         telemetry=None if telemetry is None else telemetry_from(telemetry),
     )
     markers, origin = marker_settings(table.markers, pipeline.origin, where, folder), pipeline.origin
+    live = live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin)
+    points = _surveyed_points(live) | points | {each.name: si_value(KnownPoint, each) for each in table.known_point}
+    probes = probes_from(table.probe, camera, {} if table.ground else points)
+    pipeline = replace(pipeline, probes=probes, points=points)
     station = si_value(
         StationConfig,
         table,
@@ -145,10 +151,19 @@ def _station(document: dict[str, Any], where: str, folder: Path) -> StationConfi
         fixed_pose=pose,
         ground=ground,
         calibration=biases,
-        live=live_from(table.live_calibration, table.landmark, marker_landmarks(markers), origin),
+        live=live,
         markers=markers,
     )
     return with_derived_settings(station)
+
+
+def _surveyed_points(live: LiveCalibration | None) -> dict[str, KnownPoint]:
+    """Heights of a live calibration's landmarks, whose pixels change from image to image."""
+    landmarks = () if live is None else live.landmarks
+    return {
+        each.name: KnownPoint(pixel=None, elevation_m=each.position_enu_m[2], elevation_std_m=each.std_m[2])
+        for each in landmarks
+    }
 
 
 def _pose_and_biases(table: ConfigTable) -> tuple[FixedPose | None, Calibration | None]:
@@ -171,16 +186,16 @@ def with_calibration(station: StationConfig, path: Path) -> StationConfig:
         ConfigError: The calibration file cannot be read, or lacks the pose or the biases that the station takes.
     """
     pipeline, is_fixed = station.pipeline, station.fixed_pose is not None
-    camera, pose, biases = _calibrated(path, pipeline.camera, pipeline.model, is_fixed=is_fixed)
-    pipeline = replace(pipeline, camera=camera)
+    camera, pose, biases, points = _calibrated(path, pipeline.camera, pipeline.model, is_fixed=is_fixed)
+    pipeline = replace(pipeline, camera=camera, points={**pipeline.points, **points})
     with located(path):
         return with_derived_settings(replace(station, pipeline=pipeline, fixed_pose=pose, calibration=biases))
 
 
 def _calibrated(
     path: Path, camera: Camera, model: ProjectionModel, *, is_fixed: bool
-) -> tuple[Camera, FixedPose | None, Calibration | None]:
-    """Settings by a calibration file: a fixed camera takes its pose, a moving one its biases.
+) -> tuple[Camera, FixedPose | None, Calibration | None, dict[str, KnownPoint]]:
+    """Settings by a calibration file: a fixed camera takes its pose, a moving one its biases; both its landmarks.
 
     The camera comes with them where its lens was found too; biases alone hold in both projection models.
     """
@@ -194,7 +209,7 @@ def _calibrated(
         if not is_fixed and found.pose is not None:
             expected = "[bias] alone for a station with telemetry"
             raise ConfigError("a fixed camera's calibration", got="[pose]", expected=expected)
-    return found.camera or camera, found.pose, None if is_fixed else found.biases
+    return found.camera or camera, found.pose, None if is_fixed else found.biases, found.points
 
 
 def with_derived_settings(station: StationConfig) -> StationConfig:
@@ -275,6 +290,12 @@ def station_document(station: StationConfig, terrain_file: str | None = None) ->
         observations=ObservationsTable.from_si(station.observations, pipeline),
         limits=LimitsTable.from_si(pipeline),
         topics=None if station.topics == Topics() else TopicsTable.from_si(station.topics),
+        known_point=tuple(
+            KnownPointTable.from_si(each, name=name)
+            for name, each in pipeline.points.items()
+            if name not in _surveyed_points(live)
+        )
+        or None,
         landmark=None if live is None else tuple(map(LiveLandmarkTable.from_si, landmarks)),
         markers=None if station.markers is None else station_markers_table(station.markers),
     )

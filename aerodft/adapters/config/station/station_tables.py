@@ -1,5 +1,6 @@
 """The tables of a station's configuration file, with their defaults and checks; and its probes and inputs from them."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, ClassVar, Final, Self
@@ -7,7 +8,7 @@ from typing import Annotated, ClassVar, Final, Self
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
 from aerodft.adapters.config import keys
-from aerodft.adapters.config.camera import PoseTable
+from aerodft.adapters.config.camera import KnownPointTable, PoseTable
 from aerodft.adapters.config.keys import impossible
 from aerodft.adapters.config.station.ground import GroundTable
 from aerodft.adapters.config.station.live_tables import LiveCalibrationTable, LiveLandmarkTable, StationMarkersTable
@@ -23,11 +24,12 @@ from aerodft.adapters.config.station.station_config import (
 from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, ROWS, UNLESS_ZERO, FromFile, SiAttribute, Table, si_value
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
-from aerodft.dft import PROBE_KINDS
-from aerodft.errors import ConfigError, Reason, counted
+from aerodft.dft import PROBE_KINDS, at_own_heights, probe_end
+from aerodft.errors import ConfigError, Reason, UsageError, counted
 from aerodft.model import (
     FIXED_POINTS,
     Camera,
+    KnownPoint,
     PixelSource,
     Probe,
     ProbeKind,
@@ -243,7 +245,7 @@ class ProbeTable(Table):
 
     name: keys.Slug
     kind: Annotated[str, AfterValidator(_kind)]
-    pixels: Annotated[keys.Many[keys.Pixel] | None, ROWS] = None
+    pixels: Annotated[keys.Many[keys.End] | None, ROWS] = None
     observed: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.OBSERVED or None)] = False
     tracked: Annotated[bool, SiAttribute("source", out=lambda source: source is PixelSource.TRACKED or None)] = False
     at: Annotated[Instant | None, SiAttribute("at_ns")] = None
@@ -269,7 +271,11 @@ class ProbeTable(Table):
             expected = f"{kind.pixels_wanted} for {self.kind}"
             raise impossible("pixels", got=counted(len(self.pixels), "pixel"), expected=expected)
         count = self.elevation_count if self.pixels is None else len(self.pixels)
-        if wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, count):
+        if any(isinstance(end, str) for end in self.pixels or ()):
+            if self.on_top_of is not None:
+                expected = "[u, v]: the object has the height"
+                raise impossible("pixels", got=Reason("a surveyed point stands beside on_top_of"), expected=expected)
+        elif wrong := kind.wrong_elevations(self.elevation_m, self.elevation_std_m, count):
             raise impossible("elevation_m", got=wrong, expected=f"{kind.elevations_wanted(count)} of {self.kind}")
         return self
 
@@ -306,6 +312,7 @@ class ConfigTable(Table):
     record: Annotated[RecordTable, NOT_IN_CONFIG_ID] = RecordTable()
     topics: Annotated[TopicsTable, NOT_IN_CONFIG_ID] = TopicsTable()
     probe: Annotated[keys.Many[ProbeTable], SiAttribute("probes")] = ()
+    known_point: Annotated[keys.Many[KnownPointTable], NOT_IN_CONFIG_ID] = ()
     landmark: keys.Many[LiveLandmarkTable] = ()
     live_calibration: Annotated[LiveCalibrationTable, SiAttribute("live")] = LiveCalibrationTable()
     markers: StationMarkersTable | None = None
@@ -357,27 +364,53 @@ class ConfigTable(Table):
         return self
 
 
-def probes_from(tables: tuple[ProbeTable, ...], camera: Camera) -> tuple[Probe, ...]:
+def probes_from(tables: tuple[ProbeTable, ...], camera: Camera, points: Mapping[str, KnownPoint]) -> tuple[Probe, ...]:
     """The configured probes.
 
+    Args:
+        tables: Of the probes.
+        camera: In whose image fixed pixels must lie.
+        points: Surveyed points by name, whose heights count from the measured plane.
+
     Raises:
-        ConfigError: A name twice, a fixed pixel outside the camera's image, or a probe on top of what is no height.
+        ConfigError: A name twice, a fixed pixel outside the camera's image, an unknown surveyed point, or a probe on
+            top of what is no height.
     """
     names = [table.name for table in tables]
-    right_px, bottom_px = camera.width_px + _EDGE_PX, camera.height_px + _EDGE_PX
     for index, table in enumerate(tables):
         if table.name in names[:index]:
             raise ConfigError(f"probe[{index}].name", got=f'"{table.name}" again', expected="a name of its own")
-        for u, v in table.pixels or ():
-            if not (_EDGE_PX <= u <= right_px and _EDGE_PX <= v <= bottom_px):
-                raise ConfigError(
-                    f'probe "{table.name}" lies outside the image',
-                    got=f"pixel ({u:g}, {v:g})",
-                    expected=f"within (-0.5, -0.5) to ({right_px:g}, {bottom_px:g}) of {camera.name}",
-                )
         if table.on_top_of is not None:
             _check_object(table.on_top_of, tables, f"probe[{index}].on_top_of")
-    return tuple(si_value(Probe, table, source=_source(table)) for table in tables)
+    probes = tuple(_probe(table, points) for table in tables)
+    for probe in probes:
+        _check_in_image(probe, camera)
+    return probes
+
+
+def _probe(table: ProbeTable, points: Mapping[str, KnownPoint]) -> Probe:
+    """A probe of its table, with pixels and heights of the surveyed points that it names."""
+    if table.pixels is None:
+        return si_value(Probe, table, source=_source(table))
+    stated = table.elevation_m, table.elevation_std_m
+    try:
+        ends = [probe_end(end, points) for end in table.pixels]
+        pixels, elevation_m, std_m = at_own_heights(ProbeKind(table.kind), ends, *stated)
+    except UsageError as error:
+        got, expected = error.got, error.expected
+        raise ConfigError(f'probe "{table.name}": {error.what}', got=got, expected=expected) from None
+    return si_value(Probe, table, source=_source(table), pixels=pixels, elevation_m=elevation_m, elevation_std_m=std_m)
+
+
+def _check_in_image(probe: Probe, camera: Camera) -> None:
+    right_px, bottom_px = camera.width_px + _EDGE_PX, camera.height_px + _EDGE_PX
+    for u, v in probe.pixels:
+        if not (_EDGE_PX <= u <= right_px and _EDGE_PX <= v <= bottom_px):
+            raise ConfigError(
+                f'probe "{probe.name}" lies outside the image',
+                got=f"pixel ({u:g}, {v:g})",
+                expected=f"within (-0.5, -0.5) to ({right_px:g}, {bottom_px:g}) of {camera.name}",
+            )
 
 
 def _source(table: ProbeTable) -> PixelSource:

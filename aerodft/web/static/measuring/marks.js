@@ -1,6 +1,6 @@
 // What people measure: marks in the image, the one that is being made, and their numbers.
 
-import { heightsOf, labelText, quality, samplingText, valueText } from "./words.js";
+import { endsOf, heightsOf, labelText, quality, samplingText, valueText } from "./words.js";
 
 export const KINDS = { // the key, and what to do; how many points, and whether they are closed, is the program's to say
   width: { key: "w", help: "Click two banks." },
@@ -144,6 +144,6 @@ export class Marks {
   }
 }
 
-export const probeOf = (mark) => ({ kind: mark.kind, pixels: mark.points, name: mark.name, ...heightsOf(mark) });
+export const probeOf = (mark) => ({ kind: mark.kind, pixels: endsOf(mark), name: mark.name, ...heightsOf(mark) });
 
 const refusal = (text) => ({ status: "", reasons: [text], value: null, pixels: [] });

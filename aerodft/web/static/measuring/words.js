@@ -116,8 +116,16 @@ export const handText = (text) => (matchMedia("(pointer: coarse)").matches // fi
 
 // ---- what is typed
 
-export function heightsOf({ heights = {} }) { // one number, or one for each point; null for what is no number
-  const numbers = (text) => text.split(/[\s;]+/).filter(Boolean).map((word) => Number(word.replace(/,$/, "").replace(",", ".")));
+const typedWords = (text = "") => text.split(/[\s;]+/).filter(Boolean).map((word) => word.replace(/,$/, ""));
+const isPointName = (word = "") => word.startsWith("@"); // of a surveyed point, which has the height
+
+export const endsOf = ({ points, heights = {} }) => { // pixels; "u,v@NAME" where a surveyed point's name is typed for a height
+  const words = typedWords(heights.elevation_m);
+  return points.map(([u, v], at) => (isPointName(words[at]) ? `${u},${v}${words[at]}` : [u, v]));
+};
+
+export function heightsOf({ heights = {} }) { // one number, or one for each point without a name; null for what is no number
+  const numbers = (text) => typedWords(text).filter((word) => !isPointName(word)).map((word) => Number(word.replace(",", ".")));
   return Object.fromEntries(Object.entries(heights).map(([key, text]) => [key, numbers(text)])
     .filter(([, several]) => several.length).map(([key, several]) => [key, several.length > 1 ? several : several[0]]));
 }
@@ -125,7 +133,7 @@ export function heightsOf({ heights = {} }) { // one number, or one for each poi
 // ---- what is taken along
 
 export function copyText(form, mark, units) {
-  const { name, kind, found, points } = mark;
+  const { name, kind, found } = mark;
   if (form === "json") {
     const { budget, advice, command, geojson, ...measurement } = found;
     return JSON.stringify(measurement, null, 2);
@@ -133,7 +141,7 @@ export function copyText(form, mark, units) {
   if (form === "command") return found.command;
   if (form === "geojson") return found.geojson || "Nobody knows where on the map this is: the pose has no place.";
   if (form === "text") return `${name}: ${valueText(found, units)}`;
-  const pixels = points.map(([u, v]) => `[${u}, ${v}]`).join(", ");
+  const pixels = endsOf(mark).map((end) => (typeof end === "string" ? JSON.stringify(end) : `[${end.join(", ")}]`)).join(", ");
   const heights = Object.entries(heightsOf(mark)).map(([key, value]) => `${key} = ${JSON.stringify(value)}\n`).join("");
   return `[[probe]]\nname = "${name}"\nkind = "${kind}"\npixels = [${pixels}]\n${heights}`;
 }

@@ -44,7 +44,7 @@ from aerodft.model import (
 )
 from aerodft.service.gimbal_sources import GIMBAL_SOURCES
 from aerodft.service.settings import HealthSettings
-from aerodft.service.streams import Stream
+from aerodft.service.streams import Stream, TelemetryPart
 
 _WARNING_FRACTION: Final = 0.8  # of the largest test ratio
 
@@ -267,7 +267,7 @@ _TRACK_NAMES: Final = {
 }
 
 
-class HealthSources:
+class HealthSources(TelemetryPart):
     """Health reports of a vehicle, and the stamps of its latest telemetry of each kind."""
 
     def __init__(self, settings: HealthSettings) -> None:

@@ -3,15 +3,16 @@
 Values are interpolated between two samples: never across a gap, never outside the samples.
 """
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, TypeVar
+from typing import Final, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from aerodft.conventions import SECOND_NS
-from aerodft.model import Batch, BoolArray, FloatArray, IntArray
+from aerodft.model import Batch, BoolArray, FloatArray, IntArray, Track
 
 _Number = TypeVar("_Number", np.float64, np.int64)
 
@@ -42,6 +43,35 @@ class Brackets(Batch):
         """Values ``(m,)`` interpolated linearly at the stamps."""
         before, after = self.ends(values)
         return np.asarray(before + self.weight * (after - before))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Query(Batch):
+    """``n`` stamps at which telemetry is asked for, each as of a tick.
+
+    Attributes:
+        stamps_ns: ``(n,)`` UTC.
+        ticks: ``(n,)`` ticks as of which samples are known.
+        watermark_ns: ``(n,)`` newest stamp of any stream: once past the stamp, and past a stream's last sample by more
+            than its longest gap, nothing is pending any more.
+    """
+
+    stamps_ns: IntArray
+    ticks: IntArray
+    watermark_ns: IntArray
+
+    @classmethod
+    def final(cls, stamps_ns: IntArray, ticks: IntArray) -> Self:
+        """Stamps ``(n,)`` as of ticks ``(n,)`` for which nothing more is waited for."""
+        return cls(stamps_ns, ticks, np.full(len(stamps_ns), END_OF_TIME))
+
+    def __len__(self) -> int:
+        """``n``."""
+        return len(self.stamps_ns)
+
+    def at(self, stamps_ns: IntArray) -> "Query":
+        """The same ticks and watermarks, at other stamps ``(n,)``."""
+        return Query(stamps_ns, self.ticks, self.watermark_ns)
 
 
 def brackets(
@@ -205,21 +235,16 @@ class Stream:
         """Whether there was a sample at or before each stamp ``(n,)``."""
         return np.full(len(stamps_ns), False) if self._first_ns is None else stamps_ns >= self._first_ns
 
-    def find(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[Brackets, IntArray]:
+    def find(self, query: Query) -> tuple[Brackets, IntArray]:
         """Find the two samples around each stamp.
-
-        Args:
-            stamps_ns: ``(n,)`` UTC.
-            ticks: ``(n,)`` ticks as of which samples are known.
-            watermark_ns: ``(n,)`` newest stamp of any stream: once past the stamp, and past the last sample by more
-                than the longest gap, nothing is pending any more.
 
         Returns:
             Brackets of rows of ``column``, and ``Missing`` ``(n,)``.
         """
-        first, end = self.rows_known_at(ticks)
+        stamps_ns, watermark_ns = query.stamps_ns, query.watermark_ns
+        first, end = self.rows_known_at(query.ticks)
         found = brackets(self.stamps_ns, stamps_ns, self.max_gap_ns, (first, end))
-        newest_ns, is_any = self.newest_ns(ticks), end > first
+        newest_ns, is_any = self.newest_ns(query.ticks), end > first
         never_or_stale = np.where(self.began_by(stamps_ns), Missing.STALE, Missing.NEVER)
         is_over = (watermark_ns >= stamps_ns) & (~is_any | (watermark_ns - newest_ns > self.max_gap_ns))
         is_pending = ~(is_any & (newest_ns >= stamps_ns)) & ~is_over
@@ -257,3 +282,38 @@ class Stream:
                 column[:kept] = self._columns[name][rows]
             self._columns[name] = column
         self._stamps, self._start, self._stop = stamps, 0, kept
+
+
+class TelemetryPart(Protocol):
+    """What a pose source keeps of some of a vehicle's tracks: streams, appended in steps of one or more ticks."""
+
+    def pose_streams(self) -> tuple[Stream, ...]:
+        """Streams that poses are computed from: they make the watermark. None, where poses are but checked by them."""
+        return ()
+
+    @abstractmethod
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams."""
+
+    @abstractmethod
+    def may_append_ticks(self, track: Track) -> bool:
+        """Whether a track of several ticks may be appended at once."""
+
+    @abstractmethod
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Append a track of a step, as ``Stream.append``; tracks that are of no use here are ignored."""
+
+    def commit(self) -> None:
+        """End the step."""
+        for stream in self.streams():
+            stream.commit()
+
+    def clear(self) -> None:
+        """Remove all samples: their stamps are of another boot."""
+        for stream in self.streams():
+            stream.clear()
+
+    def shift(self, by_ns: int) -> None:
+        """Shift all stamps: the clock map has changed."""
+        for stream in self.streams():
+            stream.shift(by_ns)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aerodft.service import LAST
-from aerodft.service.streams import END_OF_TIME, HISTORY_NS, Missing, Stream
+from aerodft.service.streams import END_OF_TIME, HISTORY_NS, Missing, Query, Stream
 
 GAP = 1000
 CHUNKS = st.lists(st.lists(st.integers(0, 3000), max_size=12), max_size=25)
@@ -31,7 +31,7 @@ def append(stream, stamps, row_end_by_tick=None):
 
 def why(stream, stamp, watermark):
     """Why there is no value, as of the last tick."""
-    found, missing = stream.find(np.array([stamp]), LAST, np.array([watermark]))
+    found, missing = stream.find(Query(np.array([stamp]), LAST, np.array([watermark])))
     assert found.is_known.tolist() == [missing[0] == Missing.NOTHING]
     return Missing(missing[0])
 
@@ -81,8 +81,8 @@ def test_it_does_not_matter_how_ticks_are_put_into_steps(ticks, data):
             asked = unit * np.arange(-1, 302)
             same = np.full(len(asked), number)
             newest = np.maximum(together.newest_ns(same), 0)
-            found, missing = together.find(asked, same, newest)
-            own, own_missing = alone.find(asked, LAST.repeat(len(asked)), newest)
+            found, missing = together.find(Query(asked, same, newest))
+            own, own_missing = alone.find(Query(asked, LAST.repeat(len(asked)), newest))
             assert newest[0] == alone.newest_ns(LAST)[0]
             if has_begun:  # what begins is taken in on a tick of its own
                 np.testing.assert_array_equal(missing, own_missing)
@@ -119,7 +119,7 @@ def test_memory_stays_near_what_the_history_holds():
 
 def test_between_two_samples_there_is_a_value():
     stream = stream_of(1000, 1400)
-    found, missing = stream.find(np.array([1100]), LAST, np.array([1400]))
+    found, missing = stream.find(Query(np.array([1100]), LAST, np.array([1400])))
     assert (missing.tolist(), found.is_known.tolist()) == ([Missing.NOTHING], [True])
     numbers = found.before, found.after, found.weight, found.gap_ns
     assert [each.tolist() for each in numbers] == [[0], [1], [0.25], [400]]
@@ -167,7 +167,7 @@ def test_clearing_a_stream_that_never_had_samples_changes_nothing():
 def test_age_is_the_distance_to_the_nearer_sample():
     stream = filled([[1_000_000_000, 1_400_000_000]], gap=10**9)
     stamps = np.array([1_000_000_000, 1_100_000_000, 1_350_000_000])
-    found, _ = stream.find(stamps, LAST.repeat(3), np.full(3, END_OF_TIME))
+    found, _ = stream.find(Query.final(stamps, LAST.repeat(3)))
     assert stream.ages_s(stamps, found) == pytest.approx([0.0, 0.1, 0.05])
 
 
@@ -180,7 +180,7 @@ def test_what_was_found_stays_whatever_comes_later(stamps, stamp):
     for value in stamps:
         stream.commit()
         append(stream, np.array([value]))
-        found, missing = stream.find(np.array([stamp]), LAST, np.array([value]))
+        found, missing = stream.find(Query(np.array([stamp]), LAST, np.array([value])))
         if missing[0] != Missing.PENDING:
             is_known = missing[0] == Missing.NOTHING
             answers.append(float(stream.column("value")[found.after[0]]) if is_known else Missing(missing[0]))

@@ -33,7 +33,7 @@ from aerodft.service.attitude.slew import Demands, demands_before
 from aerodft.service.batches import tick_after
 from aerodft.service.gimbal_sources import is_own_statement
 from aerodft.service.settings import AttitudeSettings
-from aerodft.service.streams import LAST, Brackets, Missing, Stream
+from aerodft.service.streams import LAST, Brackets, Missing, Query, Stream, TelemetryPart
 
 _MAX_PENDING_NS: Final = 10 * SECOND_NS  # of reports that wait for a query of their frame
 _MIN_REPORTS: Final = 100
@@ -298,7 +298,7 @@ def _settings_of(source: GimbalSource, settings: AttitudeSettings) -> AttitudeSe
     return replace(settings, frame=frame, axes=axes, is_demand=False, delay_ns=0)
 
 
-class AttitudeSources:
+class AttitudeSources(TelemetryPart):
     """Attitude streams of the vehicle and its gimbals."""
 
     def __init__(self, settings: AttitudeSettings) -> None:
@@ -314,9 +314,13 @@ class AttitudeSources:
         self._gimbal_types: dict[str, int] = {}  # by message
         self._axes = settings.axes
 
-    def streams(self) -> tuple[Stream, ...]:
-        """All streams, for the watermark."""
+    def pose_streams(self) -> tuple[Stream, ...]:
+        """Streams of the vehicle's and the gimbals' attitudes."""
         return (self._vehicle, *(gimbal.stream for gimbal in self._gimbals.values()))
+
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams."""
+        return (*self.pose_streams(), self._heading)
 
     def clear(self) -> None:
         """Remove all samples, and the evidence on the gimbals: they are of another boot or vehicle."""
@@ -378,10 +382,10 @@ class AttitudeSources:
             for source, evidence in self.evidence().items()
         }
 
-    def vehicle_at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> tuple[FloatArray, IntArray]:
+    def vehicle_at(self, query: Query) -> tuple[FloatArray, IntArray]:
         """``ned_SO3_body (n, 4)`` at stamps, NaN where missing, and ``Missing`` ``(n,)``."""
-        found, missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
-        wxyz = np.full((len(stamps_ns), 4), np.nan)
+        found, missing = self._vehicle.find(query)
+        wxyz = np.full((len(query), 4), np.nan)
         rows = np.flatnonzero(missing == Missing.NOTHING)
         if len(rows):
             known = found.rows(rows)
@@ -397,39 +401,37 @@ class AttitudeSources:
             wxyz[known] = self._vehicle.column("wxyz")[rows[known]]
         return wxyz
 
-    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> AttitudeBatch:
-        """The camera's attitudes at stamps ``(n,)``; arguments as in ``Stream.find``."""
-        batch = AttitudeBatch.missing_all(len(stamps_ns))
-        left = np.arange(len(stamps_ns))
+    def at(self, query: Query) -> AttitudeBatch:
+        """The camera's attitudes ``(n,)``."""
+        batch = AttitudeBatch.missing_all(len(query))
+        left = np.arange(len(query))
         for source in self._settings.order:
             if not len(left):
                 break
-            missing, attitudes = self._source_at(source, batch, left, stamps_ns[left], ticks[left], watermark_ns[left])
+            missing, attitudes = self._source_at(source, batch, left, query.rows(left))
             for rows, values in attitudes:
                 batch = batch.put(left[rows], values)
             keeps = (missing == Missing.NEVER) & (batch.missing[left] == Missing.STALE)
             batch.missing[left] = np.where(keeps, Missing.STALE, missing)
             left = left[np.isin(missing, (Missing.STALE, Missing.NEVER))]
-        self._hold_against_others(batch, stamps_ns, ticks, watermark_ns)
-        batch.heading_std_rad[:] = self._heading_doubts(stamps_ns, ticks, watermark_ns)
+        self._hold_against_others(batch, query)
+        batch.heading_std_rad[:] = self._heading_doubts(query)
         return batch
 
-    def _heading_doubts(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> FloatArray:
+    def _heading_doubts(self, query: Query) -> FloatArray:
         """Standard deviations ``(n,)`` that cover the vehicle's heading by its attitude and by another message."""
-        last = self._heading.last_before(stamps_ns, ticks)
+        last = self._heading.last_before(query.stamps_ns, query.ticks)
         if not np.any(last >= 0):
-            return np.zeros(len(stamps_ns))
+            return np.zeros(len(query))
         at_ns = self._heading.stamps_ns[np.maximum(last, 0)]
-        wxyz, missing = self.vehicle_at(at_ns, ticks, watermark_ns)
-        is_both = (last >= 0) & (stamps_ns - at_ns <= self._settings.max_gap_ns) & (missing == Missing.NOTHING)
+        wxyz, missing = self.vehicle_at(query.at(at_ns))
+        is_both = (last >= 0) & (query.stamps_ns - at_ns <= self._settings.max_gap_ns) & (missing == Missing.NOTHING)
         heading_rad = self._heading.column("heading_rad")[np.maximum(last, 0)]
-        difference_rad = np.zeros(len(stamps_ns))
+        difference_rad = np.zeros(len(query))
         difference_rad[is_both] = yaw_pitch_roll(wxyz[is_both])[0] - heading_rad[is_both]
         return heading_doubts(difference_rad, self._settings)
 
-    def _hold_against_others(
-        self, batch: AttitudeBatch, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray
-    ) -> None:
+    def _hold_against_others(self, batch: AttitudeBatch, query: Query) -> None:
         """Refuse attitudes that another gimbal source contradicts; widen those from which it differs by less.
 
         The two are compared at the other source's last sample up to the stamp, so that none is waited for.
@@ -442,23 +444,21 @@ class AttitudeSources:
         for number, source in enumerate(reporting):
             for other in (each for each in reporting if each is not source):
                 stream = self._gimbals[other].stream
-                last = stream.last_before(stamps_ns, ticks)
+                last = stream.last_before(query.stamps_ns, query.ticks)
                 at_ns = stream.stamps_ns[np.maximum(last, 0)]
-                is_fresh = (last >= 0) & (stamps_ns - at_ns <= self._settings.max_gap_ns)
-                is_fresh &= last - stream.rows_known_at(ticks)[0] >= _MIN_REPORTS_TO_CONTRADICT
+                is_fresh = (last >= 0) & (query.stamps_ns - at_ns <= self._settings.max_gap_ns)
+                is_fresh &= last - stream.rows_known_at(query.ticks)[0] >= _MIN_REPORTS_TO_CONTRADICT
                 rows = np.flatnonzero((used_index == number) & is_fresh & (batch.missing == Missing.NOTHING))
                 if len(rows):
-                    query = at_ns[rows], ticks[rows], watermark_ns[rows]
+                    both = query.at(at_ns).rows(rows)
                     self._compare(
-                        batch, rows, (source, self._of_source(source, *query)), (other, self._of_source(other, *query))
+                        batch, rows, (source, self._of_source(source, both)), (other, self._of_source(other, both))
                     )
 
-    def _of_source(
-        self, source: GimbalSource, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray
-    ) -> AttitudeBatch:
-        """Attitudes of one source at stamps ``(n,)``."""
-        batch = AttitudeBatch.missing_all(len(stamps_ns))
-        missing, attitudes = self._source_at(source, batch, np.arange(len(stamps_ns)), stamps_ns, ticks, watermark_ns)
+    def _of_source(self, source: GimbalSource, query: Query) -> AttitudeBatch:
+        """Attitudes ``(n,)`` of one source."""
+        batch = AttitudeBatch.missing_all(len(query))
+        missing, attitudes = self._source_at(source, batch, np.arange(len(query)), query)
         for rows, values in attitudes:
             batch = batch.put(rows, values)
         batch.missing[:] = missing
@@ -488,28 +488,24 @@ class AttitudeSources:
         batch.report_std_rad[own[wider]] = np.hypot(batch.report_std_rad[own[wider]], found.rotation_rad[wider])
 
     def _source_at(
-        self,
-        source: GimbalSource,
-        batch: AttitudeBatch,
-        batch_rows: IntArray,
-        stamps_ns: IntArray,
-        ticks: IntArray,
-        watermark_ns: IntArray,
+        self, source: GimbalSource, batch: AttitudeBatch, batch_rows: IntArray, query: Query
     ) -> tuple[IntArray, Iterator[tuple[IntArray, AttitudeBatch]]]:
         """``Missing (n,)`` of a source at stamps, and the rows and attitudes that it has."""
-        vehicle, vehicle_missing = self._vehicle.find(stamps_ns, ticks, watermark_ns)
+        vehicle, vehicle_missing = self._vehicle.find(query)
         if source == GimbalSource.FIXED_MOUNT:
             if self._settings.fixed_mount is None:
                 vehicle_missing = np.where(vehicle_missing == Missing.NOTHING, Missing.NEVER, vehicle_missing)
             rows = np.flatnonzero(vehicle_missing == Missing.NOTHING)
-            return vehicle_missing, self._from_fixed_mount(source, rows, stamps_ns, vehicle) if len(rows) else iter(())
+            return vehicle_missing, self._from_fixed_mount(source, rows, query.stamps_ns, vehicle) if len(
+                rows
+            ) else iter(())
         gimbal, configured = self._gimbals[source], _settings_of(source, self._settings).frame
-        found, missing = gimbal.stream.find(stamps_ns, ticks, watermark_ns)
+        found, missing = gimbal.stream.find(query)
         rows = np.flatnonzero(missing == Missing.NOTHING)
         if not len(rows):
             return missing, iter(())
         body_missing = vehicle_missing[rows]
-        evidences, evidence_index = gimbal.evidence_at(self._vehicle, ticks[rows])
+        evidences, evidence_index = gimbal.evidence_at(self._vehicle, query.ticks[rows])
         before, after = found.rows(rows).ends(gimbal.stream.column("yaw_in_earth"))
         frames = [configured or evidence.frame or ReportFrame.EARTH for evidence in evidences]
         is_against_earth = np.array([frame is ReportFrame.EARTH for frame in frames])[evidence_index] & (before > 0)
@@ -522,8 +518,8 @@ class AttitudeSources:
         for row in np.flatnonzero(missing[rows] == Missing.REFUSED).tolist():
             batch.refusals[int(batch_rows[rows[row]])] = refusals[evidence_index[row]] or ""
         rows = rows[missing[rows] == Missing.NOTHING]
-        query = GimbalQuery(stamps_ns[rows], ticks[rows], found.rows(rows), vehicle.rows(rows))
-        return missing, self._from_gimbal(source, rows, query) if len(rows) else iter(())
+        of_gimbal = GimbalQuery(query.stamps_ns[rows], query.ticks[rows], found.rows(rows), vehicle.rows(rows))
+        return missing, self._from_gimbal(source, rows, of_gimbal) if len(rows) else iter(())
 
     def _from_gimbal(
         self, source: GimbalSource, rows: IntArray, query: GimbalQuery

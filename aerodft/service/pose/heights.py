@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from aerodft.service.pose.home_checks import (
     HomeChecks,
 )
 from aerodft.service.pose.surface_checks import CREDIBLE, ERRATIC, SCATTERED, STUCK, SurfaceChecks
-from aerodft.service.streams import END_OF_TIME, LAST, Brackets, Missing, Stream
+from aerodft.service.streams import END_OF_TIME, LAST, Brackets, Missing, Query, Stream, TelemetryPart
 
 
 class VerticalAccuracy:
@@ -73,7 +73,7 @@ class VerticalAccuracy:
         return np.where(rows >= 0, self.stream.column("std_m")[rows], self._before_m)
 
 
-VehicleAt: TypeAlias = Callable[[IntArray, IntArray, IntArray], tuple[FloatArray, IntArray]]
+VehicleAt: TypeAlias = Callable[[Query], tuple[FloatArray, IntArray]]
 """``ned_SO3_body (n, 4)`` and ``Missing (n,)`` from stamps, ticks and watermarks ``(n,)``."""
 
 _MAX_CLIMB_MPS: Final = 10.0  # faster between two samples is a step
@@ -127,15 +127,6 @@ class HeightBatch(Batch):
         return replace(Batch.rows(self, rows), reasons=sentences[0], refusals=sentences[1])
 
 
-class _Query(NamedTuple):
-    """Stamps ``(n,)``, ticks as of which, the vehicle's attitude, and the elevation of the ground below ``(n,)``."""
-
-    stamps_ns: IntArray
-    ticks: IntArray
-    vehicle_at: VehicleAt
-    ground_m: FloatArray
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _SourceHeights:
     """Heights of one source at ``n`` stamps, as in ``HeightBatch``.
@@ -156,7 +147,7 @@ class _SourceHeights:
     remarks: dict[int, tuple[str, ...]]
 
 
-class HeightSources:
+class HeightSources(TelemetryPart):
     """Streams of all height sources in a station's order.
 
     Args:
@@ -180,13 +171,13 @@ class HeightSources:
             if not HEIGHT_SOURCES[source].is_above_home
         }
 
-    def streams(self) -> tuple[Stream, ...]:
-        """Streams of the sources, for the watermark."""
+    def pose_streams(self) -> tuple[Stream, ...]:
+        """Streams of the sources."""
         return tuple(self._streams.values())
 
-    def checks(self) -> tuple[Stream, ...]:
-        """Streams that do not count for the watermark."""
-        return (self._gps_accuracy.stream, *self._home.streams())
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams: also those that the sources are held against."""
+        return (*self.pose_streams(), self._gps_accuracy.stream, *self._home.streams())
 
     def may_append_ticks(self, track: Track) -> bool:
         """Whether a track of several ticks may be appended at once."""
@@ -252,34 +243,29 @@ class HeightSources:
 
     def at(
         self,
-        stamps_ns: IntArray,
-        ticks: IntArray,
-        watermark_ns: IntArray,
+        query: Query,
         vehicle_at: VehicleAt,
         lat_lon_rad: FloatArray,
         ground_m: FloatArray | None = None,
     ) -> HeightBatch:
-        """Heights at stamps.
+        """Heights ``(n,)``.
 
         Args:
-            stamps_ns: ``(n,)`` UTC.
-            ticks: ``(n,)`` as in ``Stream.find``.
-            watermark_ns: ``(n,)`` as in ``Stream.find``.
+            query: When, and as of which ticks.
             vehicle_at: The vehicle's attitude, for slant ranges along its down axis.
             lat_lon_rad: ``(n, 2)`` the vehicle's position, for its distance to the places of reports; NaN if unknown.
             ground_m: ``(n,)`` elevation of the ground below the vehicle, by which heights above home and above the
                 surface differ; NaN if unknown, None for the level plane.
         """
-        self.check(lambda stamps_ns, ticks: vehicle_at(stamps_ns, ticks, np.full(len(ticks), END_OF_TIME))[0])
-        heights = self._missing_all(len(stamps_ns))
-        left = np.arange(len(stamps_ns))
+        self.check(lambda stamps_ns, ticks: vehicle_at(Query.final(stamps_ns, ticks))[0])
+        heights = self._missing_all(len(query))
+        left = np.arange(len(query))
         remarks: dict[int, list[str]] = {}
-        is_credible = np.full(len(stamps_ns), fill_value=False)
+        is_credible = np.full(len(query), fill_value=False)
         for source in self._settings.order:
             if not len(left):
                 break
-            query = stamps_ns[left], ticks[left], watermark_ns[left]
-            values = self._heights_of(source, *query, vehicle_at, lat_lon_rad[left])
+            values = self._heights_of(source, query.rows(left), vehicle_at, lat_lon_rad[left])
             for row in left[values.is_far].tolist():
                 limit_m = HEIGHT_SOURCES[source].max_distance_m(self._settings)
                 sentence = f"{source} is of a place more than {limit_m:g} m away, and is not taken"
@@ -290,8 +276,8 @@ class HeightSources:
             _write_values(heights, left, values, source)
             left = left[np.isin(values.missing, (Missing.STALE, Missing.NEVER, Missing.REFUSED))]
         known = np.flatnonzero(heights.missing == Missing.NOTHING)
-        ground_m = np.zeros(len(stamps_ns)) if ground_m is None else ground_m
-        differences = self._disagreements(stamps_ns, ticks, heights, known, vehicle_at, ground_m)
+        ground_m = np.zeros(len(query)) if ground_m is None else ground_m
+        differences = self._disagreements(query, heights, known, vehicle_at, ground_m)
         for row, found in differences.items():
             remarks.setdefault(row, []).extend(_remarks(found))
             if not is_credible[row]:
@@ -334,14 +320,12 @@ class HeightSources:
     def _heights_of(
         self,
         source: HeightSource,
-        stamps_ns: IntArray,
-        ticks: IntArray,
-        watermark_ns: IntArray,
+        query: Query,
         vehicle_at: VehicleAt,
         lat_lon_rad: FloatArray,
     ) -> _SourceHeights:
-        """Heights of a source at stamps ``(n,)``."""
-        count = len(stamps_ns)
+        """Heights ``(n,)`` of a source."""
+        count = len(query)
         height_m, std_m, age_s = np.full((3, count), np.nan)
         foot_m, (is_far, is_credible) = np.zeros((count, 2)), np.full((2, count), fill_value=False)
         remarks: dict[int, tuple[str, ...]] = {}
@@ -352,17 +336,17 @@ class HeightSources:
             missing = np.where(np.isnan(height_m), Missing.NEVER, Missing.NOTHING)
             return _SourceHeights(height_m, std_m, age_s, foot_m, missing, is_far, is_credible, remarks)
         stream = self._streams[source]
-        found, missing = stream.find(stamps_ns, ticks, watermark_ns)
+        found, missing = stream.find(query)
         rows = np.flatnonzero(missing == Missing.NOTHING)
         if len(rows):
             is_far[rows] = self._is_far(source, found.rows(rows), lat_lon_rad[rows])
             missing[is_far] = Missing.STALE
             rows = rows[~is_far[rows]]
-            query = stamps_ns[rows], ticks[rows]
-            vertical = self._vertical(source, found.rows(rows), *query, watermark_ns[rows], vehicle_at)
+            near = query.rows(rows)
+            vertical = self._vertical(source, found.rows(rows), near, vehicle_at)
             height_m[rows], std_m[rows], foot_m[rows], missing[rows] = vertical
-            age_s[rows] = stream.ages_s(stamps_ns[rows], found.rows(rows))
-            std_m[rows] = np.maximum(std_m[rows], self._gps_std_m(source, *query))
+            age_s[rows] = stream.ages_s(near.stamps_ns, found.rows(rows))
+            std_m[rows] = np.maximum(std_m[rows], self._gps_std_m(source, near))
             known = np.flatnonzero(missing[rows] == Missing.NOTHING)
             rows, ends = rows[known], found.rows(rows[known])
             judge = self._judge_home if HEIGHT_SOURCES[source].is_above_home else self._judge_surface
@@ -422,34 +406,28 @@ class HeightSources:
     def _stated_std_m(self, source: HeightSource) -> float:
         return self._settings.std_m.get(source, HEIGHT_SOURCES[source].std_m)
 
-    def _gps_std_m(self, source: HeightSource, stamps_ns: IntArray, ticks: IntArray) -> FloatArray:
+    def _gps_std_m(self, source: HeightSource, query: Query) -> FloatArray:
         """Vertical accuracy ``(n,)`` by GPS for a source above home; else 0."""
         is_above_home = HEIGHT_SOURCES[source].is_above_home
-        return self._gps_accuracy.std_m(stamps_ns, ticks) if is_above_home else np.zeros(len(stamps_ns))
+        return self._gps_accuracy.std_m(query.stamps_ns, query.ticks) if is_above_home else np.zeros(len(query))
 
     def _vertical(
-        self,
-        source: HeightSource,
-        found: Brackets,
-        stamps_ns: IntArray,
-        ticks: IntArray,
-        watermark_ns: IntArray,
-        vehicle_at: VehicleAt,
+        self, source: HeightSource, found: Brackets, query: Query, vehicle_at: VehicleAt
     ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Vertical heights ``(n,)`` between two samples, their std, feet ``(n, 2)``, and ``Missing``.
 
         Each slant range is rotated by the vehicle's attitude at its own time (at the stamp where that is unknown), so
         that over level ground a swaying vehicle keeps its height.
         """
-        stream, count = self._streams[source], len(stamps_ns)
+        stream, count = self._streams[source], len(query)
         values_m, std_m = stream.column("value_m"), self._std_m(source, found)
         missing, foot_m = np.full(count, int(Missing.NOTHING)), np.zeros((count, 2))
         if not np.any(stream.column("slant")[found.before]):
             return found.linear(values_m), std_m, foot_m, missing
-        at_stamp, missing = vehicle_at(stamps_ns, ticks, watermark_ns)
+        at_stamp, missing = vehicle_at(query)
         slant_vectors = []
         for ends in (found.before, found.after):
-            at_sample, lacks = vehicle_at(stream.stamps_ns[ends], ticks, watermark_ns)
+            at_sample, lacks = vehicle_at(query.at(stream.stamps_ns[ends]))
             missing = np.where((missing == Missing.NOTHING) & (lacks == Missing.PENDING), lacks, missing)
             attitude = np.where((lacks == Missing.NOTHING)[:, None], at_sample, at_stamp)
             slant_vectors.append(values_m[ends, None] * matrix(attitude)[:, :, 2])
@@ -490,8 +468,7 @@ class HeightSources:
 
     def _disagreements(
         self,
-        stamps_ns: IntArray,
-        ticks: IntArray,
+        query: Query,
         heights: HeightBatch,
         known: IntArray,
         vehicle_at: VehicleAt,
@@ -504,8 +481,8 @@ class HeightSources:
             for other, stream in self._streams.items():
                 if other == source or stream.is_empty or not len(rows):
                     continue
-                query = _Query(stamps_ns[rows], ticks[rows], vehicle_at, ground_m[rows])
-                for row, found in self._differences(source, other, query, only_disagreeing=True):
+                pair, own = (source, other), query.rows(rows)
+                for row, found in self._differences(pair, own, vehicle_at, ground_m[rows], only_disagreeing=True):
                     disagreeing.setdefault(int(rows[row]), []).append(found)
         return disagreeing
 
@@ -526,37 +503,41 @@ class HeightSources:
         max_age_ns: int | None = None,
     ) -> HeightDifference | None:
         """Difference at one stamp as of a tick ``(1,)``; None if unknown."""
-        query = _Query(np.array([stamp_ns]), tick, vehicle_at, np.zeros(1))
-        found = self._differences(source, other, query, max_age_ns=max_age_ns)
+        query = Query.final(np.array([stamp_ns]), tick)
+        found = self._differences((source, other), query, vehicle_at, np.zeros(1), max_age_ns=max_age_ns)
         return found[0][1] if found else None
 
     def _differences(
         self,
-        source: HeightSource,
-        other: HeightSource,
-        query: _Query,
+        pair: tuple[HeightSource, HeightSource],
+        query: Query,
+        vehicle_at: VehicleAt,
+        ground_m: FloatArray,
         *,
         max_age_ns: int | None = None,
         only_disagreeing: bool = False,
     ) -> list[tuple[int, HeightDifference]]:
-        """Differences ``other`` minus ``source`` at the last report of ``other`` before each stamp ``(n,)``, by row.
+        """Differences ``other`` minus ``source`` of a pair at the last report of ``other`` before each stamp, by row.
+
+        ``ground_m (n,)`` is the elevation of the ground below the vehicle.
 
         Rows are left out where that report is too old, or where ``source`` is missing at its time; with
         ``only_disagreeing`` also where one of the two is not believed.
         """
-        stamps_ns, ticks, vehicle_at, ground_m = query
+        (source, other), stamps_ns, ticks = pair, query.stamps_ns, query.ticks
         if source == other or other not in self._streams or self._streams[other].is_empty:
             return []
         stream = self._streams[other]
         last, limit_ns = stream.last_before(stamps_ns, ticks), stream.max_gap_ns if max_age_ns is None else max_age_ns
         rows = np.flatnonzero((last >= 0) & (stamps_ns - stream.stamps_ns[last] <= limit_ns))
-        last, ticks = last[rows], ticks[rows]
-        when_ns, end = stream.stamps_ns[last], np.full(len(rows), END_OF_TIME)
+        last = last[rows]
+        when_ns = stream.stamps_ns[last]
+        reported = Query.final(when_ns, ticks[rows])
         exact = Brackets(last, last, np.zeros(len(rows)), np.zeros_like(last), np.full(len(rows), fill_value=True))
-        other_m, other_std_m, _, other_missing = self._vertical(other, exact, when_ns, ticks, end, vehicle_at)
-        other_std_m = np.maximum(other_std_m, self._gps_std_m(other, when_ns, ticks))
+        other_m, other_std_m, _, other_missing = self._vertical(other, exact, reported, vehicle_at)
+        other_std_m = np.maximum(other_std_m, self._gps_std_m(other, reported))
         unknown_place = np.full((len(rows), 2), np.nan)
-        source_heights = self._heights_of(source, when_ns, ticks, end, vehicle_at, unknown_place)
+        source_heights = self._heights_of(source, reported, vehicle_at, unknown_place)
         source_m, std_m = source_heights.height_m, np.hypot(source_heights.std_m, other_std_m)
         source_m = source_m - HEIGHT_SOURCES[source].is_above_home * ground_m[rows]
         other_m = other_m - HEIGHT_SOURCES[other].is_above_home * ground_m[rows]

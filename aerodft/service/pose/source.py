@@ -19,10 +19,7 @@ from aerodft.model import (
     LinkTrack,
     PoseBatch,
     PoseSample,
-    PositionTrack,
-    ReceiverTrack,
     Status,
-    Track,
 )
 from aerodft.service.attitude import AttitudeSources, FrameEvidence
 from aerodft.service.clocks import ClockMap, Ticks, grouped_by_stream
@@ -32,7 +29,7 @@ from aerodft.service.pose.heights import HeightSources
 from aerodft.service.pose.vehicle_position import VehiclePositions
 from aerodft.service.pose.zoom import ZoomSources
 from aerodft.service.settings import TelemetrySettings
-from aerodft.service.streams import END_OF_TIME, LAST, Stream
+from aerodft.service.streams import END_OF_TIME, LAST, Query, Stream, TelemetryPart
 
 _PLACEHOLDER: Final = PoseSample(stamp_ns=0, status=Status.NO_TELEMETRY)  # of poses that are pending
 _SKIPPED: Final = "the vehicle's UTC jumped ahead: it never said this time"
@@ -75,6 +72,8 @@ class PoseSource:
         self._vehicle_position = VehiclePositions(settings.height, origin, settings.attitude.std.horizontal_m)
         self._health = HealthSources(settings.health)
         self._zoom = None if camera is None else ZoomSources(settings.zoom, camera)
+        parts = self._attitude, self._height, self._health, self._vehicle_position, self._zoom
+        self._parts: tuple[TelemetryPart, ...] = tuple(part for part in parts if part is not None)
 
     def append(self, ticks: Ticks) -> int | None:
         """Append the tracks of a step.
@@ -83,9 +82,10 @@ class PoseSource:
             Correction (ns) of UTC from earlier stamps on this machine's clock; None, without an effect, where several
             ticks must be appended one by one: a first report, or a jump of a clock. Never None for one tick.
         """
-        self._commit()
+        for part in self._parts:
+            part.commit()
         is_one = ticks.count == 1
-        if not is_one and not (self._has_origin(ticks) and all(map(self._may_append_ticks, ticks.tracks))):
+        if not is_one and not all(part.may_append_ticks(track) for track in ticks.tracks for part in self._parts):
             return None
         is_link = [isinstance(track, LinkTrack) for track in ticks.tracks]  # one row per frame: too many for the clock
         links, others = ticks.where(is_link), ticks.where([not link for link in is_link])
@@ -98,12 +98,14 @@ class PoseSource:
         if not is_one and tracks and not self._health.has_no_silence(stamps, row_ends):
             self.clock = before
             return None
-        if update.restarted:
-            self._clear()
-        elif update.shift_ns:
-            self._shift(update.shift_ns)
-        for each in grouped_by_stream(tracks, stamps, row_ends):
-            self._append_track(*each)
+        for part in self._parts:
+            if update.restarted:
+                part.clear()
+            elif update.shift_ns:
+                part.shift(update.shift_ns)
+        for rows in grouped_by_stream(tracks, stamps, row_ends):
+            for part in self._parts:
+                part.append(*rows)
         self._height.check(self._attitude.vehicle_before)
         return update.host_shift_ns
 
@@ -127,8 +129,8 @@ class PoseSource:
         matched = np.flatnonzero(~is_unsettled & ~is_pending)
         if not len(matched) and not len(refused_rows):
             return PoseBatch.repeated(_PLACEHOLDER, stamps_ns), is_pending
-        watermark_ns = np.where(is_final, END_OF_TIME, self._newest_ns(ticks))
-        inputs = self._inputs(stamps_ns[matched], ticks[matched], watermark_ns[matched], by_utc[matched])
+        query = Query(stamps_ns, ticks, np.where(is_final, END_OF_TIME, self._newest_ns(ticks)))
+        inputs = self._inputs(query.rows(matched), by_utc[matched])
         is_pending[matched] = inputs.is_pending
         whole = np.flatnonzero(inputs.is_complete & ~inputs.is_pending)
         lost = np.flatnonzero(~inputs.is_complete & ~inputs.is_pending)
@@ -141,7 +143,7 @@ class PoseSource:
         poses = PoseBatch.concatenate([*parts, PoseBatch.from_samples(why)] if why else parts)
         poses = self._health.with_verdicts(poses, ticks[rows])
         if self._zoom is not None:
-            poses, awaits_zoom = self._zoom.with_zoom(poses, ticks[rows], watermark_ns[rows])
+            poses, awaits_zoom = self._zoom.with_zoom(poses, query.rows(rows))
             is_pending[rows[awaits_zoom]] = True
         row_of = np.zeros(len(stamps_ns), dtype=np.int64)
         row_of[rows] = np.arange(len(rows))
@@ -171,14 +173,13 @@ class PoseSource:
         """Whether the gimbals that have reported may report demands, not measurements."""
         return self._attitude.demands()
 
-    def _inputs(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray, by_utc: BoolArray) -> PoseInputs:
-        """Heights, attitudes and positions at stamps ``(n,)``."""
-        query = stamps_ns, ticks, watermark_ns
-        vehicle_position, attitudes = self._vehicle_position.at(*query), self._attitude.at(*query)
+    def _inputs(self, query: Query, by_utc: BoolArray) -> PoseInputs:
+        """Heights, attitudes and positions ``(n,)``."""
+        vehicle_position, attitudes = self._vehicle_position.at(query), self._attitude.at(query)
         ground_m = None if self._ground is None else self._ground.height_at(vehicle_position.east_north_m)
         places = vehicle_position.lat_lon_alt[:, :2]
-        heights = self._height.at(*query, self._attitude.vehicle_at, places, ground_m)
-        return PoseInputs(stamps_ns, by_utc, heights, attitudes, vehicle_position)
+        heights = self._height.at(query, self._attitude.vehicle_at, places, ground_m)
+        return PoseInputs(query.stamps_ns, by_utc, heights, attitudes, vehicle_position)
 
     def _refused(self, stamp_ns: int, tick: int, by_utc: bool) -> PoseSample:  # noqa: FBT001 - a value of a column
         """The refused pose at a stamp that cannot be matched as of a tick."""
@@ -189,51 +190,9 @@ class PoseSource:
         """Whether there was any telemetry at or before stamps ``(n,)``."""
         return np.asarray(np.any([stream.began_by(stamps_ns) for stream in self._streams()], axis=0))
 
-    def _has_origin(self, ticks: Ticks) -> bool:
-        has_position = any(isinstance(track, PositionTrack) for track in ticks.tracks)
-        return self._vehicle_position.origin is not None or not has_position
-
-    def _may_append_ticks(self, track: Track) -> bool:
-        """Whether a track of several ticks may be appended at once."""
-        parts = (self._attitude, self._health, self._height, *(() if self._zoom is None else (self._zoom,)))
-        return all(part.may_append_ticks(track) for part in parts)
-
-    def _append_track(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray) -> None:
-        self._attitude.append(track, stamps_ns, row_end_by_tick)
-        self._height.append(track, stamps_ns, row_end_by_tick)
-        self._health.append(track, stamps_ns, row_end_by_tick)
-        if isinstance(track, PositionTrack) and len(stamps_ns):
-            self._vehicle_position.append(track, stamps_ns, row_end_by_tick)
-        if isinstance(track, ReceiverTrack):
-            self._vehicle_position.append_receiver(track, stamps_ns, row_end_by_tick)
-        if self._zoom is not None:
-            self._zoom.append(track, stamps_ns, row_end_by_tick)
-
-    def _commit(self) -> None:
-        """End the step."""
-        self._attitude.commit()
-        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._check_streams()):
-            stream.commit()
-
-    def _clear(self) -> None:
-        """Remove all samples: their stamps are of another boot."""
-        self._attitude.clear()
-        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._check_streams()):
-            stream.clear()
-
-    def _shift(self, by_ns: int) -> None:
-        """Shift all stamps: the clock map has changed."""
-        self._attitude.shift(by_ns)
-        for stream in (self._vehicle_position.stream, *self._height.streams(), *self._check_streams()):
-            stream.shift(by_ns)
-
-    def _check_streams(self) -> tuple[Stream, ...]:
-        """Streams that poses are checked against, not computed from."""
-        checks = (*self._height.checks(), self._vehicle_position.receiver)
-        return (*checks, *self._health.streams(), *(() if self._zoom is None else self._zoom.streams()))
-
     def _streams(self) -> tuple[Stream, ...]:
-        return (self._vehicle_position.stream, *self._attitude.streams(), *self._height.streams())
+        """Streams that poses are computed from."""
+        return tuple(stream for part in self._parts for stream in part.pose_streams())
 
     def _newest_ns(self, ticks: IntArray) -> IntArray:
         """Newest stamps of any telemetry as of ticks ``(n,)``."""

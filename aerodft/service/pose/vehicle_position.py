@@ -8,9 +8,9 @@ import numpy as np
 
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import east_north
-from aerodft.model import Batch, BoolArray, FloatArray, GeoOrigin, IntArray, PositionTrack, ReceiverTrack
+from aerodft.model import Batch, BoolArray, FloatArray, GeoOrigin, IntArray, PositionTrack, ReceiverTrack, Track
 from aerodft.service.height_sources import HeightSettings
-from aerodft.service.streams import Missing, Stream
+from aerodft.service.streams import Missing, Query, Stream, TelemetryPart
 
 CONTRADICTION_STDS: Final = 5.0
 """Combined standard deviations beyond which the receiver's position contradicts the estimator's."""
@@ -59,7 +59,7 @@ class PositionBatch(Batch):
         self.velocity_enu_mps[rows] = self.horizontal_std_m[rows] = 0.0
 
 
-class VehiclePositions:
+class VehiclePositions(TelemetryPart):
     """Stream of the vehicle's positions, and the ENU origin.
 
     Attributes:
@@ -81,8 +81,26 @@ class VehiclePositions:
         self._last_received: FloatArray | None = None
         self._home_above_plane_m = settings.home_above_plane_m
 
-    def append(self, track: PositionTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
-        """Append the positions of a step, at least one; ``row_end_by_tick`` as in ``Stream.append``."""
+    def pose_streams(self) -> tuple[Stream, ...]:
+        """The stream of positions."""
+        return (self.stream,)
+
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams: also of what positions are held against."""
+        return (self.stream, self.receiver)
+
+    def may_append_ticks(self, track: Track) -> bool:
+        """Whether a track of several ticks may be appended at once: the first position makes the origin."""
+        return self.origin is not None or not isinstance(track, PositionTrack)
+
+    def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
+        """Append positions, the vehicle's or the receiver's own, as ``Stream.append``; other tracks are ignored."""
+        if isinstance(track, PositionTrack) and len(stamps_ns):
+            self._append_positions(track, stamps_ns, row_end_by_tick)
+        elif isinstance(track, ReceiverTrack):
+            self._append_receiver(track, stamps_ns, row_end_by_tick)
+
+    def _append_positions(self, track: PositionTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None) -> None:
         columns = {name: getattr(track, name) for name in ("lat_rad", "lon_rad", "alt_msl_m", "height_home_m")}
         std_m = np.full(len(stamps_ns), np.nan) if track.std_m is None else track.std_m
         self.stream.append(stamps_ns, row_end_by_tick, **columns, std_m=std_m)
@@ -94,9 +112,9 @@ class VehiclePositions:
                 alt_msl_m=None if math.isnan(plane_m) else plane_m,
             )
 
-    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> PositionBatch:
-        """Positions and velocities at stamps ``(n,)``; arguments as in ``Stream.find``."""
-        found, missing = self.stream.find(stamps_ns, ticks, watermark_ns)
+    def at(self, query: Query) -> PositionBatch:
+        """Positions and velocities ``(n,)``."""
+        found, missing = self.stream.find(query)
         if self.origin is None:
             missing = np.where(missing == Missing.NOTHING, Missing.NEVER, missing)
         batch = PositionBatch.missing_all(missing)
@@ -120,13 +138,11 @@ class VehiclePositions:
         batch.std_m[rows] = np.maximum(*found.ends(self.stream.column("std_m")))
         is_jump = np.hypot(*step_m.T) > _MAX_CORRECTION_M + _MAX_SPEED_MPS * found.gap_ns / SECOND_NS
         batch.remove(rows[is_jump])
-        self._hold_against_receiver(batch, self.origin, stamps_ns, ticks)
+        self._hold_against_receiver(batch, self.origin, query.stamps_ns, query.ticks)
         return batch
 
-    def append_receiver(
-        self, track: ReceiverTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None
-    ) -> None:
-        """Append the receiver's positions of a step; ``row_end_by_tick`` as in ``Stream.append``.
+    def _append_receiver(self, track: ReceiverTrack, stamps_ns: IntArray, row_end_by_tick: IntArray | None) -> None:
+        """Append the receiver's positions.
 
         A position that repeats the one before to the last digit is none: receivers are noisy, and what stands still
         contradicts nobody.

@@ -22,7 +22,7 @@ from aerodft.model import (
     ZoomSource,
 )
 from aerodft.service.settings import ZoomSettings
-from aerodft.service.streams import END_OF_TIME, Missing, Stream
+from aerodft.service.streams import Missing, Query, Stream, TelemetryPart
 
 _WAIT_PERIODS: Final = 1.5  # periods to wait for a report of a live source
 _ROUNDING_FRACTION: Final = 0.002  # relative rounding error of a focal length sent in 32 bits
@@ -90,12 +90,13 @@ class FocalReports:
         ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(is_usable)])[row_end_by_tick]
         self.stream.append(stamps_ns[is_usable], ends, focal=focal[is_usable])
 
-    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> FocalBatch:
-        """Focal lengths at stamps ``(n,)``: interpolated between near reports, else the last reported.
+    def at(self, query: Query) -> FocalBatch:
+        """Focal lengths ``(n,)``: interpolated between near reports, else the last reported.
 
         A change happens at a uniformly distributed time between two reports: the mean is the line between them, the
-        variance that of a Bernoulli variable. Arguments as in ``Stream.find``.
+        variance that of a Bernoulli variable.
         """
+        stamps_ns, ticks, watermark_ns = query.stamps_ns, query.ticks, query.watermark_ns
         nan = np.full(len(stamps_ns), np.nan)
         if self.stream.is_empty:
             never = np.full(len(stamps_ns), int(Missing.NEVER))
@@ -199,14 +200,14 @@ class CameraReports:
         """Append a track of this camera from a source in the order, as ``Stream.append``."""
         self._reports[track.source].append(track, self._focal(track), stamps_ns, row_end_by_tick)
 
-    def at(self, stamps_ns: IntArray, ticks: IntArray, watermark_ns: IntArray) -> ZoomBatch:
-        """The camera's zoom at stamps ``(n,)``; arguments as in ``Stream.find``."""
-        found = ZoomBatch.of_file(len(stamps_ns))
-        left = np.arange(len(stamps_ns))
+    def at(self, query: Query) -> ZoomBatch:
+        """The camera's zoom ``(n,)``."""
+        found = ZoomBatch.of_file(len(query))
+        left = np.arange(len(query))
         for source, reports in self._reports.items():
             if not self._is_followed(source, reports) or not len(left):
                 continue
-            view = reports.at(stamps_ns[left], ticks[left], watermark_ns[left])
+            view = reports.at(query.rows(left))
             found.is_pending[left] |= view.missing == Missing.PENDING
             known = view.missing == Missing.NOTHING
             if source is not ZoomSource.CAMERA_SETTINGS or len(self._levels):
@@ -218,7 +219,9 @@ class CameraReports:
                 found.is_unknown[left[k]] = True
             left = left[view.missing != Missing.PENDING]
         left = left[~found.is_unknown[left]]
-        for row, reasons in zip(left.tolist(), self._contradictions(stamps_ns[left], ticks[left]), strict=True):
+        for row, reasons in zip(
+            left.tolist(), self._contradictions(query.stamps_ns[left], query.ticks[left]), strict=True
+        ):
             found.reasons[row] = reasons
         return found
 
@@ -266,11 +269,10 @@ class CameraReports:
         """Remarks where reports contradict the camera file, for a camera that is not zoomed at stamps ``(n,)``."""
         found: list[tuple[str, ...]] = [()] * len(stamps_ns)
         expected_rad = 2 * math.atan(1 / self._reported_focal)
-        end_ns = np.full(len(stamps_ns), END_OF_TIME)
         for source, reports in self._reports.items():
             if source is ZoomSource.CAMERA_SETTINGS:
                 continue
-            view = reports.at(stamps_ns, ticks, end_ns)
+            view = reports.at(Query.final(stamps_ns, ticks))
             reported_rad = 2 * np.arctan(1 / view.value)
             std_rad = hfov_difference_std_rad(self._settings, source, self._camera)
             differs = (view.missing == Missing.NOTHING) & (np.abs(reported_rad - expected_rad) > std_rad)
@@ -303,7 +305,7 @@ def _hfov_std_rad(settings: ZoomSettings, source: ZoomSource) -> float:
     return math.hypot(settings.hfov_std_rad, _SOURCE_STD_RAD.get(source, 0.0))
 
 
-class ZoomSources:
+class ZoomSources(TelemetryPart):
     """Zoom reports of all cameras of a vehicle.
 
     Args:
@@ -341,13 +343,12 @@ class ZoomSources:
                 ends = None if row_end_by_tick is None else np.concatenate([[0], np.cumsum(mask)])[row_end_by_tick]
                 reports.append(rows, stamps_ns[mask], ends)
 
-    def with_zoom(self, poses: PoseBatch, ticks: IntArray, watermark_ns: IntArray) -> tuple[PoseBatch, BoolArray]:
+    def with_zoom(self, poses: PoseBatch, query: Query) -> tuple[PoseBatch, BoolArray]:
         """Poses with the camera's zoom, and with remarks where reports contradict the camera file.
 
         Args:
             poses: ``(n,)``.
-            ticks: ``(n,)`` as in ``Stream.find``.
-            watermark_ns: ``(n,)`` as in ``Stream.find``.
+            query: Stamps of the poses, in their order.
 
         Returns:
             The poses, and where a relevant report is pending.
@@ -355,8 +356,7 @@ class ZoomSources:
         is_ok = poses.status == CODE_OF[Status.OK]
         if not self._cameras or not np.any(is_ok):
             return poses, np.full(len(poses), fill_value=False)
-        query = poses.stamp_ns, ticks, watermark_ns
-        found = {number: camera.at(*query) for number, camera in sorted(self._cameras.items())}
+        found = {number: camera.at(query) for number, camera in sorted(self._cameras.items())}
         is_pending = np.logical_or.reduce([zoom.is_pending for zoom in found.values()]) & is_ok
         zoom = next(iter(found.values())) if len(found) == 1 else _ambiguous_zoom(found)
         keys = [

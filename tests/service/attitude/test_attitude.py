@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from aerodft.model import GimbalSource, GimbalTrack, GimbalTypeTrack, MountAxes, ReportFrame, VehicleTrack
 from aerodft.service import LAST, AttitudeSettings, FixedMount
 from aerodft.service.attitude import GIMBAL_MOUNTS, AttitudeSources
-from aerodft.service.streams import END_OF_TIME, Missing
+from aerodft.service.streams import END_OF_TIME, Missing, Query
 
 MS, SECOND = 1_000_000, 1_000_000_000
 NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -72,7 +72,7 @@ class Sources:
 
     def at(self, stamp_ns, watermark_ns):
         """What is found at a stamp; why there is nothing; or why reports are refused."""
-        batch = self.all.at(np.array([stamp_ns]), LAST, np.array([watermark_ns]))
+        batch = self.all.at(Query(np.array([stamp_ns]), LAST, np.array([watermark_ns])))
         missing = Missing(batch.missing[0])
         if missing is Missing.REFUSED:
             return batch.refusals[0]

@@ -7,7 +7,7 @@ import numpy as np
 from aerodft.service import LAST, HeightSettings
 from aerodft.service.height_sources import HEIGHT_SOURCES
 from aerodft.service.pose.heights import HeightSources
-from aerodft.service.streams import Missing
+from aerodft.service.streams import Missing, Query
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Heights:
 
     def at(self, stamp_ns, watermark_ns, vehicle, place=(np.nan, np.nan)):
         """The height, or why there is none; the vehicle's attitude by its time, or why there is none of that."""
-        asked = np.array([stamp_ns]), LAST, np.array([watermark_ns])
-        batch = self.all.at(*asked, _by_time(vehicle), np.array([place]))
+        asked = Query(np.array([stamp_ns]), LAST, np.array([watermark_ns]))
+        batch = self.all.at(asked, _by_time(vehicle), np.array([place]))
         if batch.missing[0] != Missing.NOTHING:
             assert (batch.source.tolist(), batch.reasons) == ([-1], {})
             return Missing(batch.missing[0])
@@ -58,9 +58,9 @@ class Heights:
 
 
 def _by_time(vehicle):
-    def vehicle_at(stamps_ns, ticks, watermark_ns):
-        assert len(ticks) == len(watermark_ns) == len(stamps_ns)
-        each = [vehicle(stamp_ns) if callable(vehicle) else vehicle for stamp_ns in stamps_ns.tolist()]
+    def vehicle_at(query):
+        assert len(query.ticks) == len(query.watermark_ns) == len(query.stamps_ns)
+        each = [vehicle(stamp_ns) if callable(vehicle) else vehicle for stamp_ns in query.stamps_ns.tolist()]
         missing = [value if isinstance(value, Missing) else Missing.NOTHING for value in each]
         wxyz = [np.full(4, np.nan) if isinstance(value, Missing) else value for value in each]
         return np.array(wxyz).reshape(-1, 4), np.array(missing, dtype=np.int64)

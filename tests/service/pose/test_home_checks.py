@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import ClimbTrack, GpsTrack, HeartbeatTrack, HeightSource, LandedTrack, PositionTrack
-from aerodft.service import HEIGHT_SOURCES
-from aerodft.service.streams import END_OF_TIME, Missing
+from aerodft.service import HEIGHT_SOURCES, LAST
+from aerodft.service.streams import Missing, Query
 
 from .heights import Height, Heights
 
@@ -64,8 +64,8 @@ def level(stamps_ns, *_):
 def asked(made, times_s, vehicle_at=level):
     """Heights at times as ``Heights.at`` gives them, asked for at once."""
     stamps_ns = np.rint(np.asarray(times_s) * SECOND).astype(np.int64)
-    ticks, ends = np.full(len(stamps_ns), -1), np.full(len(stamps_ns), END_OF_TIME)
-    batch = made.all.at(stamps_ns, ticks, ends, vehicle_at, np.full((len(stamps_ns), 2), np.nan))
+    query = Query.final(stamps_ns, np.full(len(stamps_ns), -1))
+    batch = made.all.at(query, vehicle_at, np.full((len(stamps_ns), 2), np.nan))
     return [_height(batch, row) for row in range(len(stamps_ns))]
 
 
@@ -124,7 +124,7 @@ def test_the_refusal_names_both_heights_and_their_std():
     times = np.arange(0.0, 40.0, 0.2)
     made = Heights(positions(times, np.where(times < 30, 40.0, 70.0), 0.0))
     where = np.array([35 * SECOND])
-    batch = made.all.at(where, np.array([-1]), where + END_OF_TIME // 2, lambda *_: None, np.full((1, 2), np.nan))
+    batch = made.all.at(Query.final(where, LAST), lambda *_: None, np.full((1, 2), np.nan))
     (sentence,) = batch.refusals[0]
     assert sentence == (
         "home is not believed: it says 70.00 m where the vehicle's own vertical motion makes it 40.01 m, 29.99 m apart,"

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from aerodft.geometry import from_yaw_pitch_roll
 from aerodft.model import HeightSource, HeightTrack, PositionTrack
-from aerodft.service import HeightSettings
+from aerodft.service import LAST, HeightSettings
 from aerodft.service.pose.heights import HeightSources
-from aerodft.service.streams import END_OF_TIME, Missing
+from aerodft.service.streams import END_OF_TIME, Missing, Query
 
 from .heights import Heights
 from .test_home_checks import asked, climb_to, level, stamps
@@ -147,7 +147,7 @@ def test_both_wrong_is_a_refusal_that_names_both():
     height_m, climb_mps = climb_to(TIMES, 40.0)
     made = Heights(ranges(15.0), home(height_m + 30.0 * (TIMES > 35), climb_mps))
     where = np.array([round(40.05 * SECOND)])
-    batch = made.all.at(where, np.array([-1]), np.array([END_OF_TIME]), level, np.full((1, 2), np.nan))
+    batch = made.all.at(Query.final(where, LAST), level, np.full((1, 2), np.nan))
     assert batch.missing[0] == Missing.REFUSED
     assert [sentence.split(":")[0] for sentence in batch.refusals[0]] == [
         "rangefinder says 15.00 m and is not believed",
@@ -158,7 +158,7 @@ def test_both_wrong_is_a_refusal_that_names_both():
 def test_heights_on_known_ground_are_compared_above_it():
     made = Heights(ranges(25.0), home(60.0, 0.0)).all
     where = np.array([round(30.05 * SECOND)])
-    query = where, np.array([-1]), np.array([END_OF_TIME]), level, np.full((1, 2), np.nan)
+    query = Query.final(where, LAST), level, np.full((1, 2), np.nan)
     assert (made.at(*query, np.array([35.0])).std_m[0], made.at(*query).std_m[0]) == (0.2, 35.0)
 
 
@@ -181,14 +181,13 @@ def _checked(tracks, ticks_ns, size):
     made = HeightSources(HeightSettings(order=(RANGEFINDER, HOME)))
     ends = [np.searchsorted(track.arrival_ns, ticks_ns, side="right") for track in tracks]
     for first in range(0, len(ticks_ns), size):
-        for stream in (*made.streams(), *made.checks()):
-            stream.commit()
+        made.commit()
         for track, end in zip(tracks, ends, strict=True):
             start = end[first - 1] if first else 0
             part = track.rows(slice(start, end[min(first + size, len(ticks_ns)) - 1]))
             made.append(part, part.boot_ns, end[first : first + size] - start)
         made.check(lambda stamps_ns, _: np.tile(LEVEL, (len(stamps_ns), 1)))
-    heights, rangefinder = made.checks()[1], made.streams()[0]
+    heights, rangefinder = made.streams()[3], made.streams()[0]
     found = {name: heights.column(name) for name in ("unexplained_m", "correction_m", "follows")}
     return {**found, **{name: rangefinder.column(name) for name in ("verdict", "doubt_m")}}
 

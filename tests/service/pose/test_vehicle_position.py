@@ -9,7 +9,7 @@ from aerodft.conventions import SECOND_NS
 from aerodft.model import PositionTrack
 from aerodft.service import LAST, HeightSettings
 from aerodft.service.pose.vehicle_position import VehiclePositions
-from aerodft.service.streams import END_OF_TIME, Missing
+from aerodft.service.streams import Missing, Query
 
 METRE_RAD = 1 / 6_378_137.0  # of longitude on the equator
 HALF_SECOND = SECOND_NS // 2
@@ -33,7 +33,7 @@ def places(lat_rad, lon_rad, alt_msl_m=(50.0, 50.0)):
 
 def at(made, stamp_ns):
     """As of the last tick, when nothing more will come."""
-    return made.at(np.array([stamp_ns]), LAST, np.array([END_OF_TIME]))
+    return made.at(Query.final(np.array([stamp_ns]), LAST))
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])

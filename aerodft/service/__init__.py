@@ -1,6 +1,5 @@
 """The measurement pipeline and its inputs, behind ports; without wire formats, files or wall clock."""
 
-from aerodft.service.answering import fixed_requests, locate_observation
 from aerodft.service.batches import ArrivalLimiter, Batches, first_arrival_ns
 from aerodft.service.feed import Inbox, LiveFeed, MergedFeed, block_of
 from aerodft.service.gimbal_sources import GIMBAL_SOURCES, GimbalReports, is_own_statement, reported_sources
@@ -41,3 +40,4 @@ from aerodft.service.settings import (
     ZoomSettings,
 )
 from aerodft.service.streams import LAST, brackets
+from aerodft.service.work import fixed_requests, locate_observation

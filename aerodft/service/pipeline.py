@@ -28,14 +28,22 @@ from aerodft.model import (
     StampClock,
     Status,
 )
-from aerodft.service.answering import Answering, Estimators, ReadyWork
 from aerodft.service.batches import Batches, numbers_of, stamps_of
 from aerodft.service.clocks import Ticks
-from aerodft.service.pending import AnswerTimes, RecentImages, Task, WorkList, answer_in_order
 from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, StepOutputs, TelemetryDecoder
 from aerodft.service.pose import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST
+from aerodft.service.work import (
+    Answering,
+    AnswerTimes,
+    Estimators,
+    ReadyWork,
+    RecentImages,
+    Task,
+    WorkList,
+    answer_in_order,
+)
 
 _ANY_IMAGE: Final = np.iinfo(np.int64).min
 

@@ -46,7 +46,6 @@ from aerodft.model import (
     Probe,
     Status,
 )
-from aerodft.service.pending import Task, WorkList
 from aerodft.service.ports import (
     Calibrator,
     Estimate,
@@ -59,6 +58,7 @@ from aerodft.service.ports import (
 )
 from aerodft.service.pose import over_water
 from aerodft.service.settings import OBJECTS, PipelineSettings
+from aerodft.service.work.pending import Task, WorkList
 
 _REASONS: Final = {
     Status.LOST: "it is out of the image, or was not recognised in it",

@@ -9,7 +9,7 @@ tick, work is answered in the order of stamps.
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from aerodft.dft import NO_IMAGE, Request, measure
 from aerodft.model import (
     BoolArray,
     Health,
-    HeightSource,
-    HeightSwitch,
     Image,
     IntArray,
     Measurement,
@@ -34,18 +32,7 @@ from aerodft.service.ports import Calibrator, LandmarkObserver, ObjectTracker, S
 from aerodft.service.pose import PoseSource
 from aerodft.service.settings import PipelineSettings, TelemetrySettings
 from aerodft.service.streams import LAST
-from aerodft.service.work import (
-    Answering,
-    AnswerTimes,
-    Estimators,
-    ReadyWork,
-    RecentImages,
-    Task,
-    WorkList,
-    answer_in_order,
-)
-
-_ANY_IMAGE: Final = np.iinfo(np.int64).min
+from aerodft.service.work import Answering, Estimators, PendingWork, ReadyWork, Task, WorkList
 
 
 @dataclass(slots=True)
@@ -94,8 +81,8 @@ class Pipeline:
             level=settings.level,
         )
         self._telemetry_intake = _TelemetryIntake(decoder, self._poses)
-        self._work = WorkList.empty()
-        self._images = RecentImages()
+        watermark_ns = self._poses.watermark_ns if settings.fixed_pose is None else None
+        self._pending = PendingWork(self._poses_at, watermark_ns, settings.match_tolerance_ns)
         estimators = Estimators(calibrator=calibrator, observer=observer, tracker=tracker)
         self._answering = Answering(settings, self._setup, estimators)
         self._lock = threading.Lock()  # between ``advance`` and queries by other threads
@@ -120,20 +107,19 @@ class Pipeline:
             first = 0
             while first < len(batches):
                 rest = batches[first:]
-                self._answer_overdue(int(rest.now_ns[0]), first)
+                self._answer(self._pending.take_overdue(int(rest.now_ns[0]), first))
                 count, shift_ns = self._telemetry_intake.take(rest)
-                self._work = self._work.shifted(shift_ns)
-                self._images.shift(shift_ns)
+                self._pending.shift(shift_ns)
                 part = rest[:count]
-                self._work = WorkList.concatenate([self._work, self._accept(part)]).in_order_of_ticks()
-                self._answer(part.now_ns, first)
+                self._pending.add(self._accept(part))
+                self._answer(self._pending.take_ready(part.now_ns, first))
                 first += count
             return self._answering.outputs()
 
     def finish(self) -> StepOutputs:
         """Answer all waiting work with the telemetry at hand, on a tick of its own: the input has ended."""
         with self._lock:
-            self._answer_overdue(None, 0)
+            self._answer(self._pending.take_overdue(None, 0))
             return self._answering.outputs()
 
     def measure_at(self, requests: Iterable[Request], stamp_ns: int | None = None) -> list[Measurement]:
@@ -186,7 +172,7 @@ class Pipeline:
         numbers = numbers_of(images)
         has_pixels = numbers != NO_IMAGE
         columns = numbers[has_pixels], stamps_ns[has_pixels], by_utc[has_pixels], tick[has_pixels]
-        self._images.add(*columns, len(batches))
+        self._pending.images.add(*columns, len(batches))
         image_work = WorkList(
             task=np.full(len(images), int(Task.IMAGE)),
             stamp_ns=stamps_ns,
@@ -229,7 +215,7 @@ class Pipeline:
         stamps_ns = np.where(by_utc, stamps_ns, self._poses.clock.host_to_utc(stamps_ns, tick))
         for row in np.flatnonzero(~by_utc).tolist():
             image = observations[row].image
-            image_stamp_ns = None if image is None else self._images.stamp_ns(image, int(tick[row]))
+            image_stamp_ns = None if image is None else self._pending.images.stamp_ns(image, int(tick[row]))
             stamps_ns[row] = stamps_ns[row] if image_stamp_ns is None else image_stamp_ns
         return stamps_ns
 
@@ -238,137 +224,10 @@ class Pipeline:
         tick_ns = self._settings.tick_ns
         return -(-(arrival_ns + self._wait_ns) // tick_ns) * tick_ns
 
-    def _answer_overdue(self, now_ns: int | None, tick: int) -> None:
-        """Answer work with deadlines before ``now_ns`` (None: all work), and work that it held up.
-
-        Telemetry is as of the last tick; outputs get the number ``tick``.
-        """
-        work = self._work
-        due_ns = np.unique(work.deadline_ns if now_ns is None else work.deadline_ns[work.deadline_ns < now_ns])
-        if not len(due_ns):
-            return
-        answer_times = AnswerTimes(due_ns, np.zeros_like(due_ns), np.full(len(due_ns), fill_value=False))
-        last_image_ns = np.full(len(due_ns), self._images.last_ns()[-1])
-        is_ready = np.array([sample is not None for sample in work.samples], dtype=np.bool_)
-        answer = self._answer_order(work, np.where(is_ready, 0, 1), answer_times, last_image_ns)
-        parts = self._stored_poses(work)
-        overdue = np.flatnonzero((answer >= 0) & ~is_ready)
-        parts += self._poses_at_deadline(work, overdue, np.full(len(overdue), -1))
-        self._answer_work(work, parts, answer, answer_times, tick)
-
-    def _answer(self, now_ns: IntArray, first: int) -> None:
-        """Answer work that is ready in the ticks ``now_ns (n,)`` of the newest step, numbered from ``first``."""
-        work, count = self._work, len(now_ns)
-        if not len(work):
-            return
-        deadline_tick = np.searchsorted(now_ns, work.deadline_ns)
-        ready_tick, parts = self._complete_poses(work, np.minimum(deadline_tick, count), count)
-        overdue = np.flatnonzero((ready_tick >= deadline_tick) & (deadline_tick < count))
-        is_on_tick = now_ns[deadline_tick[overdue]] == work.deadline_ns[overdue]
-        # Work that arrived after its deadline, within one long tick, is answered on that tick.
-        parts += self._poses_at_deadline(
-            work, overdue, np.maximum(deadline_tick[overdue] - ~is_on_tick, work.tick[overdue])
-        )
-        answer_times = AnswerTimes.from_ticks(now_ns, work.deadline_ns)
-        last_image_ns = self._images.last_ns()[answer_times.ticks - 1]
-        answer = self._answer_order(work, ready_tick + 1, answer_times, last_image_ns)
-        self._answer_work(work, parts, answer, answer_times, first)
-
-    def _answer_order(self, work: WorkList, ready: IntArray, times: AnswerTimes, last_image_ns: IntArray) -> IntArray:
-        """Answer times ``(n,)`` of work that is ready after some ticks ``(n,)``; -1 where it keeps waiting."""
-        columns = work.stamp_ns, work.tick + 1, ready, work.deadline_ns, self._required_image_ns(work)
-        return answer_in_order(columns, (times.time_ns, times.ticks), last_image_ns)
-
-    def _answer_work(
-        self,
-        work: WorkList,
-        parts: list[tuple[IntArray, PoseBatch]],
-        answer: IntArray,
-        answer_times: AnswerTimes,
-        first: int,
-    ) -> None:
-        """Answer work at answer times ``answer (n,)``, ticks numbered from ``first``; work with -1 keeps waiting.
-
-        ``parts`` are all known poses, with the rows of the work that they belong to.
-        """
-        pose_index = np.full(len(work), -1)
-        if parts:
-            pose_index[np.concatenate([rows for rows, _ in parts])] = np.arange(sum(len(rows) for rows, _ in parts))
-        poses = PoseBatch.concatenate([poses for _, poses in parts]) if parts else None
-        waiting = np.flatnonzero(answer < 0)
-        samples = [None if poses is None or k < 0 else poses[k] for k in pose_index[waiting].tolist()]
-        self._work = work.rows(waiting).waiting(samples)
-        rows = np.flatnonzero(answer >= 0)
-        if poses is None or not len(rows):
-            return
-        rows = rows[np.argsort(answer[rows], kind="stable")]
-        time_index = answer[rows]
-        as_of_tick = answer_times.ticks[time_index] - 1
-        # Deadlines between two ticks are answered on the second of them, before its own work.
-        tick = first + as_of_tick + ~answer_times.is_tick[time_index]
-        self._pass_on(ReadyWork(work.rows(rows), poses.rows(pose_index[rows]), tick, time_index), as_of_tick)
-
-    def _required_image_ns(self, work: WorkList) -> IntArray:
-        """Stamps ``(n,)`` that the last image must have reached: an observation may arrive before its image."""
-        has_no_image = (work.task != Task.IMAGE) & (work.image == NO_IMAGE)
-        return np.where(has_no_image, work.stamp_ns - self._settings.match_tolerance_ns, _ANY_IMAGE)
-
-    def _poses_at_deadline(
-        self, work: WorkList, rows: IntArray, as_of_tick: IntArray
-    ) -> list[tuple[IntArray, PoseBatch]]:
-        """Poses of rows as of ticks ``(n,)`` from the telemetry at hand, with the rows."""
-        if not len(rows):
-            return []
-        is_final = np.full(len(rows), fill_value=True)
-        return [(rows, self._poses_at(work.stamp_ns[rows], as_of_tick, is_final=is_final, by_utc=work.by_utc[rows])[0])]
-
-    @staticmethod
-    def _stored_poses(work: WorkList) -> list[tuple[IntArray, PoseBatch]]:
-        """Poses stored with waiting work, with the rows."""
-        rows = [row for row, sample in enumerate(work.samples) if sample is not None]
-        samples = [sample for sample in work.samples if sample is not None]
-        return [(np.array(rows), PoseBatch.from_samples(samples))] if rows else []
-
-    def _complete_poses(
-        self, work: WorkList, until_tick: IntArray, count: int
-    ) -> tuple[IntArray, list[tuple[IntArray, PoseBatch]]]:
-        """Ticks ``(n,)`` at which the telemetry of work is complete, before ``until_tick (n,)``; else ``count``.
-
-        Also the poses at these ticks, with the rows of the work; the tick is -1 for work with a stored pose.
-        """
-        required_image_ns, tick = self._required_image_ns(work), np.maximum(work.tick, 0)
-        if self._settings.fixed_pose is None:
-            watermark_tick = np.searchsorted(np.maximum.accumulate(self._poses.watermark_ns(count)), work.stamp_ns)
-            tick = np.maximum(tick, watermark_tick)
-        ready_tick, parts = np.full(len(work), count), self._stored_poses(work)
-        for rows, _ in parts:
-            ready_tick[rows] = -1
-        rows = np.flatnonzero((tick < until_tick) & (ready_tick >= 0))
-        tick = tick[rows]
-        while len(rows):
-            has_no_image = np.flatnonzero(required_image_ns[rows] != _ANY_IMAGE)
-            tick[has_no_image] = self._images.ticks_with(required_image_ns[rows[has_no_image]], tick[has_no_image])
-            is_early = tick < until_tick[rows]
-            rows, tick = rows[is_early], tick[is_early]
-            is_final = np.full(len(rows), fill_value=False)
-            poses, is_pending = self._poses_at(work.stamp_ns[rows], tick, is_final=is_final, by_utc=work.by_utc[rows])
-            done = np.flatnonzero(~is_pending)
-            ready_tick[rows[done]] = tick[done]
-            parts.append((rows[done], poses.rows(done)))
-            rows, tick = rows[is_pending], tick[is_pending] + 1
-        return ready_tick, [part for part in parts if len(part[0])]
-
-    def _pass_on(self, ready: ReadyWork, as_of_tick: IntArray) -> None:
-        """Pass work on to be answered, each as of a tick ``(n,)`` of the newest step, with observations' images."""
-        work = ready.work
-        for row in np.flatnonzero((work.task != Task.IMAGE) & (work.image == NO_IMAGE)).tolist():
-            tolerance_ns = self._settings.match_tolerance_ns
-            work.image[row] = self._images.nearest(int(work.stamp_ns[row]), tolerance_ns, int(as_of_tick[row]))
-
-        def describe_switch(before: HeightSource, after: HeightSource, stamp_ns: int, row: int) -> HeightSwitch:
-            return self._poses.height_switch(before, after, stamp_ns, int(as_of_tick[row]))
-
-        self._answering.add(ready, describe_switch)
+    def _answer(self, ready: ReadyWork | None) -> None:
+        """Answer work that is ready, if any is."""
+        if ready is not None:
+            self._answering.add(ready, self._poses.height_switch)
 
     def _poses_at(
         self, stamps_ns: IntArray, ticks: IntArray, *, is_final: BoolArray, by_utc: BoolArray

@@ -11,35 +11,24 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from aerodft.dft import (
-    EDGE_STD_PX,
     NO_IMAGE,
     PROBE_KINDS,
     MeasurementBatch,
-    MeasurementColumn,
     Request,
     Setup,
-    Silhouette,
-    down_in_image,
     link_requests,
-    locate_box,
-    locate_outline,
     measure,
-    simplify_outline,
-    zoomed,
 )
 from aerodft.geometry import camera_pose, inverse, multiply, rotated_pixels
 from aerodft.model import (
-    CODE_OF,
     FIXED_POINTS,
     Batch,
     Camera,
-    FloatArray,
     HeightSource,
     HeightSwitch,
     IntArray,
     Observation,
     PixelSource,
-    Pose,
     PoseBatch,
     PoseSample,
     PoseStd,
@@ -58,91 +47,8 @@ from aerodft.service.ports import (
 )
 from aerodft.service.pose import over_water
 from aerodft.service.settings import OBJECTS, PipelineSettings
-from aerodft.service.work.pending import Task, WorkList
-
-_REASONS: Final = {
-    Status.LOST: "it is out of the image, or was not recognised in it",
-    Status.NOT_SEEN: "it was looked for in the image, and not seen",
-}
-
-Pixels = tuple[tuple[float, float], ...]
-
-
-def fixed_requests(probes: Sequence[Probe]) -> tuple[Request, ...]:
-    """Requests of the probes whose pixels are configured; the others are observed."""
-    fixed = (probe for probe in probes if probe.source is PixelSource.FIXED)
-    return link_requests(Request(probe=each, pixels=each.pixels, std_px=each.std_px) for each in fixed)
-
-
-def can_answer(probe: Probe, observation: Observation) -> bool:
-    """Whether an observation has the pixels or the outline that a probe needs, or is empty."""
-    kind = PROBE_KINDS[probe.kind]
-    if observation.is_empty:
-        return True
-    if not observation.has_outline:
-        count = len(observation.pixels)
-        return kind.takes_pixels(count) and kind.takes_elevations(probe.elevation_count, count)
-    points = kind.object_points
-    if points is None or (points.contour and not observation.contour):
-        return False
-    return points.takes_elevations(probe.elevation_count)
-
-
-def unseen_batch(
-    setup: Setup, poses: PoseBatch, probe: Probe, observations: Sequence[Observation], images: IntArray
-) -> MeasurementBatch:
-    """Measurements of a probe not found in images ``(n,)``: a status with reasons, and no value."""
-    status, reasons, variants = poses.status, dict[int, tuple[str, ...]](), poses.variant_of_each
-    code = Status.LOST if probe.source is PixelSource.TRACKED else Status.NOT_SEEN
-    for row in np.flatnonzero(status == CODE_OF[Status.OK]).tolist():
-        status[row], reasons[row] = CODE_OF[code], (observations[row].unseen or _REASONS[code], *variants[row].reasons)
-    column = MeasurementColumn(PROBE_KINDS[probe.kind].unit, status, reasons, {})
-    return MeasurementBatch(
-        requests=(Request(probe=probe, pixels=(), std_px=probe.std_px),),
-        poses=poses,
-        images=images,
-        columns=(column,),
-        model=setup.model,
-        camera=setup.camera.name,
-        config=setup.config_id,
-    )
-
-
-def request_of(probe: Probe, observations: Sequence[Observation], setup: Setup, poses: PoseBatch) -> Request:
-    """Request for observations ``(n,)`` that ``can_answer``.
-
-    Args:
-        probe: The probe.
-        observations: Of that probe, with equal numbers of pixels and one std; an outline is the only one.
-        setup: Camera, model and ground.
-        poses: Poses of the images.
-    """
-    observation, points = observations[0], PROBE_KINDS[probe.kind].object_points
-    if points is None or not observation.has_outline:
-        pixels = np.array([each.pixels for each in observations], dtype=np.float64)
-        return Request(probe=probe, pixels=pixels, std_px=observation.std_px or probe.std_px)
-    std_px = observation.std_px or probe.std_px or EDGE_STD_PX
-    if points.contour:
-        corners = simplify_outline(np.array(observation.contour))
-        return Request(probe=probe, pixels=_pairs(corners), std_px=std_px)
-    zoomed_setup, sample = zoomed(setup, poses[0])
-    silhouette = locate_observation(observation, zoomed_setup.camera, sample.pose, std_px)
-    pixels_px, std_px = points.pixels_and_std(silhouette)
-    return Request(probe=probe, pixels=_pairs(pixels_px), std_px=std_px)
-
-
-def locate_observation(observation: Observation, camera: Camera, pose: Pose | None, edge_std_px: float) -> Silhouette:
-    """Locate the upright object of an observation from its box or contour."""
-    if observation.box is not None:
-        left, top, right, bottom = observation.box
-        down = down_in_image(camera, pose, np.array([[left, top], [right, bottom]]))
-        return locate_box(observation.box, down, edge_std_px)
-    return locate_outline(camera, pose, np.array(observation.contour), edge_std_px)
-
-
-def _pairs(points_px: FloatArray) -> Pixels:
-    return tuple((u, v) for u, v in points_px.tolist())
-
+from aerodft.service.work.observed_requests import can_answer, fixed_requests, request_of, unseen_batch
+from aerodft.service.work.work_list import ReadyWork, Task, WorkList
 
 _PIXEL_DECIMALS: Final = 3  # of pixels moved with a camera's rotation, which is not known better
 _UNCERTAIN_POSE: Final = camera_pose(height_agl_m=10.0, tilt_rad=0.5, std=PoseStd(height_agl_m=1.0))  # has draws
@@ -162,24 +68,6 @@ class Estimators:
     calibrator: Calibrator[Any] | None = None
     observer: LandmarkObserver | None = None
     tracker: ObjectTracker | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReadyWork(Batch):
-    """Work ``(n,)`` with its poses, in the order in which it is answered.
-
-    Attributes:
-        work: The work.
-        poses: Unrefined poses ``(n,)``.
-        tick: ``(n,)`` number of the tick, in the step, at which each is answered.
-        group: ``(n,)`` number of the answer time, not decreasing; landmarks of one group refine only later stamps in
-            it, steady points also their own.
-    """
-
-    work: WorkList
-    poses: PoseBatch
-    tick: IntArray
-    group: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,7 +92,7 @@ class _WorkPart(Batch):
 
 
 _DescribeSwitch: TypeAlias = Callable[[HeightSource, HeightSource, int, int], HeightSwitch]
-"""Describes a change of the height source from the sources before and after, the stamp (UTC), and a row of work."""
+"""Describes a change of the height source from the sources before and after, the stamp (UTC), as of a tick."""
 
 _RequestKey: TypeAlias = tuple[str, int, float | None]
 """Name of a probe, number of pixels (0 where not detected) and their std: equal for observations in one request."""
@@ -216,7 +104,7 @@ class Answering:
     Args:
         settings: Probes and fixed pose.
         setup: Camera, model and ground.
-        helpers: Calibrator, landmark observer and tracker.
+        estimators: Calibrator, landmark observer and tracker.
 
     Attributes:
         last_pose: The pose of the newest answered image; None before the first.
@@ -268,7 +156,7 @@ class Answering:
                 self._track(work, self.refined(poses), tick)
                 continue
             order = np.empty(len(rows), dtype=np.int64)
-            switches = self._switches(work, poses, rows, describe_switch)
+            switches = self._switches(work, poses, ready.as_of_tick[rows], describe_switch)
             for row in range(len(rows)):
                 if row in switches:
                     self._add_single(int(tick[row]), switches[row])
@@ -384,7 +272,7 @@ class Answering:
                     self._add_single(int(tick[first]), content)
 
     def _switches(
-        self, work: WorkList, poses: PoseBatch, rows: IntArray, describe_switch: _DescribeSwitch
+        self, work: WorkList, poses: PoseBatch, as_of_tick: IntArray, describe_switch: _DescribeSwitch
     ) -> dict[int, HeightSwitch]:
         """Changes of the height source from image to image, by row."""
         sources = [variant.height_source for variant in poses.variants]
@@ -395,7 +283,7 @@ class Answering:
             before, after = self._height_source, sources[int(poses.variant_index[row])]
             self._height_source = after or before
             if before is not None and after is not None and before != after:
-                switches[row] = describe_switch(before, after, int(work.stamp_ns[row]), int(rows[row]))
+                switches[row] = describe_switch(before, after, int(work.stamp_ns[row]), int(as_of_tick[row]))
         return switches
 
     def _image_outputs(self, part: _WorkPart) -> ImageOutputs:

@@ -19,7 +19,7 @@ from importlib import import_module
 from itertools import chain, pairwise
 from keyword import iskeyword
 from pathlib import Path
-from typing import Annotated, Any, Final, NoReturn, cast
+from typing import Annotated, Any, Final, NamedTuple, NoReturn, cast
 
 import typer
 from typer.core import TyperCommand
@@ -32,52 +32,55 @@ from aerodft.version import SOFTWARE
 
 _PIPE_CLOSED = 141
 
-COMMANDS: Final = {
-    "measure": "Measure pixels of one image with a known pose.",
-    "explain": "Say where a measurement's uncertainty comes from, and what would make it smaller.",
-    "depth-map": "Write range and ground point of every pixel, and the image as seen from above.",
-    "serve": "Measure live: MAVLink and images in, zenoh and a recording out.",
-    "init": "Write first station and camera files for what you have.",
-    "import": "Turn a flight's log (and video) into a recording with measurements.",
-    "replay": "Publish a recording again.",
-    "recompute": "Compute one recording's measurements anew, or those of many.",
-    "recover": "Make a recording whole whose recorder was killed or whose files were damaged.",
-    "compare": "Compare two recordings measurement by measurement.",
-    "export": "Write a recording as a table, a map, one MCAP file or an annotated video; a river as a map.",
-    "plot": "Draw a recording: values with intervals, heights, tilt, statuses and events over time.",
-    "report": "Write one page about a recording or a river, for whoever was not there.",
-    "view": "Show an image or a recording in the browser, to look, click and measure.",
-    "frames": "Write stills of a recording or a video, to read pixels in.",
-    "sync": "Align a video with a log: offset and drift of the clocks, lag of the gimbal.",
-    "calibrate-lens": "Find a lens's focal length, centre and distortion from images of a board.",
-    "cameras": "List cameras that many people have, and write their camera files.",
-    "river": "Measure a river's width along it, in an image, a video or a recording.",
-    "doctor": "Say what a log or a live link holds, and what is wrong with it.",
-    "calibrate": "Find a camera's height and angles from landmarks and what else is known of a scene.",
-    "paper": "Compute the paper's tables and figures, beside what it prints.",
-    "demo": "Fly a simulated flight through everything and show the result.",
-}
-"""Every command with its line of help."""
 
-_MODULES: Final = {
-    "demo": {"demo"},
-    "paper": {"paper"},
-    "setup": {"init", "cameras"},
-    "flights.doctor": {"doctor"},
-    "flights.import_": {"import"},
-    "flights.serve": {"serve"},
-    "flights.sync": {"sync"},
-    "recordings.compare": {"compare"},
-    "recordings.export": {"export", "plot", "report", "frames"},
-    "recordings.recompute": {"recompute"},
-    "recordings.recover": {"recover"},
-    "recordings.replay": {"replay"},
-    "scenes.calibrate": {"calibrate", "calibrate-lens"},
-    "scenes.measure": {"measure", "explain", "depth-map"},
-    "scenes.river": {"river"},
-    "scenes.view": {"view"},
+class _Command(NamedTuple):
+    """Where a command is, a function that bears its name, and its line of help."""
+
+    module: str
+    help: str
+
+
+COMMANDS: Final = {
+    "measure": _Command("scenes.measure", "Measure pixels of one image with a known pose."),
+    "explain": _Command(
+        "scenes.measure", "Say where a measurement's uncertainty comes from, and what would make it smaller."
+    ),
+    "depth-map": _Command(
+        "scenes.measure", "Write range and ground point of every pixel, and the image as seen from above."
+    ),
+    "serve": _Command("flights.serve", "Measure live: MAVLink and images in, zenoh and a recording out."),
+    "init": _Command("setup", "Write first station and camera files for what you have."),
+    "import": _Command("flights.import_", "Turn a flight's log (and video) into a recording with measurements."),
+    "replay": _Command("recordings.replay", "Publish a recording again."),
+    "recompute": _Command("recordings.recompute", "Compute one recording's measurements anew, or those of many."),
+    "recover": _Command(
+        "recordings.recover", "Make a recording whole whose recorder was killed or whose files were damaged."
+    ),
+    "compare": _Command("recordings.compare", "Compare two recordings measurement by measurement."),
+    "export": _Command(
+        "recordings.export",
+        "Write a recording as a table, a map, one MCAP file or an annotated video; a river as a map.",
+    ),
+    "plot": _Command(
+        "recordings.export", "Draw a recording: values with intervals, heights, tilt, statuses and events over time."
+    ),
+    "report": _Command("recordings.export", "Write one page about a recording or a river, for whoever was not there."),
+    "view": _Command("scenes.view", "Show an image or a recording in the browser, to look, click and measure."),
+    "frames": _Command("recordings.export", "Write stills of a recording or a video, to read pixels in."),
+    "sync": _Command("flights.sync", "Align a video with a log: offset and drift of the clocks, lag of the gimbal."),
+    "calibrate-lens": _Command(
+        "scenes.calibrate", "Find a lens's focal length, centre and distortion from images of a board."
+    ),
+    "cameras": _Command("setup", "List cameras that many people have, and write their camera files."),
+    "river": _Command("scenes.river", "Measure a river's width along it, in an image, a video or a recording."),
+    "doctor": _Command("flights.doctor", "Say what a log or a live link holds, and what is wrong with it."),
+    "calibrate": _Command(
+        "scenes.calibrate", "Find a camera's height and angles from landmarks and what else is known of a scene."
+    ),
+    "paper": _Command("paper", "Compute the paper's tables and figures, beside what it prints."),
+    "demo": _Command("demo", "Fly a simulated flight through everything and show the result."),
 }
-"""Where commands are; a command's function bears its name."""
+"""Every command."""
 
 _EXAMPLE = 'Example: aerodft measure --camera cam.toml --height 50 --tilt 60 --probe "distance 812,604.5 1377,611"'
 
@@ -175,9 +178,8 @@ class _GroupedCommand(TyperCommand):
 def _command(name: str, wanted: str | None) -> Callable[..., None]:
     """The command's function; for the commands that are only listed, something with its line of help."""
     if name == wanted:
-        module = next(module for module, names in _MODULES.items() if name in names)
         word = name.replace("-", "_") + "_" * iskeyword(name)
-        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{module}"), word)
+        function: Callable[..., None] = getattr(import_module(f"aerodft.cli.{COMMANDS[name].module}"), word)
         return function
     return lambda: None
 
@@ -194,11 +196,11 @@ def build_app(arguments: list[str]) -> typer.Typer:
         epilog=_EXAMPLE,
     )
     app.callback()(_options)
-    for name, line in COMMANDS.items():
+    for name, command in COMMANDS.items():
         function = _command(name, wanted)
-        text = inspect.getdoc(function) or line
+        text = inspect.getdoc(function) or command.help
         help_text = text.replace(r"\b", "\b")  # keeps an example's lines
-        app.command(name=name, cls=_GroupedCommand, short_help=line, help=help_text)(function)
+        app.command(name=name, cls=_GroupedCommand, short_help=command.help, help=help_text)(function)
     return app
 
 

@@ -23,7 +23,7 @@ def test_version(aerodft):
 def test_the_help_lists_every_command(aerodft):
     found = aerodft("--help")
     assert found.code == 0
-    for name, line in COMMANDS.items():
+    for name, (_, line) in COMMANDS.items():
         assert name in found.out.decode()
         assert line[:20] in found.out.decode()
 

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from aerodft.adapters.config.station.telemetry_tables import HealthTable, ZoomTable
 from aerodft.adapters.config.tables import si_value
+from aerodft.adapters.config.telemetry_tables import HealthTable, ZoomTable
 from aerodft.service import HealthSettings, ZoomSettings
 
 percents = st.decimals(0, 100, places=3).map(float)

@@ -42,9 +42,10 @@ from aerodft.adapters.config.evidence.evidence_tables import (
 from aerodft.adapters.config.evidence.landmark_list import is_gcp_list, read_landmarks
 from aerodft.adapters.config.evidence.local_frame import LocalFrame, checked_crs, takes_degrees
 from aerodft.adapters.config.keys import impossible
+from aerodft.adapters.config.origin import OriginTable
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
-from aerodft.adapters.config.station import OriginTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import LOCAL, si_value
+from aerodft.adapters.config.telemetry_tables import TelemetryTable, telemetry_from
 from aerodft.adapters.files import content_looks_like
 from aerodft.adapters.timestamps import iso_to_unix_ns
 from aerodft.errors import ConfigError, Reason, located

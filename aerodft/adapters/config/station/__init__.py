@@ -20,5 +20,4 @@ from aerodft.adapters.config.station.station_config import (
     VideoFile,
     stated_start_ns,
 )
-from aerodft.adapters.config.station.station_tables import OriginTable, river_probes
-from aerodft.adapters.config.station.telemetry_tables import TelemetryTable, telemetry_from
+from aerodft.adapters.config.station.station_tables import river_probes

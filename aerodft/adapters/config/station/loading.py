@@ -48,8 +48,8 @@ from aerodft.adapters.config.station.station_tables import (
     images_table,
     probes_from,
 )
-from aerodft.adapters.config.station.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.config.tables import AnyValue, si_value
+from aerodft.adapters.config.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from
 from aerodft.adapters.outputs import outputs_document, outputs_from
 from aerodft.adapters.vertical_datums import Altitude
 from aerodft.errors import ConfigError, InputError, located, named_in

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, mo
 from aerodft.adapters.config import keys
 from aerodft.adapters.config.camera import KnownPointTable, PoseTable
 from aerodft.adapters.config.keys import impossible
+from aerodft.adapters.config.origin import OriginTable
 from aerodft.adapters.config.station.ground import GroundTable
 from aerodft.adapters.config.station.live_tables import LiveCalibrationTable, LiveLandmarkTable, StationMarkersTable
 from aerodft.adapters.config.station.station_config import (
@@ -21,8 +22,8 @@ from aerodft.adapters.config.station.station_config import (
     StreamInput,
     VideoFile,
 )
-from aerodft.adapters.config.station.telemetry_tables import TelemetryTable
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, ROWS, UNLESS_ZERO, FromFile, SiAttribute, Table, si_value
+from aerodft.adapters.config.telemetry_tables import TelemetryTable
 from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, parse_offset, unix_ns_to_iso
 from aerodft.dft import PROBE_KINDS, at_own_heights, probe_end
 from aerodft.errors import ConfigError, Reason, UsageError, counted
@@ -130,14 +131,6 @@ def _as_stated(seconds: object) -> object:
 Instant = Annotated[int, BeforeValidator(_instant), PlainSerializer(unix_ns_to_iso)]
 SecondsOrAuto = Annotated[keys.TimeOffset | None, BeforeValidator(_seconds_or_auto), PlainSerializer(_as_stated)]
 Url = Annotated[str, keys.matching(r"[a-z0-9+]+:\S+", 'a URL like "udp://0.0.0.0:5600"')]
-
-
-class OriginTable(Table):
-    """A point of the measured plane."""
-
-    lat_deg: keys.Latitude
-    lon_deg: keys.Longitude
-    alt_msl_m: keys.Real | None = None
 
 
 class StationTable(Table):

@@ -1,11 +1,20 @@
 """What the keys of configuration tables may hold: strict types of pydantic, with their limits."""
 
 import re
+from datetime import datetime
 from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 from pydantic_core import PydanticCustomError
 
+from aerodft.adapters.timestamps import datetime_to_unix_ns, iso_to_unix_ns, unix_ns_to_iso
 from aerodft.conventions import LARGEST
 from aerodft.errors import Reason
 
@@ -136,3 +145,21 @@ def _unique(values: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
 
 Slug = Annotated[str, matching(r"[A-Za-z0-9][A-Za-z0-9._-]*", "letters, digits, '.', '_' and '-' only")]
 Order = Annotated[tuple[Quantity, ...], Field(strict=False, min_length=1), AfterValidator(_unique)]
+
+
+def _instant(value: object) -> object:
+    """Text or a TOML date and time to UTC nanoseconds; an integer is that already."""
+    if isinstance(value, datetime):
+        if value.tzinfo is None:
+            raise impossible("", got=value.isoformat(), expected="an offset from UTC", hint="end it with Z or +01:00")
+        return datetime_to_unix_ns(value)
+    if isinstance(value, str):
+        try:
+            return iso_to_unix_ns(value)
+        except ValueError as error:
+            raise impossible("", got=f'"{value}"', expected='like "2026-11-21T01:57:26.5Z"', hint=str(error)) from None
+    return value
+
+
+Instant = Annotated[int, BeforeValidator(_instant), PlainSerializer(unix_ns_to_iso)]
+"""A moment in UTC, nanoseconds; in files text or a TOML date and time."""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from aerodft.adapters.config.keys import Duration, Text
 from aerodft.adapters.config.reading import parse_toml, validated
-from aerodft.adapters.config.station.station_tables import CameraMotionTable
+from aerodft.adapters.config.station.observer_tables import CameraMotionTable
 from aerodft.adapters.config.tables import NOT_IN_CONFIG_ID, SiAttribute, Uncertain, si_value
 from aerodft.service import CameraMotionSettings
 

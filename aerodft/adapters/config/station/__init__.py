@@ -9,6 +9,7 @@ from aerodft.adapters.config.station.loading import (
     with_derived_settings,
 )
 from aerodft.adapters.config.station.overrides import HOME_ABOVE_PLANE, NO_SETTINGS, Settings
+from aerodft.adapters.config.station.probe_tables import river_probes
 from aerodft.adapters.config.station.station_config import (
     Device,
     ImageInput,
@@ -20,4 +21,3 @@ from aerodft.adapters.config.station.station_config import (
     VideoFile,
     stated_start_ns,
 )
-from aerodft.adapters.config.station.station_tables import river_probes

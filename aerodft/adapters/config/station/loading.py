@@ -28,6 +28,7 @@ from aerodft.adapters.config.camera import (
 )
 from aerodft.adapters.config.reading import parse_toml, read_bytes, validated
 from aerodft.adapters.config.station.ground import enu_ground, level_series, resolved_ground
+from aerodft.adapters.config.station.image_tables import images_from, images_table
 from aerodft.adapters.config.station.live_tables import (
     LiveLandmarkTable,
     live_from,
@@ -36,6 +37,7 @@ from aerodft.adapters.config.station.live_tables import (
     station_markers_table,
 )
 from aerodft.adapters.config.station.overrides import NO_SETTINGS, Settings, with_alignment, with_settings
+from aerodft.adapters.config.station.probe_tables import probes_from
 from aerodft.adapters.config.station.station_config import Link, StationConfig, Topics
 from aerodft.adapters.config.station.station_tables import (
     ConfigTable,
@@ -44,9 +46,6 @@ from aerodft.adapters.config.station.station_tables import (
     StationCameraTable,
     StationTable,
     TopicsTable,
-    images_from,
-    images_table,
-    probes_from,
 )
 from aerodft.adapters.config.tables import AnyValue, si_value
 from aerodft.adapters.config.telemetry_tables import TelemetryBiasTable, TelemetryTable, telemetry_from

@@ -265,6 +265,18 @@ def test_a_camera_is_calibrated_from_four_landmarks_and_the_width_follows(browse
             assert abs(value - 12.0) < 0.15
             _, *words = shlex.split(copied(page, "command"))
             assert run_aerodft(*words, "--json").json[0]["value"] == pytest.approx(value, abs=0.01)
+            level = value_of(page)
+            page.fill("#heights", "@corner-1; 0.5")  # a landmark's own height, and one that is typed
+            page.press("#heights", "Tab")
+            expect(page.locator("#measurements .value")).not_to_have_text(level, timeout=PATIENCE_MS)
+            page.wait_for_function("() => document.querySelector('#copies').ariaBusy === 'false'")
+            assert "elevation=0.0,0.5" in copied(page, "command")
+            first, second = tomllib.loads(copied(page, "probe"))["probe"][0]["pixels"]
+            assert (first.endswith("@corner-1"), len(second)) == (True, 2)
+            page.fill("#heights", "@nobody; 0.5")
+            page.press("#heights", "Tab")
+            said = "got @nobody, expected one of corner-0, corner-1, corner-2, corner-3"
+            expect(page.locator("#measurements .value")).to_contain_text(said, timeout=PATIENCE_MS)
 
 
 def test_a_camera_is_calibrated_from_heights_lengths_and_a_vertical(browser, without_pose):

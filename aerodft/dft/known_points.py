@@ -43,7 +43,7 @@ def probe_end(told: Px | str, points: Mapping[str, KnownPoint]) -> End:
         raise UsageError("a surveyed point", got=f"@{name}" if points else Reason(what), expected=expected)
     point = replace(points[name], pixel=_pixel(pixel)) if pixel else points[name]
     if point.pixel is None:
-        raise UsageError("a surveyed point", got=f"@{name}, whose pixel is not known", expected=f"u,v@{name}")
+        raise UsageError("a surveyed point", got=f"@{name} without a known pixel", expected=f"u,v@{name}")
     return point
 
 

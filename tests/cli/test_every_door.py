@@ -303,7 +303,7 @@ def test_points_at_different_heights_are_each_on_their_own_plane(by_python):
         "river": lambda points_m: float(np.median([length_m(points_m[k : k + 2]) for k in range(0, len(points_m), 2)])),
     }
     checked = 0
-    for probe, measured in zip(PROBES, by_python, strict=True):
+    for probe, measured in zip(PROBES[len(SURVEYED) :], by_python[len(SURVEYED) :], strict=True):
         heights_m, count = probe.get("elevation_m"), len(probe["pixels"])
         if isinstance(heights_m, list) and probe["kind"] in truths:
             points_m = on_planes_m(probe["pixels"], np.resize(heights_m, count))

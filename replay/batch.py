@@ -22,6 +22,7 @@ from urllib.parse import quote
 
 import orjson
 
+from aerodft.adapters.files import check_is_local
 from aerodft.errors import InputError, LinkError, os_errors_as
 from aerodft.version import SOFTWARE
 
@@ -239,6 +240,7 @@ class Dataset:
         Raises:
             InputError: It holds something else, or cannot be written.
         """
+        check_is_local(folder)
         with os_errors_as("the dataset cannot be written", where=folder):
             folder.mkdir(parents=True, exist_ok=True)
             strange = next((each for each in folder.iterdir() if not each.name.startswith("recording=")), None)

@@ -56,6 +56,7 @@ _TEXT_KINDS: Final = (
 _HEAD_BYTES = 512
 _MOST_BYTES = 1 << 30  # a file without end, or one that claims to be, takes all memory
 
+_SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:")  # s3:, gs:, https:; a drive of Windows has one letter
 _FORMULAS = ("=", "+", "-", "@")
 _MARK = "'"
 
@@ -126,6 +127,17 @@ def read_whole(path: Path) -> bytes:
     return path.read_bytes()
 
 
+def check_is_local(path: Path) -> None:
+    """Refuse the address of a store, ``s3://bucket/flight``, which a folder ``s3:`` would be made for.
+
+    Raises:
+        InputError: It is one.
+    """
+    if path.parts and _SCHEME.fullmatch(path.parts[0]):
+        expected = "a folder or file on this machine, to be copied there afterwards"
+        raise InputError("nothing can be written to an address", where=path, got=path.parts[0], expected=expected)
+
+
 def check_ending(path: Path, *endings: str) -> None:
     """Refuse a name that promises another format than is written; without an ending it promises none.
 
@@ -150,6 +162,7 @@ def whole_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     Raises:
         InputError: It exists and must not be replaced, or it cannot be written.
     """
+    check_is_local(path)
     if path.is_file() and not overwrite:
         raise InputError("the file exists", where=path, hint="choose another name, or add `overwrite`")
     try:
@@ -228,6 +241,7 @@ def output_folder(folder: Path, what: str, expected: str = "a folder to write to
     Raises:
         InputError: The folder cannot be written to.
     """
+    check_is_local(folder)
     with writable(folder, what, expected):
         folder.mkdir(parents=True, exist_ok=True)
         yield

@@ -9,7 +9,7 @@ from typing import Final
 
 import cv2
 
-from aerodft.adapters.files import whole_file
+from aerodft.adapters.files import check_is_local, whole_file
 from aerodft.adapters.images import STILLS, StillsFolderSource, VideoFileSource, video_info
 from aerodft.app.recordings import open_recording
 from aerodft.conventions import SECOND_NS
@@ -110,6 +110,7 @@ def write_stills(
     if with_overlay and not reel.is_measured:
         raise UsageError("`with_overlay` of a video", expected="a recording: in a video nothing was measured")
     folder, written, overlay = Path(folder), dict[int, Still](), None
+    check_is_local(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for image, items in _nearest(reel, at_ns) if every_s is None else _every(reel, every_s):
         if image.index in written or image.pixels is None:

@@ -12,7 +12,7 @@ import tomli_w
 
 from aerodft.adapters.config.camera import KnownCamera, camera_document, known_cameras, load_camera
 from aerodft.adapters.config.station import load_station
-from aerodft.adapters.files import looks_like, whole_file
+from aerodft.adapters.files import check_is_local, looks_like, whole_file
 from aerodft.adapters.images import (
     STILLS,
     VIDEO_SUFFIXES,
@@ -197,6 +197,7 @@ class _Draft:
 
 
 def _write(path: Path, text: str, *, overwrite: bool) -> None:
+    check_is_local(path)
     with os_errors_as("the file cannot be written", where=path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path, overwrite=overwrite) as partial:

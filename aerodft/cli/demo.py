@@ -25,6 +25,7 @@ import tomli_w
 import typer
 from rich.table import Table
 
+from aerodft.adapters.files import check_is_local
 from aerodft.cli.interrupts import end_if_signalled
 from aerodft.cli.options import JsonOption
 from aerodft.cli.output import print_json, say, tables
@@ -118,6 +119,7 @@ def _print_table(probes: dict[str, Any]) -> None:
 
 
 def _clear(output: Path) -> None:
+    check_is_local(output)
     if output.exists() and not (output / _MARK).exists() and any(output.iterdir() if output.is_dir() else [output]):
         raise InputError(
             "holds something that no demo made", where=output, expected="a new folder", hint="use --output"

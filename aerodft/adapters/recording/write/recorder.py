@@ -21,6 +21,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 
+from aerodft.adapters.files import check_is_local
 from aerodft.adapters.images import encode_jpeg, is_due
 from aerodft.adapters.recording.channels import RECORDING_KEY, STATION_KEY, Channel, ChannelMessage, protobuf_channel
 from aerodft.adapters.recording.write.records import (
@@ -506,6 +507,7 @@ def _prepare(folder: Path) -> None:
     Raises:
         InputError: It holds something, is a file, or cannot be made.
     """
+    check_is_local(folder)
     with os_errors_as("the recording cannot be written", where=folder):
         folder.mkdir(parents=True, exist_ok=True)
         found = next(folder.iterdir(), None)

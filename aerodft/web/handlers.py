@@ -144,6 +144,17 @@ class _File(_Guarded, StaticFileHandler):
         _Guarded.initialize(self, page)
         StaticFileHandler.initialize(self, str(_STATIC), "index.html")
 
+    def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
+        """The path of a file that is there.
+
+        Raises:
+            HTTPError: 404: no file can have such a name.
+        """
+        try:
+            return super().validate_absolute_path(root, absolute_path)
+        except (OSError, ValueError):  # too long, or with a null in it
+            raise HTTPError(404) from None
+
     def set_extra_headers(self, path: str) -> None:  # noqa: ARG002 - Tornado's own
         """Nothing is kept by the browser: the next version's files bear the same names."""
         self.set_header("Cache-Control", "no-store")

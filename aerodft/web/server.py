@@ -6,9 +6,10 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
-from typing import Final
+from typing import Any, Final
 
 from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream
 from tornado.netutil import bind_sockets
 from tornado.web import Application
 
@@ -18,8 +19,28 @@ from aerodft.web.access import Access
 from aerodft.web.handlers import ROUTES, Page
 
 _MOST_REQUEST_BYTES: Final = 65_536
+_MOST_CONNECTIONS: Final = 64  # a page keeps 7; the descriptors that are left are the recorder's
+_IDLE_S: Final = 10.0  # of a connection that asks for nothing; a page's WebSocket is none
 _PATIENCE_S: Final = 2.0
 _CLOSING_S: Final = 6.0  # connections and the page's threads take 2 s each at most; the thread is a daemon
+
+
+class _BoundedServer(HTTPServer):
+    """A server that closes what comes while 64 connections are open."""
+
+    def initialize(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401 - Tornado's own constructor
+        """Tornado's own constructor."""
+        super().initialize(*args, **kwargs)
+        self._open: list[IOStream] = []
+
+    def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
+        """Take a new connection, or close it."""
+        self._open = [each for each in self._open if not each.closed()]
+        if len(self._open) >= _MOST_CONNECTIONS:
+            stream.close()
+            return
+        self._open.append(stream)
+        super().handle_stream(stream, address)
 
 
 async def serve_view(view: View, access: Access, opened: Callable[[str], None]) -> None:
@@ -40,7 +61,12 @@ async def serve_view(view: View, access: Access, opened: Callable[[str], None]) 
         log_function=lambda _: None,
         page_headers=access.headers,
     )
-    server = HTTPServer(application, max_body_size=_MOST_REQUEST_BYTES, max_buffer_size=2 * _MOST_REQUEST_BYTES)
+    server = _BoundedServer(
+        application,
+        max_body_size=_MOST_REQUEST_BYTES,
+        max_buffer_size=2 * _MOST_REQUEST_BYTES,
+        idle_connection_timeout=_IDLE_S,
+    )
     try:
         sockets = bind_sockets(access.port, access.host)
     except OSError as error:

@@ -3,6 +3,9 @@
 import asyncio
 import json
 import re
+import select
+import socket
+import time
 from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -16,6 +19,7 @@ from aerodft.web import Access
 from tests.commands import run_aerodft
 from tests.web.pages import opened_page
 
+MOST_CONNECTIONS = 64
 RECORDING = "tests/cli/frozen-0.1"
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
 
@@ -86,7 +90,9 @@ def test_no_file_beside_the_page_s_own_is_read(page, path):
     assert b"import" not in content
 
 
-@pytest.mark.parametrize("path", ["images/99999.jpg", "images/-1.jpg", "images/x.jpg", "images/999999999999.jpg"])
+@pytest.mark.parametrize(
+    "path", ["images/99999.jpg", "images/-1.jpg", "images/x.jpg", "images/999999999999.jpg", "%00", "a" * 5000]
+)
 def test_an_image_that_is_not_there_is_refused(page, path):
     assert fetched(page + path)[0] == 404
 
@@ -125,6 +131,21 @@ def test_what_makes_no_sense_is_answered_with_a_sentence(page, message):
 def test_a_message_that_is_too_long_ends_the_connection_and_nothing_else(page):
     assert asked(page, "[" + "0," * 100_000 + "0]") is None
     assert fetched(page)[0] == 200
+
+
+def test_idle_connections_leave_the_station_its_descriptors(page):
+    place, idle = urlsplit(page), []
+    try:
+        idle += [socket.create_connection((place.hostname, place.port), timeout=5) for _ in range(200)]
+        deadline = time.monotonic() + 8
+        while len(closed := select.select(idle, [], [], 0.2)[0]) < len(idle) - MOST_CONNECTIONS:
+            assert time.monotonic() < deadline
+        assert len(closed) == len(idle) - MOST_CONNECTIONS
+        next(each for each in idle if each not in closed).close()
+        assert fetched(page + "view.json")[0] == 200
+    finally:
+        for each in idle:
+            each.close()
 
 
 def test_what_doctor_says_is_the_command_line_s(page):

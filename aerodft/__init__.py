@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         known_points,
         measure,
         probe,
+        project,
         read_photograph,
     )
     from aerodft.app.recompute import RecomputeResult, recompute
@@ -54,7 +55,8 @@ if TYPE_CHECKING:
     from aerodft.app.river import RiverSurvey, survey_river
     from aerodft.app.setup import StationDraft, draft_station, find_cameras, write_camera
     from aerodft.app.station import Station
-    from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined
+    from aerodft.errors import AerodftError, ConfigError, InputError, NoAnswerError, NotDetermined, UsageError
+    from aerodft.model import Camera, KnownPoint, Measurement, Status
     from replay.compare import Comparison
 
 __version__ = VERSION
@@ -70,7 +72,7 @@ _NAMES_IN: Final = {
     "aerodft.app.importing": "import_flight",
     "aerodft.app.measure": (
         "Area Bearing CameraPose Distance ElevationModel Height Length Photograph PoseStd Position Range RiverWidth "
-        "Slope StatedPose Width ground_points known_points measure probe read_photograph"
+        "Slope StatedPose Width ground_points known_points measure probe project read_photograph"
     ),
     "aerodft.app.recompute": "RecomputeResult recompute",
     "aerodft.app.recordings": (
@@ -79,7 +81,8 @@ _NAMES_IN: Final = {
     "aerodft.app.river": "RiverSurvey survey_river",
     "aerodft.app.setup": "StationDraft draft_station find_cameras write_camera",
     "aerodft.app.station": "Station",
-    "aerodft.errors": "AerodftError ConfigError InputError NoAnswerError NotDetermined",
+    "aerodft.errors": "AerodftError ConfigError InputError NoAnswerError NotDetermined UsageError",
+    "aerodft.model": "Camera KnownPoint Measurement Status",
     "replay.compare": "Comparison",
 }
 _ROOM_OF: Final = {name: room for room, names in _NAMES_IN.items() for name in names.split()}
@@ -89,6 +92,7 @@ __all__ = [
     "Area",
     "Bearing",
     "CalibrationResult",
+    "Camera",
     "CameraPose",
     "Comparison",
     "ConfigError",
@@ -98,9 +102,11 @@ __all__ = [
     "ExportSummary",
     "Height",
     "InputError",
+    "KnownPoint",
     "Length",
     "LensCalibration",
     "LinkOptions",
+    "Measurement",
     "Measurements",
     "NoAnswerError",
     "NotDetermined",
@@ -118,6 +124,8 @@ __all__ = [
     "Station",
     "StationDraft",
     "StationRecording",
+    "Status",
+    "UsageError",
     "VideoAlignment",
     "Width",
     "__version__",
@@ -137,6 +145,7 @@ __all__ = [
     "open_recording",
     "print_board",
     "probe",
+    "project",
     "read_photograph",
     "recompute",
     "recover",

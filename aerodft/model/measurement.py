@@ -134,7 +134,33 @@ class GeoPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measurement:
-    """Measurement of one probe at one stamp; unknown fields are None."""
+    """Measurement of one probe at one stamp; unknown fields are None.
+
+    Attributes:
+        name: Of the probe.
+        kind: Of the probe.
+        status: ``ok``, or why there is no value.
+        reasons: Sentences: why there is no value, or what was assumed.
+        stamp_ns: UTC.
+        pixels: ``(u, v)`` of the probe's points.
+        std_px: Of each pixel coordinate.
+        camera: Name of the camera.
+        model: Projection model.
+        pose: Of the camera.
+        value: In ``unit``; None for a position.
+        std: Standard deviation of ``value``.
+        ci95: 95 % interval of ``value``.
+        ellipse95: 95 % ellipse of a position.
+        ground_m: Ground points ``(x, y, z)``, m: to the right, ahead and up from the point below the camera.
+        enu_m: Ground points east, north and up of the station's origin, m.
+        cov_enu_m2: Rows of a position's ``(3, 3)`` covariance, m^2.
+        geo: Ground points on the map.
+        range_m: Slant ranges of the ground points, m.
+        unit: Of ``value``.
+        image: Running number of the image.
+        calibration: Id of the calibration.
+        config: Id of the configuration.
+    """
 
     name: str
     kind: ProbeKind

@@ -16,6 +16,7 @@ from aerodft.app.measure.measurements import (
     measured_document,
     probe,
     probe_classes,
+    project,
     requests_of,
 )
 from aerodft.app.measure.photograph import (

@@ -26,6 +26,7 @@ from aerodft.dft import PROBE_KINDS, End, Request, Share, advice, at_own_heights
 from aerodft.dft import measure as measure_batch
 from aerodft.dft.maps import GroundMap, ground_covariances
 from aerodft.errors import NoAnswerError, UsageError, counted
+from aerodft.geometry import distorted_with_jacobian, matrix, pixels_from_rays
 from aerodft.model import (
     Camera,
     FloatArray,
@@ -478,10 +479,6 @@ def ground_points(
         >>> covariances.shape
         (1, 3, 3)
     """
-    refuse_other("camera", camera, Camera, "a camera, as `load_camera` reads it from a file")
-    refuse_other(
-        "pose", pose, (CameraPose, PoseSample, Pose), "a CameraPose, e.g. CameraPose(height_m=40, tilt_deg=30)"
-    )
     ground, own = _ground_map(camera, pose, float(elevation_m))
     pixels_px = _pixels(pixels, "`pixels`")
     points = ground.points_enu_m(pixels_px)
@@ -494,12 +491,88 @@ def ground_points(
     return points, found
 
 
-def _ground_map(camera: Camera, pose: CameraPose | PoseSample | Pose, elevation_m: float) -> tuple[GroundMap, Pose]:
-    """Pixels to the ground frame of a pose, and the pose there."""
+@overload
+def project(
+    camera: Camera, pose: CameraPose | PoseSample | Pose, points_m: npt.ArrayLike, *, jacobian: Literal[False] = False
+) -> FloatArray: ...
+
+
+@overload
+def project(
+    camera: Camera, pose: CameraPose | PoseSample | Pose, points_m: npt.ArrayLike, *, jacobian: Literal[True]
+) -> tuple[FloatArray, FloatArray]: ...
+
+
+def project(
+    camera: Camera, pose: CameraPose | PoseSample | Pose, points_m: npt.ArrayLike, *, jacobian: bool = False
+) -> FloatArray | tuple[FloatArray, FloatArray]:
+    """Pixels at which points are seen: what ``ground_points`` does, the other way round; pinhole model.
+
+    Args:
+        camera: The camera.
+        pose: Where it was and where it looked.
+        points_m: ``(..., 3)`` in the ground frame: X to the right and Y ahead of the camera, Z up, from the point of
+            the ground below it.
+        jacobian: Whether derivatives are wanted as well.
+
+    Returns:
+        ``(..., 2)`` px, in the image or beside it; NaN for points behind the camera and beyond the valid part of the
+        lens. With ``jacobian`` also ``(..., 2, 3)`` px/m, by the points.
+
+    Raises:
+        AerodftError: The pose is impossible, or there is none; or ``points_m`` are no triples.
+
+    Examples:
+        >>> import aerodft as ad
+        >>> camera = ad.load_camera("configs/cameras/canon-1000d.toml")
+        >>> pose = ad.CameraPose(height_m=10.48, tilt_deg=67)
+        >>> ad.project(camera, pose, ad.ground_points(camera, pose, [(1000, 493), (1944, 1296)])).round(6)
+        array([[1000.,  493.],
+               [1944., 1296.]])
+    """
+    own, points = ground_frame_pose(_pose_of(camera, pose)), _points(points_m)
+    axes = matrix(own.wxyz)
+    rays = (points - own.position_enu_m) @ axes
+    pixels = pixels_from_rays(camera, rays)
+    if not jacobian:
+        return pixels
+    _, by_ray = distorted_with_jacobian(camera, rays)
+    return pixels, np.array([[camera.fx_px], [camera.fy_px]]) * (by_ray @ axes.T)
+
+
+def _points(told: npt.ArrayLike) -> FloatArray:
+    """Points ``(..., 3)``.
+
+    Raises:
+        UsageError: They are no triples of numbers.
+    """
+    with suppress(TypeError, ValueError):
+        points = np.asarray(told, dtype=np.float64)
+        if points.shape[-1:] == (3,):
+            return points
+    raise UsageError("`points_m`", got=repr(told)[:80], expected="points (x, y, z) in metres")
+
+
+def _pose_of(camera: Camera, pose: CameraPose | PoseSample | Pose) -> Pose:
+    """The pose that an argument has.
+
+    Raises:
+        UsageError: It is none, or ``camera`` is no camera.
+        NoAnswerError: There is no pose in the sample.
+    """
+    refuse_other("camera", camera, Camera, "a camera, as `load_camera` reads it from a file")
+    refuse_other(
+        "pose", pose, (CameraPose, PoseSample, Pose), "a CameraPose, e.g. CameraPose(height_m=40, tilt_deg=30)"
+    )
     known = pose.pose() if isinstance(pose, CameraPose) else pose.pose if isinstance(pose, PoseSample) else pose
     if known is None:
         raise NoAnswerError("no pose", got="a pose sample without one")
-    own = ground_frame_pose(known)
+    return known
+
+
+def _ground_map(camera: Camera, pose: CameraPose | PoseSample | Pose, elevation_m: float) -> tuple[GroundMap, Pose]:
+    """Pixels to the ground frame of a pose, and the pose there."""
+    own = ground_frame_pose(_pose_of(camera, pose))
     return GroundMap.at(camera, own, elevation_m), own
 
 

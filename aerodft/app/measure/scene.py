@@ -204,6 +204,16 @@ class CameraPose:
             raise UsageError("`lat_deg` and `lon_deg` go together")
         refuse_other("std", self.std, PoseStd, "a PoseStd, e.g. PoseStd(height_m=0.1)")
 
+    def __eq__(self, other: object) -> bool:
+        """Whether it says the same."""
+        if not isinstance(other, CameraPose):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+
+    def __hash__(self) -> int:
+        """Of place and angles."""
+        return hash((self.height_m, self.altitude_m, self.tilt_deg, self.roll_deg, self.heading_deg, self.lat_deg))
+
     @property
     def origin(self) -> GeoOrigin | None:
         """The place below the camera, where it is known."""

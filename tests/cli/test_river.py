@@ -74,6 +74,13 @@ def test_widths_are_those_of_the_river(river, shot, tmp_path):
     assert names == {"centreline", "bank-left", "bank-right", "transect", "water"}
     assert json.loads((tmp_path / "out/result.json").read_text())["width_m"] == document["width_m"]
     assert cv2.imread(str(tmp_path / "out/plate.png")) is not None
+    mask = cv2.imread(str(tmp_path / "out/water.png"), cv2.IMREAD_GRAYSCALE)
+    assert (mask.shape, set(np.unique(mask))) == (cv2.imread(str(image)).shape[:2], {0, 255})
+    for each in used:
+        left, right = np.array([each["left"], each["right"]])
+        across = np.rint([left + share * (right - left) for share in (0.2, 0.5, 0.8, -0.2, 1.2)]).astype(int)
+        assert [mask[v, u] for u, v in across if 0 <= u < mask.shape[1]][:3] == [255, 255, 255]
+        assert all(mask[v, u] == 0 for u, v in across[3:] if 0 <= u < mask.shape[1] and 0 <= v < mask.shape[0])
     assert set(rows[0]) == set(COLUMNS)
     row, each = next((row, each) for row, each in zip(rows, document["transects"], strict=True) if row["width_m"])
     assert [float(row[name]) for name in ("std_m", "ci95_low_m", "ci95_high_m", "wetted_m", "left_u", "right_lat")] == [

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import orjson
 
 from aerodft.adapters.files import output_folder, writable
@@ -141,15 +142,16 @@ def transect_map(document: dict[str, Any], sample: PoseSample) -> dict[str, Any]
 
 
 def write_river(folder: Path, document: dict[str, Any], found: River, view: RiverView) -> None:
-    """Write result.json, transects.csv, a map, plate.png and probability.png; enters their names into the document.
+    """Write result.json, transects.csv, a map, plate.png, probability.png and water.png, and name them in the document.
 
     Raises:
         InputError: The folder cannot be written.
     """
     image = view.pixels()
-    with _writing_river(folder, document, map_of_still(document, found, view), ("probability.png",)):
+    with _writing_river(folder, document, map_of_still(document, found, view), ("probability.png", "water.png")):
         draw_plate(folder / "plate.png", document, found, image, view)
-        (folder / "probability.png").write_bytes(_probability(found, image))
+        (folder / "probability.png").write_bytes(_grey_png(found.water.probability, image))
+        (folder / "water.png").write_bytes(_grey_png(found.water.water, image))
 
 
 def write_reach(folder: Path, document: dict[str, Any], found: Reach, images: RiverImages) -> None:
@@ -202,8 +204,8 @@ def check_folder(folder: Path | None) -> None:
             raise OSError(number, os.strerror(number))
 
 
-def _probability(found: River, image: ImageArray) -> bytes:
-    """Grey of the image's size: white where it is water surely, black where it is land."""
+def _grey_png(share: npt.NDArray[Any], image: ImageArray) -> bytes:
+    """Grey of the image's size of a small copy's shares of water: white where it is water, black where it is land."""
     size = image.shape[1], image.shape[0]
-    grey = cv2.resize(np.rint(255 * found.water.probability).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    grey = cv2.resize(np.rint(255.0 * share).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     return bytes(cv2.imencode(".png", grey)[1])

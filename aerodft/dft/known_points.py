@@ -18,19 +18,19 @@ End: TypeAlias = Px | KnownPoint
 Elevations: TypeAlias = float | tuple[float, ...]
 
 
-def probe_end(told: Px | str, points: Mapping[str, KnownPoint]) -> End:
+def probe_end(end: Px | str, points: Mapping[str, KnownPoint]) -> End:
     """The end of a probe: a pixel, or text.
 
     Args:
-        told: ``(u, v)``; or ``"u,v"``, ``"@NAME"``, or ``"u,v@NAME"``, a pixel at the height of a surveyed point.
+        end: ``(u, v)``; or ``"u,v"``, ``"@NAME"``, or ``"u,v@NAME"``, a pixel at the height of a surveyed point.
         points: Surveyed points by name, whose heights count from the measured plane.
 
     Raises:
         UsageError: The text is none of these, no point has that name, or nobody knows where the point is seen.
     """
-    if not isinstance(told, str):
-        return told
-    pixel, at, name = told.partition("@")
+    if not isinstance(end, str):
+        return end
+    pixel, at, name = end.partition("@")
     if not at:
         return _pixel(pixel)
     if name not in points:
@@ -65,21 +65,21 @@ def at_own_heights(
     if None in pixels:
         raise UsageError("a surveyed point", got=Reason("its pixel is not known"), expected="a point with `pixel`")
     on_ground = ends[: PROBE_KINDS[kind].on_ground(len(ends))]
-    known = [end for end in on_ground if isinstance(end, KnownPoint)]
-    if known:
-        elevation_m = _filled(on_ground, elevation_m, [each.elevation_m for each in known])
-        elevation_std_m = _filled(on_ground, elevation_std_m, [each.elevation_std_m for each in known])
+    surveyed = [end for end in on_ground if isinstance(end, KnownPoint)]
+    if surveyed:
+        elevation_m = _filled(on_ground, elevation_m, [point.elevation_m for point in surveyed])
+        elevation_std_m = _filled(on_ground, elevation_std_m, [point.elevation_std_m for point in surveyed])
     return tuple(pixel for pixel in pixels if pixel is not None), elevation_m, elevation_std_m
 
 
-def _filled(ends: Sequence[End], others: Elevations, own: Sequence[float]) -> tuple[float, ...]:
-    """One number for each end: a surveyed point's own, or the next of the others."""
-    count = len(ends) - len(own)
-    if isinstance(others, tuple) and len(others) != count:
-        got = f"{counted(len(others), 'elevation')} beside {counted(len(own), 'surveyed point')}"
+def _filled(ends: Sequence[End], unnamed: Elevations, surveyed: Sequence[float]) -> tuple[float, ...]:
+    """One number for each end: a surveyed point's own, or the next of those of ends without a name."""
+    count = len(ends) - len(surveyed)
+    if isinstance(unnamed, tuple) and len(unnamed) != count:
+        got = f"{counted(len(unnamed), 'elevation')} beside {counted(len(surveyed), 'surveyed point')}"
         raise UsageError("the elevations", got=got, expected=f"one elevation, or {count}: of the ends without a name")
-    left, known = iter(others if isinstance(others, tuple) else [others] * count), iter(own)
-    return tuple(next(known if isinstance(end, KnownPoint) else left) for end in ends)
+    of_pixels, of_points = iter(unnamed if isinstance(unnamed, tuple) else [unnamed] * count), iter(surveyed)
+    return tuple(next(of_points if isinstance(end, KnownPoint) else of_pixels) for end in ends)
 
 
 def _listed(points: Mapping[str, KnownPoint]) -> str:

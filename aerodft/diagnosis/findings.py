@@ -277,7 +277,10 @@ def _stops(stream: Stream, end_ns: int) -> bool:
 def _missing(report: DiagnosisReport) -> Iterator[str]:
     """Sentences on lacking inputs without which nothing, or not without a setting, is measured."""
     if not report.heights:
-        yield "no height: neither a rangefinder, nor terrain data, nor a position with a height above home"
+        yield (
+            "no height: neither a rangefinder, nor terrain data, nor a height above home; an altitude above the sea is "
+            'none. Of a camera that kept its height state it: telemetry.height.order = ["manual"] and manual_m'
+        )
     elif {source.name for source in report.heights} == {"home"} and not _settings(report).height.home_above_plane_m:
         yield (
             "heights are above home only: where the river lies lower or higher than home, set "

@@ -156,6 +156,8 @@ class PositionTrack(Track):
         std_m: ``(n,)`` standard deviation of east and of north; None where the log has none.
         climb_mps: ``(n,)`` the vertical speed that the sender states, positive upwards by MAVLink's definition (some
             firmware negates it); from ``NO_CLIMB_MPS`` on it is unknown, None where the message has none.
+        home_alt_msl_m: ``(n,)`` altitude of home by a message of its own, NaN until it comes; None where the log has
+            no such message.
     """
 
     lat_rad: FloatArray
@@ -164,6 +166,7 @@ class PositionTrack(Track):
     height_home_m: FloatArray
     std_m: FloatArray | None = None
     climb_mps: FloatArray | None = None
+    home_alt_msl_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

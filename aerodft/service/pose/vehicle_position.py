@@ -1,7 +1,7 @@
 """The vehicle's position in the station's ENU frame."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -65,7 +65,7 @@ class VehiclePositions(TelemetryPart):
     Attributes:
         stream: Samples of the positions.
         receiver: Samples of the receiver's own positions, which these are held against.
-        origin: The station's ENU origin; None before the first fix.
+        origin: The station's ENU origin; None before the first fix, without altitude before home's is known.
 
     Args:
         settings: Longest gap between samples, and height of home.
@@ -80,6 +80,7 @@ class VehiclePositions(TelemetryPart):
         self._std_m = horizontal_std_m
         self._last_received: FloatArray | None = None
         self._home_above_plane_m = settings.home_above_plane_m
+        self._awaits_altitude = False
 
     def pose_streams(self) -> tuple[Stream, ...]:
         """The stream of positions."""
@@ -90,8 +91,13 @@ class VehiclePositions(TelemetryPart):
         return (self.stream, self.receiver)
 
     def may_append_ticks(self, track: Track) -> bool:
-        """Whether a track of several ticks may be appended at once: the first position makes the origin."""
-        return self.origin is not None or not isinstance(track, PositionTrack)
+        """Whether a track of several ticks may be appended at once: the first position makes the origin.
+
+        So does the first one from which its altitude is known.
+        """
+        if not isinstance(track, PositionTrack) or (self.origin is not None and not self._awaits_altitude):
+            return True
+        return self.origin is not None and not np.isfinite(self._planes_msl_m(track)).any()
 
     def append(self, track: Track, stamps_ns: IntArray, row_end_by_tick: IntArray | None = None) -> None:
         """Append positions, the vehicle's or the receiver's own, as ``Stream.append``; other tracks are ignored."""
@@ -105,12 +111,21 @@ class VehiclePositions(TelemetryPart):
         std_m = np.full(len(stamps_ns), np.nan) if track.std_m is None else track.std_m
         self.stream.append(stamps_ns, row_end_by_tick, **columns, std_m=std_m)
         if self.origin is None:
-            plane_m = float(track.alt_msl_m[0]) - (float(track.height_home_m[0]) + self._home_above_plane_m)
-            self.origin = GeoOrigin(
-                lat_rad=float(track.lat_rad[0]),
-                lon_rad=float(track.lon_rad[0]),
-                alt_msl_m=None if math.isnan(plane_m) else plane_m,
-            )
+            self.origin = GeoOrigin(lat_rad=float(track.lat_rad[0]), lon_rad=float(track.lon_rad[0]), alt_msl_m=None)
+            self._awaits_altitude = True
+        if self._awaits_altitude:
+            planes_m = self._planes_msl_m(track)
+            planes_m = planes_m[np.isfinite(planes_m)]
+            if len(planes_m):
+                self.origin = replace(self.origin, alt_msl_m=float(planes_m[0]))
+                self._awaits_altitude = False
+
+    def _planes_msl_m(self, track: PositionTrack) -> FloatArray:
+        """Altitude of the measured plane ``(n,)`` by home's altitude; NaN where that is not known."""
+        planes_m: FloatArray = track.alt_msl_m - (track.height_home_m + self._home_above_plane_m)
+        if track.home_alt_msl_m is None:
+            return planes_m
+        return np.where(np.isnan(planes_m), track.home_alt_msl_m - self._home_above_plane_m, planes_m)
 
     def at(self, query: Query) -> PositionBatch:
         """Positions and velocities ``(n,)``."""

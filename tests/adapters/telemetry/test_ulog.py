@@ -111,7 +111,6 @@ def test_first_and_last_values_of_the_samples(data_folder: Path) -> None:
     yaw, pitch, roll = Rotation.from_quat(wxyz[[0, -1]], scalar_first=True).as_euler("ZYX", degrees=True).T
     np.testing.assert_allclose([roll[0], pitch[0], yaw[0]], [-0.06, 0.16, 0.22], atol=0.006)
     np.testing.assert_allclose([roll[1], pitch[1], yaw[1]], [-0.16, 0.09, 0.09], atol=0.006)
-    assert not columns_of(tagged, HeightTrack, "home")  # home is not valid in this log
     events = blocks_of(folder / "sample_px4_events.ulg")
     place = columns_of(events, PositionTrack)
     estimated = place["boot_ns"] >= 0
@@ -133,8 +132,28 @@ def test_heights_are_of_the_local_estimate_against_home(data_folder: Path) -> No
     above_m = [-z_m[at // 1000] for at in ours["boot_ns"].tolist()]
     home_m = np.array(ours["value_m"]) - above_m
     valid = home["z"][home["valid_lpos"] != 0]
-    assert np.min(np.abs(home_m[:, None] - valid), axis=1).max() < 1e-6
+    by_place = np.min(np.abs(home_m[:, None] - valid), axis=1) < 1e-6
+    origins_m = np.unique(np.float64(local["ref_alt"][local["z_global"] != 0]))
+    by_altitude = np.unique(origins_m[:, None] - home["alt"])
+    is_by_altitude = np.min(np.abs(home_m[:, None] - by_altitude), axis=1) < 1e-5
+    assert np.all(by_place | is_by_altitude)
+    assert ours["boot_ns"][0] // 1000 < home["timestamp"][home["valid_lpos"] != 0][0]  # PX4 knows the altitude first
     assert ours["value_m"].max() == pytest.approx(2.159, abs=0.3)
+
+
+def test_home_is_known_by_its_altitude_alone(data_folder: Path) -> None:
+    """PX4 sends alt - home.alt as relative_alt as soon as ``valid_alt`` is set, whatever ``valid_lpos``."""
+    path = data_folder / "flights/ulog/sample_logging_tagged_and_default_params.ulg"
+    if not path.exists():
+        pytest.skip("no flights in the data folder")
+    theirs = ULog(str(path))
+    home, local = (theirs.get_dataset(name).data for name in ("home_position", "vehicle_local_position"))
+    ours = columns_of(blocks_of(path), HeightTrack, "home")
+    after = local["timestamp"] > home["timestamp"][0]
+    expected_m = (local["ref_alt"] - local["z"] - home["alt"][0])[after]
+    assert (home["valid_alt"][0], home["valid_lpos"][0]) == (1, 0)
+    assert len(expected_m) - 20 < len(ours["value_m"]) <= len(expected_m)  # the logger writes topics in bursts
+    np.testing.assert_allclose(ours["value_m"][-5:], expected_m[-5:], atol=1e-4)
 
 
 @pytest.mark.parametrize("old", [False, True])
@@ -457,9 +476,25 @@ pixels = [[31.5, 23.5]]
 """
 
 
-def test_a_flight_is_imported_and_recomputed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("has_altitude", [False, True])
+def test_the_planes_altitude_is_that_of_home(tmp_path: Path, *, has_altitude: bool) -> None:
     (tmp_path / "camera.toml").write_text('name = "small"\nwidth_px = 64\nheight_px = 48\nhfov_deg = 60.0\n')
-    (tmp_path / "station.toml").write_text(STATION)
+    (tmp_path / "station.toml").write_text(STATION.replace('["home"]', '["home"]\nhome_above_plane_m = 2.0'))
+    path = written(tmp_path, hover(home_alt_m=460.25 if has_altitude else math.nan))
+    folder = tmp_path / "recording"
+    done = run_aerodft("import", path, "--config", tmp_path / "station.toml", "-o", folder)
+    assert done.code == 0, done.err
+    values = [orjson.loads(each) for each in Recording(folder).measurements()]
+    altitudes = [each["geo"][0]["alt_msl_m"] for each in values if each["status"] == "ok"]
+    known = [each for each in altitudes if each is not None]
+    assert altitudes[0] is None  # until home's altitude is logged
+    assert altitudes == [None] * (len(altitudes) - len(known)) + known
+    assert bool(known) == has_altitude
+    np.testing.assert_allclose(known, 458.25)
+
+
+def hover(home_alt_m: float = math.nan) -> w.UlogWriter:
+    """Six seconds 40 m above a home whose altitude comes after three, a gimbal 30 degrees from straight down."""
     log = w.UlogWriter()
     attitude, home = log.subscribe("vehicle_attitude", w.ATTITUDE), log.subscribe("home_position", w.HOME)
     local, gps = log.subscribe("vehicle_local_position", w.LOCAL), log.subscribe("vehicle_gps_position", w.NEW_GPS)
@@ -468,11 +503,19 @@ def test_a_flight_is_imported_and_recomputed(tmp_path: Path) -> None:
     log.add(home, 500_000, 0.0, 0.0, math.nan, 0.5, 1)
     for step in range(60):
         at_us = 1_000_000 + 100_000 * step
+        if step == 30:
+            log.add(home, at_us, 47.0, 8.0, home_alt_m, 0.5, 1)
         log.add(attitude, at_us, *LEVEL)
         log.add(local, at_us, -39.5, 0.0, math.nan, math.nan, 1, 0, 0, 0)
         log.add(gimbal, at_us, *looks_down, 0.0, 0, EARTH, 1)
         log.add(gps, at_us, UTC_US + at_us, 47.0, 8.0, 500.0, 0.5, 0.8, 0, 3, 12)
-    path = written(tmp_path, log)
+    return log
+
+
+def test_a_flight_is_imported_and_recomputed(tmp_path: Path) -> None:
+    (tmp_path / "camera.toml").write_text('name = "small"\nwidth_px = 64\nheight_px = 48\nhfov_deg = 60.0\n')
+    (tmp_path / "station.toml").write_text(STATION)
+    path = written(tmp_path, hover())
     done = run_aerodft("import", path, "-c", tmp_path / "station.toml", "-o", tmp_path / "out", "--json")
     assert done.code == 0, done.err
     ranges_m = _ranges_m(tmp_path / "out")

@@ -138,11 +138,12 @@ class UlogDecoder:
     def __init__(self, gimbal: int | None = None) -> None:
         self.rejected: Counter[str] = Counter()
         self._definitions = Definitions()
+        self._home_altitudes = np.array([_EARLIER]), np.array([np.nan])
         self._newest_us: dict[int, int] = {}
         self._since: dict[str, int] = {}  # by what has come: the message in the block, or _EARLIER
         self._gimbal = gimbal
         self._sensor: int | None = None
-        self._home_z_m = np.nan
+        self._home_z_m = self._home_alt_m = np.nan
         self._reset_m = self._reset_at_home_m = 0.0
         self._reset_counter: int | None = None
 
@@ -165,6 +166,7 @@ class UlogDecoder:
         self._since = dict.fromkeys(self._since, _EARLIER)
         messages = self._messages(block, numbers)
         # The estimator's places and heights come behind the sensors' own, which they supersede.
+        self._set_home_altitudes(messages.get(_HOME))
         places = list(self._global(messages.get(_GLOBAL)))
         heights = list(self._local(messages.get(_LOCAL), messages.get(_HOME), messages.get(_SENSOR)))
         tracks = [
@@ -301,8 +303,24 @@ class UlogDecoder:
             lon_rad=np.radians(lon_deg),
             alt_msl_m=np.where(is_beyond(alt_m, MAX_HEIGHT_M), np.nan, alt_m),
             height_home_m=np.full(len(alt_m), np.nan),
+            home_alt_msl_m=self._home_altitude_m(good.order),
             **good.rows.stamps(),
         )
+
+    def _set_home_altitudes(self, home: _Messages | None) -> None:
+        """Keep the altitudes of home that hold in a block, and from which message on."""
+        since, alt_m = np.array([_EARLIER]), np.array([self._home_alt_m])
+        if home is not None and _has(home.rows, "alt"):
+            flag = "valid_alt" if _has(home.rows, "valid_alt") else "valid_lpos"
+            good = home.where(~_is_zero(home.rows, flag) & ~is_beyond(home.rows.column("alt"), MAX_HEIGHT_M))
+            since, alt_m = np.concatenate([since, good.order]), np.concatenate([alt_m, good.rows.column("alt")])
+        self._home_altitudes, self._home_alt_m = (since, alt_m), float(alt_m[-1])
+
+    def _home_altitude_m(self, order: IntArray) -> FloatArray:
+        """Altitude of home at each message ``(n,)`` of the block; NaN until it is known."""
+        since, alt_m = self._home_altitudes
+        known: FloatArray = alt_m[np.searchsorted(since, order, side="right") - 1]
+        return known
 
     def _local(self, messages: _Messages | None, home: _Messages | None, sensor: _Messages | None) -> Iterable[Track]:
         if sensor is not None:
@@ -345,8 +363,9 @@ class UlogDecoder:
         resets_m = self._resets_m(messages.rows)
         since, home_z_m, reset_at_home_m = self._set_home(home, messages.order, resets_m)
         which = np.searchsorted(since, messages.order, side="right") - 1
+        home_z_m = np.where(np.isnan(home_z_m[which]), self._home_z_by_altitude_m(messages), home_z_m[which])
         faults = {
-            "no home yet": np.isnan(home_z_m[which]),
+            "no home yet": np.isnan(home_z_m),
             "z is not valid yet": _is_zero(messages.rows, "z_valid"),
             **no_height(messages.rows, "z"),
         }
@@ -356,11 +375,19 @@ class UlogDecoder:
         std_m = np.hypot(HEIGHT_SOURCES[HeightSource.HOME].std_m, reset_m)
         return HeightTrack(
             source=HeightSource.HOME,
-            value_m=home_z_m[which][keep] - good.column("z"),
+            value_m=home_z_m[keep] - good.column("z"),
             slant=False,
             std_m=np.where(reset_m > 0, std_m, np.nan),
             **good.stamps(),
         )
+
+    def _home_z_by_altitude_m(self, messages: _Messages) -> FloatArray:
+        """Home's z ``(n,)`` by its altitude and the origin's: PX4 may know home's altitude before its local place."""
+        rows = messages.rows
+        if not _has(rows, "ref_alt", "z_global"):
+            return np.full(len(rows.payload), np.nan)
+        is_unknown = (rows.payload["z_global"] == 0) | is_beyond(rows.column("ref_alt"), MAX_HEIGHT_M)
+        return np.where(is_unknown, np.nan, rows.column("ref_alt") - self._home_altitude_m(messages.order))
 
     def _above_bottom(self, messages: _Messages) -> Track:
         """The estimator's height above the ground, where a rangefinder measures it: else it assumes a flat one."""

@@ -54,6 +54,7 @@ _TEXT_KINDS: Final = (
     ),
 )
 _HEAD_BYTES = 512
+_TS_PACKET_BYTES, _TS_SYNC = 188, 0x47  # of ISO 13818-1
 _MOST_BYTES = 1 << 30  # a file without end, or one that claims to be, takes all memory
 
 _SCHEME = re.compile(r"[a-z][a-z0-9+.-]+:")  # s3:, gs:, https:; a drive of Windows has one letter
@@ -85,6 +86,8 @@ def content_looks_like(head: bytes) -> str:
     """Kind of file that starts with some bytes, in a few words."""
     if not head:
         return "an empty file"
+    if len(head) > 2 * _TS_PACKET_BYTES and set(head[::_TS_PACKET_BYTES][:3]) == {_TS_SYNC}:
+        return "an MPEG-TS video"
     for offset, magic, name in _MAGIC:
         if head[offset : offset + len(magic)] == magic:
             return name

@@ -35,7 +35,7 @@ from aerodft.adapters.timestamps import offset_text, parse_offset, unix_ns_to_is
 from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.app.align import DEFAULT_MAX_OFFSET_S, MAX_OFFSET_LIMIT_S, aligned_station
-from aerodft.app.subtitled import subtitled_flight, with_own_videos, with_tilt
+from aerodft.app.subtitled import subtitled_flight, with_carrying_video, with_own_videos, with_tilt
 from aerodft.app.triggered import RestampedPhotos, TriggeredPhotos, triggered_photos
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
@@ -130,6 +130,8 @@ def import_flight(  # noqa: PLR0913 - what a user may choose, by name
     flight = None if station.pipeline.telemetry is None else subtitled_flight(logs)
     if flight is not None:
         station, flight = with_own_videos(station, flight)
+    elif log is not None:
+        station = with_carrying_video(station, log)
     with named_in(Path(where)):
         if sync or (sync is None and station.images.is_auto):
             reach_s = DEFAULT_MAX_OFFSET_S if max_offset_s is None else max_offset_s

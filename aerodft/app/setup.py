@@ -21,7 +21,14 @@ from aerodft.adapters.images import (
     facts_of_still,
     video_info,
 )
-from aerodft.adapters.telemetry import SubtitleLog, are_subtitles, carries_subtitles, hfov_deg, unread_tracks
+from aerodft.adapters.telemetry import (
+    SubtitleLog,
+    are_subtitles,
+    carries_subtitles,
+    carries_telemetry,
+    hfov_deg,
+    unread_tracks,
+)
 from aerodft.adapters.telemetry.mavlink import is_link
 from aerodft.adapters.timestamps import offset_text, unix_ns_to_iso, zone_hint
 from aerodft.app.diagnose import diagnose
@@ -174,9 +181,13 @@ class StationDraft:
 
 @dataclass(slots=True)
 class _Sources:
-    """Inputs of a station: at most one of telemetry, and one of images."""
+    """Inputs of a station: at most one of telemetry, and one of images.
+
+    ``is_carried``: whether the log is a data track of the video itself.
+    """
 
     log: Path | None = None
+    is_carried: bool = False
     link: str | None = None
     images: Path | None = None
     stream: str | None = None
@@ -302,7 +313,7 @@ def _sorted(sources: Sequence[str | Path]) -> _Sources:
 
 
 def _find_own_telemetry(found: _Sources) -> None:
-    """Take images that say where they were taken for the log: photographs with poses, videos with subtitles.
+    """Take images that say where they were taken for the log: photographs with poses, videos with telemetry.
 
     Subtitles that are named themselves have the video beside them, unless another one is named too.
 
@@ -320,6 +331,8 @@ def _find_own_telemetry(found: _Sources) -> None:
         photo = _photo(images)
         if photo is not None and carries_pose(photo):
             found.log = images
+        elif photo is None and not found.later and carries_telemetry(images):
+            found.log, found.is_carried = images, True
         elif photo is None and carries_subtitles(images):
             found.subtitles = SubtitleLog([images, *found.later])
             found.images, *found.later = found.subtitles.paths
@@ -488,7 +501,7 @@ def _telemetry(
     if found.link is not None:
         yield f"connection = {_quoted(found.link)}"
     yield "\n[telemetry.height]"
-    if (report.photographs or found.subtitles is not None) and not heights:
+    if (report.photographs or found.subtitles is not None or found.is_carried) and not heights:
         yield from _stated_height(draft)
         yield from _stated_attitude(draft, attitudes, is_subtitled=found.subtitles is not None)
         return
@@ -555,7 +568,10 @@ def _fixed(draft: _Draft, view: Path | None) -> Iterator[str]:
 def _images(draft: _Draft, found: _Sources, report: DiagnosisReport | None, folder: Path) -> Iterator[str]:
     """The table of where images come from."""
     yield "[images]"
-    if found.log is not None and found.log == found.images and found.subtitles is None:
+    if found.is_carried and found.images is not None:
+        yield f"video = {_from(folder, found.images)}"
+        draft.taken.append("video's start: by its own telemetry, on one time line")
+    elif found.log is not None and found.log == found.images and found.subtitles is None:
         yield "# the photographs that say the poses"
         draft.taken.append(f"images: the photographs of {found.images}, each with its own pose")
     elif found.stream is not None:

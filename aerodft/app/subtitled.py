@@ -1,4 +1,4 @@
-"""Flights whose telemetry is the subtitles of their own videos, and cameras whose tilt is stated."""
+"""Flights whose telemetry stands in their own videos, as subtitles or data, and cameras whose tilt is stated."""
 
 import logging
 import math
@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Final
 
 from aerodft.adapters.config.station import StationConfig, VideoFile, with_derived_settings
-from aerodft.adapters.telemetry import LOG_FORMATS, SubtitleLog, are_subtitles
+from aerodft.adapters.telemetry import (
+    LOG_FORMATS,
+    DataTrackLog,
+    SubtitleLog,
+    are_subtitles,
+    carries_telemetry,
+    open_log,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import UsageError
 from aerodft.model import GimbalSource
@@ -28,7 +35,7 @@ def subtitled_flight(logs: Sequence[Path]) -> SubtitleLog | None:
         InputError: A file cannot be read, or is a video without subtitles.
     """
     for path in logs:
-        if not are_subtitles(path):
+        if not are_subtitles(path) or (len(logs) == 1 and carries_telemetry(path)):
             if len(logs) == 1:
                 return None
             titles = ", ".join(each.TITLE for each in LOG_FORMATS)
@@ -64,6 +71,26 @@ def with_own_videos(station: StationConfig, flight: SubtitleLog) -> tuple[Statio
     pipeline = replace(station.pipeline, time_std_s=max(station.pipeline.time_std_s, flight.time_std_s))
     images = replace(station.images, source=source, is_auto=False)
     return with_derived_settings(replace(station, images=images, pipeline=pipeline)), flight
+
+
+def with_carrying_video(station: StationConfig, log: Path) -> StationConfig:
+    """A station whose images are those of the video that carries its telemetry, unless it names others.
+
+    Raises:
+        InputError: The telemetry does not keep to the video's time line.
+    """
+    source = station.images.source
+    is_own = source is None or (isinstance(source, VideoFile) and source.path.resolve() == log.resolve())
+    if not is_own or not carries_telemetry(log):
+        return station
+    source = source if isinstance(source, VideoFile) else VideoFile(path=log)
+    telemetry = open_log(log)
+    if source.start_ns is not None or not isinstance(telemetry, DataTrackLog) or telemetry.start_ns is None:
+        return station
+    source = replace(source, start_ns=telemetry.start_ns)
+    pipeline = replace(station.pipeline, time_std_s=max(station.pipeline.time_std_s, telemetry.time_std_s))
+    images = replace(station.images, source=source, is_auto=False)
+    return with_derived_settings(replace(station, images=images, pipeline=pipeline))
 
 
 def over_cues(telemetry: TelemetrySettings, flight: SubtitleLog) -> TelemetrySettings:

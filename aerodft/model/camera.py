@@ -171,12 +171,13 @@ class Camera:
 
 
 class ZoomSource(StrEnum):
-    """The message, or subtitles, that report a camera's view."""
+    """The message, subtitles or metadata that report a camera's view."""
 
     CAMERA_SETTINGS = "CAMERA_SETTINGS"
     CAMERA_FOV_STATUS = "CAMERA_FOV_STATUS"
     VIDEO_STREAM_INFORMATION = "VIDEO_STREAM_INFORMATION"
     SUBTITLES = "subtitles"  # a 35 mm-equivalent focal length
+    KLV = "klv"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

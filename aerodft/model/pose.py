@@ -106,6 +106,7 @@ class GimbalSource(str):
     PHOTOGRAPH: ClassVar["GimbalSource"]
     SUBTITLES: ClassVar["GimbalSource"]
     TABLE: ClassVar["GimbalSource"]
+    KLV: ClassVar["GimbalSource"]
     MANUAL: ClassVar["GimbalSource"]
 
 
@@ -117,6 +118,7 @@ GimbalSource.FIXED_MOUNT = GimbalSource("fixed")
 GimbalSource.PHOTOGRAPH = GimbalSource("photograph")
 GimbalSource.SUBTITLES = GimbalSource("subtitles")
 GimbalSource.TABLE = GimbalSource("table")
+GimbalSource.KLV = GimbalSource("klv")
 GimbalSource.MANUAL = GimbalSource("manual")
 
 

@@ -42,6 +42,7 @@ GIMBAL_SOURCES: Final[dict[GimbalSource, GimbalReports]] = {
         GimbalReports(name=GimbalSource.PHOTOGRAPH, is_own_statement=True),
         GimbalReports(name=GimbalSource.SUBTITLES, is_own_statement=True),
         GimbalReports(name=GimbalSource.TABLE, is_own_statement=True),
+        GimbalReports(name=GimbalSource.KLV, is_own_statement=True),
         GimbalReports(name=GimbalSource.MANUAL, is_reported=False),
     )
 }

@@ -36,7 +36,7 @@ _FRAMES = {"auto": None, **{str(frame): frame for frame in ReportFrame}}
 _AXES = {"auto": None, **{str(axes): axes for axes in GIMBAL_MOUNTS}}
 _LON_FIRST = {"auto": None, "lat,lon": False, "lon,lat": True}
 _IS_DEMAND = {"auto": None, "measured": False, "demand": True}
-ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION", "subtitles"]
+ZoomName = Literal["CAMERA_SETTINGS", "CAMERA_FOV_STATUS", "VIDEO_STREAM_INFORMATION", "subtitles", "klv"]
 PitchDeg = Annotated[float, Field(ge=-180, le=180)]
 Percent = Annotated[float, Field(ge=0, le=100)]
 ZoomPoint = Annotated[tuple[Percent, keys.Positive], Field(strict=False)]

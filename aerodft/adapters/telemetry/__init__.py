@@ -1,11 +1,13 @@
 """Telemetry logs and links, whatever their format, decoded to tracks in SI units."""
 
+from aerodft.adapters.telemetry.data_tracks import DataTrackLog
 from aerodft.adapters.telemetry.dataflash import FMT_TYPE, HEAD_SIZE, DataflashDecoder, MessageFormat
 from aerodft.adapters.telemetry.log_file import LogFormat, LogSource
 from aerodft.adapters.telemetry.log_formats import (
     LOG_FORMATS,
     USED_MESSAGES,
     CompositeDecoder,
+    carries_telemetry,
     decoder_of,
     followed_by,
     open_log,

@@ -91,6 +91,15 @@ class FolderFormat(LogFormat, Protocol):
         ...
 
 
+@runtime_checkable
+class VideoFormat(LogFormat, Protocol):
+    """A format whose frames may also stand in a video's data track; a ``LogFormat`` that has this as well."""
+
+    def recognises_video(self, path: Path) -> bool:
+        """Whether a video carries this format; ``open_source`` then takes it."""
+        ...
+
+
 def rows_that_go_on(times_ns: Sequence[int | None]) -> list[int]:
     """Rows of a text log whose times ascend: a time that is off alone, ahead or back, is left out with its row."""
     following_ns: list[int | None] = [None] * len(times_ns)

@@ -10,8 +10,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from aerodft.adapters.files import looks_like
-from aerodft.adapters.telemetry import dataflash, photographs, subtitles, tables, tlog, ulog
+from aerodft.adapters.files import check_is_no_pipe, looks_like
+from aerodft.adapters.telemetry import dataflash, gpmf, klv, photographs, subtitles, tables, tlog, ulog
+from aerodft.adapters.telemetry.data_tracks import is_video
 from aerodft.adapters.telemetry.log_file import (
     HEAD_BYTES,
     FolderFormat,
@@ -20,6 +21,7 @@ from aerodft.adapters.telemetry.log_file import (
     LogFormat,
     LogSource,
     NamesFrames,
+    VideoFormat,
 )
 from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.adapters.telemetry.tracks import scaled
@@ -32,6 +34,8 @@ LOG_FORMATS: Final[list[LogFormat]] = [
     dataflash,
     ulog,
     photographs,
+    klv,
+    gpmf,
     subtitles,
     tables,
 ]
@@ -120,6 +124,22 @@ def followed_by(telemetry: TelemetrySettings | None) -> FollowedIds:
     )
 
 
+def carries_telemetry(path: Path) -> bool:
+    """Whether a path is a video with telemetry in a data track."""
+    try:
+        check_is_no_pipe(path)
+        with path.open("rb") as file:
+            return _video_format(path, file.read(HEAD_BYTES)) is not None
+    except OSError:
+        return False
+
+
+def _video_format(path: Path, head: bytes) -> LogFormat | None:
+    """The format of the telemetry in a data track of a video that begins with these bytes; None where it has none."""
+    formats = (each for each in LOG_FORMATS if isinstance(each, VideoFormat)) if is_video(head) else ()
+    return next((each for each in formats if each.recognises_video(path)), None)
+
+
 def open_log(path: Path, columns: Mapping[str, str] | None = None) -> LogSource:
     """Open a telemetry log by what it holds, whatever its name; a folder, where a format's logs may be folders.
 
@@ -139,7 +159,7 @@ def open_log(path: Path, columns: Mapping[str, str] | None = None) -> LogSource:
         if folders:
             return folders[0].open_source(path)
     head = LogFile(path, expected).read(0, HEAD_BYTES)
-    found = next((each for each in LOG_FORMATS if each.recognises(head)), None)
+    found = _video_format(path, head) or next((each for each in LOG_FORMATS if each.recognises(head)), None)
     if found is None:  # what is damaged at its beginning may be a .tlog farther on
         return tlog.TlogSource(path, expected)
     return found.open_source(path)

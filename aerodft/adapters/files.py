@@ -45,7 +45,7 @@ _TEXT_KINDS: Final = (
     _TextKind(
         "ArduPilot's text log",
         re.compile(rb"(?:[^\0]*\n)?FMT, ?\d+, ?\d+,"),
-        "give the .bin log that it was made from",
+        "give it as the log of a flight",
     ),
     _TextKind(
         "pyorc's camera configuration",

@@ -182,9 +182,13 @@ class LogFile:
             check_is_no_pipe(path)
             if path.stat().st_size == 0:
                 raise InputError("the file is empty", where=path, got="0 bytes", expected=expected)
-            self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            self._descriptor = self._open(path)
             weakref.finalize(self, os.close, self._descriptor)
             self.size = os.fstat(self._descriptor).st_size
+
+    def _open(self, path: Path) -> int:
+        """Descriptor of the bytes that are read."""
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
     @property
     def counts(self) -> FrameCounts:

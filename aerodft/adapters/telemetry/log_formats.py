@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from aerodft.adapters.files import check_is_no_pipe, looks_like
-from aerodft.adapters.telemetry import dataflash, gpmf, klv, photographs, subtitles, tables, tlog, ulog
+from aerodft.adapters.telemetry import dataflash, dataflash_text, gpmf, klv, photographs, subtitles, tables, tlog, ulog
 from aerodft.adapters.telemetry.data_tracks import is_video
 from aerodft.adapters.telemetry.log_file import (
     HEAD_BYTES,
@@ -32,6 +32,7 @@ from aerodft.service import TelemetryDecoder, TelemetrySettings
 LOG_FORMATS: Final[list[LogFormat]] = [
     tlog,
     dataflash,
+    dataflash_text,
     ulog,
     photographs,
     klv,

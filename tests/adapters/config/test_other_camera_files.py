@@ -273,7 +273,6 @@ def test_aliases_of_aliases_cost_nothing(tmp_path):
 
 FOREIGN = {
     "track.gpx": ('<?xml version="1.0"?><gpx version="1.1"><trk/></gpx>', "a GPX track", "no camera attitude"),
-    "flight.log": ("FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", "ArduPilot's text log", "the .bin"),
     "pyorc.json": (
         '{"height": 1080, "width": 1920, "gcps": {"src": [[1, 2]], "dst": [[3, 4]]}}',
         "pyorc's camera configuration",

@@ -6,7 +6,12 @@ A FMT message names the fields of every other message.
 from pathlib import Path
 from typing import Final
 
-from aerodft.adapters.telemetry.dataflash.decoding import DataflashDecoder, MessageFormat, gps_to_unix_ns
+from aerodft.adapters.telemetry.dataflash.decoding import (
+    DataflashDecoder,
+    MessageFormat,
+    gps_to_unix_ns,
+    parse_format,
+)
 from aerodft.adapters.telemetry.dataflash.framing import FMT_TYPE, HEAD, HEAD_SIZE
 from aerodft.adapters.telemetry.dataflash.source import TITLE, DataflashSource
 from aerodft.adapters.telemetry.mavlink import FollowedIds
@@ -14,6 +19,7 @@ from aerodft.model import WireProtocol
 
 __all__ = [
     "FMT_TYPE",
+    "HEAD",
     "HEAD_SIZE",
     "PROTOCOL",
     "TITLE",
@@ -23,6 +29,7 @@ __all__ = [
     "gps_to_unix_ns",
     "new_decoder",
     "open_source",
+    "parse_format",
     "recognises",
 ]
 

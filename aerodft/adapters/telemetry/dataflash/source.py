@@ -28,13 +28,14 @@ class DataflashSource(LogFile):
 
     Args:
         path: The file.
+        expected: What would have been right, for the sentence that refuses a file.
 
     Raises:
         InputError: The file is missing, a folder, unreadable, empty, or no such log.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, TITLE, TLOG_STATE)
+    def __init__(self, path: Path, expected: str = TITLE) -> None:
+        super().__init__(path, expected, TLOG_STATE)
         self._first_us, self._unix_minus_boot_ns, self._has_gps = self._boot_to_utc()
 
     def events(self) -> Iterator[Event]:

@@ -313,3 +313,50 @@ def test_a_folder_of_two_cameras_of_one_size_is_refused_by_their_names(tmp_path)
     done = run_aerodft("doctor", tmp_path)
     assert done.code == 3
     assert "photographs by several cameras: got FC300S (1), FC6310R (2)" in " ".join(done.err.split())
+
+
+def test_copies_of_a_photograph_are_left_out_and_named(tmp_path):
+    photos = flight(tmp_path / "photos")
+    first, second, *_ = sorted(photos.iterdir())
+    (photos / "copy of it.jpg").write_bytes(first.read_bytes())
+    edited = photos / "edited.jpg"
+    edited.write_bytes(second.read_bytes() + b"\0")  # other bytes that say what the second one says
+    done = run_aerodft("doctor", photos, "--json")
+    assert done.code == 0, done.err
+    problems = " ".join(done.json["problems"])
+    assert "1 of 7 photographs are copies of others: left out (copy of it.jpg)" in problems
+    assert "1 of 7 photographs state time and pose of another one" in problems
+    assert "6 photographs by DJI" in done.json["notes"]
+    run_aerodft("init", photos, "-o", tmp_path / "mine", "--json")
+    done = run_aerodft("import", photos, "-c", tmp_path / "mine/station.toml", "-o", tmp_path / "rec")
+    assert done.code == 0, done.err
+    assert "copies of others" in done.err
+    assert len(list(Recording(tmp_path / "rec").measurements())) == 6
+
+
+def test_photographs_of_another_place_or_of_none_are_left_out_and_named(tmp_path):
+    photos = flight(tmp_path / "photos")
+    info = exif(make="DJI", model="FC0000", date="2026:06:01 12:00:00", focal_35mm_mm=24)
+    write_photo(photos / "holiday.jpg", packet(dji(0.0, -90.0, place_deg=(46.9, -91.9939))), info)
+    write_photo(photos / "nowhere.jpg", packet(dji(0.0, -90.0, place_deg=(0.0, 0.0))), info)
+    run_aerodft("init", photos, "-o", tmp_path / "mine", "--json")
+    done = run_aerodft("import", photos, "-c", tmp_path / "mine/station.toml", "-o", tmp_path / "rec")
+    assert done.code == 0, done.err
+    said = " ".join(done.err.split())
+    assert "1 of 7 photographs state no position: left out (nowhere.jpg)" in said
+    # 57.2 thousandths of a degree of latitude less the flight's 0.4, times 111.19 km
+    assert "1 of 6 photographs are of another place, 6.3 km and more from the rest: left out (holiday.jpg)" in said
+    found = [orjson.loads(each) for each in Recording(tmp_path / "rec").measurements()]
+    assert [each["status"] for each in found] == ["ok"] * 5
+
+
+def test_photographs_of_two_places_are_refused(tmp_path):
+    photos = flight(tmp_path / "photos", count=2)
+    info = exif(make="DJI", model="FC0000", date="2026:06:02 12:00:00", focal_35mm_mm=24)
+    for k in range(2):
+        write_photo(photos / f"other{k}.jpg", packet(dji(k, -90.0, place_deg=(47.5, -90.0 + 1e-4 * k))), info)
+    done = run_aerodft("doctor", photos)
+    assert done.code == 3
+    said = " ".join(done.err.split())
+    assert "photographs of several places: got 2 photographs at" in said
+    assert "put each place's photographs into a folder" in said

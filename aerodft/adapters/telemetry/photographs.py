@@ -15,7 +15,7 @@ import numpy as np
 
 from aerodft.adapters.files import content_looks_like
 from aerodft.adapters.images import STILLS, StillsFolderSource
-from aerodft.adapters.photographs import PhotoPose, PhotoTags, photo_tags, pose_of_tags
+from aerodft.adapters.photographs import Photo, PhotoPose, PhotoTags, of_one_flight, photo_tags, pose_of_tags
 from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts
 from aerodft.errors import InputError
 from aerodft.model import (
@@ -83,12 +83,15 @@ class PhotographLog:
         self._paths: frozenset[Path] | None = None
         stamped = self.images(decode=False).stamped
         tags = {each: photo_tags(each) for _, each in stamped}
-        known = {each: pose for each in tags if (pose := pose_of_tags(tags[each])) is not None}
-        self._paths, self._strangers = frozenset(known), len(tags) - len(known)
-        self._photos = [(stamp_ns, tags[each]) for stamp_ns, each in stamped if each in known]
-        self._poses = [known[each] for _, each in stamped if each in known]
-        self._check_one_camera([tags for _, tags in self._photos])
-        self.first_photo = next((each for _, each in stamped if each in known), path)
+        known = [Photo(each, tags[each], pose) for each in tags if (pose := pose_of_tags(tags[each])) is not None]
+        self._strangers = len(tags) - len(known)
+        self._check_one_camera([photo.tags for photo in known])
+        photos, self._left_out = of_one_flight(known, path)
+        self._paths = frozenset(photo.path for photo in photos)
+        self._poses = [photo.pose for photo in photos]
+        stamps_ns = {each: stamp_ns for stamp_ns, each in stamped}
+        self._photos = [(stamps_ns[photo.path], photo.tags) for photo in photos]
+        self.first_photo = photos[0].path if photos else path
         if not any(pose.wxyz is not None for pose in self._poses):
             said = self._poses[0].remarks if self._poses else ()
             got = "; ".join(said) or f"{len(tags)} without EXIF or XMP of a drone that is known here"
@@ -134,7 +137,7 @@ class PhotographLog:
         said = [f"{count}{of}: {examples[key]}" if of else examples[key] for key, count in counts.items()]
         if self._strangers:
             said.append(f"{self._strangers} stills beside them say no pose of a drone that is known here: left out")
-        return tuple(f"{self.path.name}: {sentence}" for sentence in said)
+        return tuple(f"{self.path.name}: {sentence}" for sentence in (*said, *self._left_out))
 
     def _check_one_camera(self, photos: Sequence[PhotoTags]) -> None:
         """Refuse photographs of several cameras by their names in EXIF data: one lens cannot measure in all of them."""

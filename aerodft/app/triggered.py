@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from aerodft.conventions import SECOND_NS
+from aerodft.errors import InputError
 from aerodft.model import BoolArray, Event, Image, TriggerSource
 from aerodft.service import Source
 
@@ -62,6 +63,9 @@ def triggered_photos(
     Args:
         photos: Stamp (ns, by the camera's clock) and file of each, ascending.
         triggers: UTC (ns) by message.
+
+    Raises:
+        InputError: The camera's clock was set in mid-flight, and the parts do not tell their triggers.
     """
     from calibration.sync import match_photos
 
@@ -81,6 +85,13 @@ def triggered_photos(
         is_ordered=_has_known_place(photo_ns, [path.name for _, path in photos]),
         clock_std_s=_CLOCK_STD_S,
     )
+    if matches.why and matches.steps:
+        raise InputError(
+            f"the camera's clock was set in mid-flight, about {photos[matches.steps[0]][1].name}",
+            where=photos[0][1].parent,
+            got=matches.why,
+            hint="give the photos before and behind that in folders of their own",
+        )
     if matches.why:
         said = f"photos are not matched to the log's {len(trigger_ns)} {source} messages: {matches.why}; their own"
         return TriggeredPhotos(None, (f"{said} stamps are taken",))
@@ -88,6 +99,11 @@ def triggered_photos(
     refused = [photos[k][1].name for k in np.flatnonzero(matches.trigger < 0).tolist()]
     clock = f"UTC is the camera's clock {matches.offset_s:+.2f} s (std {matches.offset_std_s:.2f} s)"
     remarks = [f"{len(certain)} of {len(photos)} photos are stamped by {source}: {clock}"]
+    remarks += [
+        f"the camera's clock was set in mid-flight, about {photos[k][1].name}: each part is matched on its own; the "
+        "clock above is that of most photos"
+        for k in matches.steps
+    ]
     if refused:
         more = ", ..." if len(refused) > _MOST_NAMED else ""
         remarks.append(

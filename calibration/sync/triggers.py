@@ -7,7 +7,7 @@ the probability that a photo belongs to a trigger. A photo without a certain tri
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -47,6 +47,16 @@ _MIN_SHARE: Final = 0.7  # of the photos or the triggers, whichever are fewer
 # Nats a match: of 100 simulated flights at least 3.8, of photos of another flight 2 of 100 more than 3.6.
 _MIN_EVIDENCE: Final = 3.6
 _GRID: Final = 161
+# Probability, at each photo, that the camera's clock is set: a thirtieth of that of a lost photo, so that one does not
+# hide it. Half as much leaves photos of some more stepped flights wrong; twice refuses 2 % more of all others.
+_STEP: Final = 0.001
+# Clocks are set by hand or by GPS, by a second and more. Smaller steps would explain stamps that are cut at two phases.
+_LEAST_STEP_S, _MOST_STEP_S = 0.75, 6.0
+_MOST_STEPS: Final = 2  # in one flight
+_STEP_EVIDENCE: Final = 3.0  # nats above one clock from which on a step is taken for one; below, both are weighed
+_LIKELY_SWITCH: Final = 1e-4  # probability of a place of a step, above which photos beside it are left out
+_UNTOLD: Final = "the intervals do not tell which photo belongs to which trigger"
+_NEGLIGIBLE_WEIGHT: Final = 1e-6  # of a hypothesis, by which no match is decided
 _MOSTLY: Final = 0.9
 
 
@@ -64,6 +74,7 @@ class PhotoMatches:
         reference_s: The photos' mean stamp.
         doubled: ``(t,)`` triggers that are a second message of the one before.
         lost: ``(t,)`` triggers that certainly have no photo, between the first and the last matched one.
+        steps: Photos near which the camera's clock was set in mid-flight; the clock then is that of most photos.
         why: Sentence on why no photo is matched; empty where some are.
     """
 
@@ -76,6 +87,7 @@ class PhotoMatches:
     reference_s: float
     doubled: BoolArray
     lost: BoolArray
+    steps: tuple[int, ...] = ()
     why: str = ""
 
 
@@ -101,39 +113,122 @@ def match_photos(
     times_s = trigger_s[kept]
     if min(len(photo_s), len(times_s)) < _MIN_MATCHES:
         return _nothing(len(photo_s), doubled, f"{len(photo_s)} photos and {len(times_s)} triggers are too few to tell")
-    clocks = _Alignments(photo_s, times_s, resolution_s, clock_std_s).best()
-    if not clocks:
-        return _nothing(len(photo_s), doubled, "no offset of the camera's clock explains the intervals")
-    weights = np.exp(np.array([each.log_likelihood for each in clocks]) - clocks[0].log_likelihood)
-    weights /= weights.sum()
-    posterior = sum(weight * each.posterior for weight, each in zip(weights, clocks, strict=True))
-    assert isinstance(posterior, np.ndarray)  # noqa: S101 - a sum of arrays
-    choice = np.argmax(posterior, axis=1)
-    probability = posterior[np.arange(len(photo_s)), choice]
-    certain = probability >= MIN_PROBABILITY
-    if is_ordered is not None:
-        certain &= is_ordered
-    if np.count_nonzero(certain) < _MIN_MATCHES:
-        why = "the intervals do not tell which photo belongs to which trigger"
-        return _nothing(len(photo_s), doubled, why, probability)
-    trigger = np.where(certain, kept[choice], -1)
-    offset_s, offset_std_s, drift, drift_std = clocks[0].posterior_clock()
+    ordered = np.ones(len(photo_s), dtype=np.bool_) if is_ordered is None else is_ordered
+    found = _search(photo_s, times_s, ordered, resolution_s, clock_std_s, _MOST_STEPS)
+    if found.clock is None or np.count_nonzero(found.certain) < _MIN_MATCHES:
+        return replace(_nothing(len(photo_s), doubled, found.why or _UNTOLD, found.probability), steps=found.steps)
+    trigger = np.where(found.certain, kept[found.choice], -1)
+    offset_s, offset_std_s, drift, drift_std = found.clock.posterior_clock()
     matched = np.zeros(len(trigger_s), dtype=np.bool_)
-    matched[trigger[certain]] = True
+    matched[trigger[found.certain]] = True
     inner = np.zeros(len(trigger_s), dtype=np.bool_)
-    inner[trigger[certain].min() : trigger[certain].max() + 1] = True
+    inner[trigger[found.certain].min() : trigger[found.certain].max() + 1] = True
     unexplained = np.zeros(len(trigger_s), dtype=np.bool_)
-    unexplained[kept] = posterior.sum(axis=0) < 1 - MIN_PROBABILITY
+    unexplained[kept] = found.explained < 1 - MIN_PROBABILITY
     return PhotoMatches(
         trigger=trigger,
-        probability=probability,
+        probability=found.probability,
         offset_s=offset_s,
         offset_std_s=offset_std_s,
         drift=drift,
         drift_std=drift_std,
-        reference_s=clocks[0].reference_s,
+        reference_s=found.clock.reference_s,
         doubled=doubled,
         lost=inner & ~matched & unexplained,
+        steps=found.steps,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Found:
+    """Matches of some photos ``(p,)`` to triggers ``(t,)``.
+
+    ``choice``, ``probability`` and ``certain`` are of the photos, ``explained`` is the probability that a trigger has a
+    photo; ``clock`` is that of most matched photos, ``steps`` are photos from which on it was set.
+    """
+
+    choice: IntArray
+    probability: FloatArray
+    certain: BoolArray
+    explained: FloatArray
+    clock: "_Clock | None"
+    steps: tuple[int, ...] = ()
+    why: str = ""
+
+
+def _search(
+    photo_s: FloatArray,
+    times_s: FloatArray,
+    is_ordered: BoolArray,
+    resolution_s: float,
+    clock_std_s: float,
+    most_steps: int,
+) -> _Found:
+    """Match photos by one clock of the camera, or by one before and one behind each time that it was set."""
+    none = np.zeros(len(photo_s), dtype=np.int64)
+    nothing = _Found(
+        choice=none,
+        probability=np.zeros(len(photo_s)),
+        certain=none > 0,
+        explained=np.zeros(len(times_s)),
+        clock=None,
+        why=_UNTOLD,
+    )
+    if min(len(photo_s), len(times_s)) < _MIN_MATCHES:
+        return nothing
+    clocks = _Alignments(photo_s, times_s, resolution_s, clock_std_s).best()
+    if not clocks:
+        return replace(nothing, why="no offset of the camera's clock explains the intervals")
+    stepped = [each for clock in clocks for each in clock.stepped()]
+    best = max(stepped, key=lambda each: each.log_likelihood, default=None)
+    if best is not None and best.log_likelihood > clocks[0].log_likelihood + _STEP_EVIDENCE:
+        first, stop = best.step()
+        nothing = replace(nothing, steps=(first,))
+        if not most_steps:
+            return replace(nothing, why="it was set several times")
+        before = photo_s < photo_s[first] - _MOST_STEP_S
+        behind = photo_s > photo_s[min(stop, len(photo_s) - 1)] + _MOST_STEP_S
+        parts = [
+            (rows, _search(photo_s[rows], times_s, is_ordered[rows], resolution_s, clock_std_s, most_steps - 1))
+            for rows in (np.flatnonzero(before), np.flatnonzero(behind))
+        ]
+        return _joined(nothing, parts, first)
+    hypotheses: list[_Clock | _Stepped] = [*clocks, *stepped]
+    logs = np.array([each.log_likelihood for each in hypotheses])
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    posterior = np.zeros((len(photo_s), len(times_s)))
+    for weight, each in zip(weights.tolist(), hypotheses, strict=True):
+        if weight > _NEGLIGIBLE_WEIGHT:
+            posterior += weight * each.posterior()
+    choice = np.argmax(posterior, axis=1)
+    probability = posterior[np.arange(len(photo_s)), choice]
+    certain = (probability >= MIN_PROBABILITY) & is_ordered
+    explained = posterior.sum(axis=0)
+    return _Found(choice=choice, probability=probability, certain=certain, explained=explained, clock=clocks[0])
+
+
+def _joined(nothing: _Found, parts: list[tuple[IntArray, _Found]], first: int) -> _Found:
+    """The matches of photos before and behind a step; those of the smaller part alone where they contradict another."""
+    choice, probability, certain = nothing.choice.copy(), nothing.probability.copy(), nothing.certain.copy()
+    told = [(rows, part) for rows, part in parts if np.count_nonzero(part.certain) >= _MIN_MATCHES]
+    if not told:
+        return nothing
+    (before, earlier), (behind, later) = told[0], told[-1]
+    if len(told) > 1 and earlier.choice[earlier.certain].max() >= later.choice[later.certain].min():
+        return replace(nothing, why="parts of the flight are matched to the same triggers")
+    for rows, part in told:
+        choice[rows], probability[rows], certain[rows] = part.choice, part.probability, part.certain
+    explained = np.maximum.reduce([part.explained for _, part in told])
+    steps = (*(int(before[k]) for k in earlier.steps), first, *(int(behind[k]) for k in later.steps))
+    _, largest = max(told, key=lambda each: np.count_nonzero(each[1].certain))
+    return _Found(
+        choice=choice,
+        probability=probability,
+        certain=certain,
+        explained=explained,
+        clock=largest.clock,
+        steps=tuple(sorted(set(steps))),
     )
 
 
@@ -181,7 +276,11 @@ class _Clock:
     drift: float
     jitter_s: float
     log_likelihood: float
-    posterior: FloatArray
+    matches: FloatArray
+
+    def posterior(self) -> FloatArray:
+        """Probability ``(p, t)`` of each match."""
+        return self.matches
 
     @property
     def noise_s(self) -> tuple[float, float]:
@@ -195,23 +294,56 @@ class _Clock:
         """
         outside: list[int] = []
         for axis in (1, 0):
-            likely = np.flatnonzero(self.posterior.sum(axis=axis) > 0.5)  # noqa: PLR2004 - likelier matched than not
+            likely = np.flatnonzero(self.matches.sum(axis=axis) > 0.5)  # noqa: PLR2004 - likelier matched than not
             if len(likely) < _MIN_MATCHES:
                 return -math.inf
-            outside.append(self.posterior.shape[1 - axis] - int(likely[-1] - likely[0] + 1))
-        if self.posterior.sum() < _MIN_SHARE * min(self.posterior.shape):
+            outside.append(self.matches.shape[1 - axis] - int(likely[-1] - likely[0] + 1))
+        if self.matches.sum() < _MIN_SHARE * min(self.matches.shape):
             return -math.inf
         ends = outside[0] * math.log(_EXTRA_AT_END) + outside[1] * math.log(_LOST_AT_END)
-        return (self.log_likelihood - ends - chance) / float(self.posterior.sum())
+        return (self.log_likelihood - ends - chance) / float(self.matches.sum())
 
     def predicted_s(self) -> FloatArray:
         """UTC ``(p,)`` of the middle of each photo's stamp."""
         since_s = self.photo_s - self.reference_s
         return self.photo_s + self.half_s + self.offset_s + self.drift * since_s
 
+    def sums(self, by_s: float = 0.0, alone: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Log sums ``(p + 1, t + 1)`` of alignments of the first photos, and of the last ones, reversed.
+
+        Args:
+            by_s: By how much the camera's clock is behind this one.
+            alone: As of ``_entry``, for many sums of one shape.
+        """
+        span_s = max(float(np.ptp(self.photo_s)), 1.0)
+        predicted_s = self.predicted_s() + by_s
+        alone = _entry(len(predicted_s), len(self.times_s)) if alone is None else alone
+        forward = _log_sums(predicted_s, self.times_s, *self.noise_s, span_s, alone)
+        backward = _log_sums(-predicted_s[::-1].copy(), -self.times_s[::-1].copy(), *self.noise_s, span_s, alone)
+        return forward, backward
+
+    def stepped(self) -> "list[_Stepped]":
+        """Hypotheses that the camera's clock was set once between two photos: this clock holds before, or behind."""
+        spacing_s = max(self.half_s / 2, _JITTER_S)
+        steps_s = np.arange(_LEAST_STEP_S, _MOST_STEP_S + spacing_s / 2, spacing_s)
+        prior = math.log(_STEP) - math.log(4 * len(steps_s))
+        alone = _entry(len(self.photo_s), len(self.times_s))
+        forward, backward = self.sums(0.0, alone)
+        found: list[_Stepped] = []
+        for by_s in (*steps_s.tolist(), *(-steps_s).tolist()):
+            stepped_forward, stepped_backward = self.sums(by_s, alone)
+            for first, last, before_s, behind_s in (
+                (forward, stepped_backward, 0.0, by_s),
+                (stepped_forward, backward, by_s, 0.0),
+            ):
+                log = _log_of_switches(first, last) + prior + self.log_likelihood - float(forward[-1, -1])
+                if log > self.log_likelihood - _NEGLIGIBLE:
+                    found.append(_Stepped(self, before_s, behind_s, log))
+        return found
+
     def refit(self) -> None:
         """Fit offset, drift and jitter to the likely matches: least squares, with a prior of the drift."""
-        weight = self.posterior
+        weight = self.matches
         total = float(weight.sum())
         if total < 1:
             return
@@ -233,9 +365,9 @@ class _Clock:
         Stamps that are cut at one phase, as of triggers on whole seconds, leave the offset open by the resolution: a
         least squares' standard deviation would hide that.
         """
-        matched = np.flatnonzero(self.posterior.max(axis=1) > MIN_PROBABILITY)
+        matched = np.flatnonzero(self.matches.max(axis=1) > MIN_PROBABILITY)
         since_s = self.photo_s[matched] - self.reference_s
-        residual_s = self.times_s[np.argmax(self.posterior[matched], axis=1)] - self.photo_s[matched] - self.half_s
+        residual_s = self.times_s[np.argmax(self.matches[matched], axis=1)] - self.photo_s[matched] - self.half_s
         span_s = max(float(np.ptp(since_s)), 1.0)
         jitter_s = max(self.jitter_s, min(_ALLOWED_JITTER_S, _CUT_SHARE * self.half_s))
         step_s = 2 * (self.half_s + 2 * jitter_s)
@@ -251,6 +383,46 @@ class _Clock:
         offset_std_s = math.sqrt(float(of_offset @ (offsets - offset_s) ** 2) + cell[0])
         drift_std = math.sqrt(float(of_drift @ (drifts - drift) ** 2) + cell[1])
         return offset_s, offset_std_s, drift, drift_std
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stepped:
+    """A clock that was set once between two photos, wherever: by how much it is behind ``clock`` before and behind."""
+
+    clock: _Clock
+    before_s: float
+    behind_s: float
+    log_likelihood: float
+
+    def step(self) -> tuple[int, int]:
+        """First and last of the photos before which the clock may have been set."""
+        forward, backward = self.clock.sums(self.before_s)[0], self.clock.sums(self.behind_s)[1]
+        logs = np.maximum(forward + backward[::-1, ::-1], _IMPOSSIBLE)
+        by_photo = np.exp(logs - logs.max()).sum(axis=1)
+        likely = np.flatnonzero(by_photo > _LIKELY_SWITCH * by_photo.sum())
+        most = len(self.clock.photo_s) - 1
+        return min(int(likely[0]), most), min(int(likely[-1]), most)
+
+    def posterior(self) -> FloatArray:
+        """Probability ``(p, t)`` of each match: before the step, or behind it."""
+        clock = self.clock
+        forward, backward = clock.sums(self.before_s)[0], clock.sums(self.behind_s)[1]
+        total = _log_of_switches(forward, backward)
+        span_s = max(float(np.ptp(clock.photo_s)), 1.0)
+        before_s, behind_s = (clock.predicted_s() + by_s for by_s in (self.before_s, self.behind_s))
+        times_s, noise = clock.times_s, clock.noise_s
+        rest = _log_sums(-before_s[::-1].copy(), -times_s[::-1].copy(), *noise, span_s, backward)
+        since = _log_sums(behind_s, times_s, *noise, span_s, forward)
+        return _posterior(forward, rest, total, before_s, times_s, *noise) + _posterior(
+            since, backward, total, behind_s, times_s, *noise
+        )
+
+
+def _entry(photos: int, triggers: int) -> FloatArray:
+    """Log weights ``(p + 1, t + 1)`` of where alignments begin: before the first photo and trigger."""
+    entry = np.full((photos + 1, triggers + 1), _IMPOSSIBLE)
+    entry[0, 0] = 0.0
+    return entry
 
 
 class _Alignments:
@@ -326,11 +498,9 @@ class _Alignments:
 
     def _align(self, clock: _Clock) -> None:
         """Sum over all alignments: the clock's likelihood, and the posterior of each match."""
-        span_s = max(float(np.ptp(self._photo_s)), 1.0)
-        predicted_s, times_s, noise = clock.predicted_s(), self._times_s, clock.noise_s
-        forward = _log_sums(predicted_s, times_s, *noise, span_s)
-        backward = _log_sums(-predicted_s[::-1].copy(), -times_s[::-1].copy(), *noise, span_s)
-        clock.posterior = _posterior(forward, backward, predicted_s, times_s, *noise)
+        forward, backward = clock.sums()
+        total = float(forward[-1, -1])
+        clock.matches = _posterior(forward, backward, total, clock.predicted_s(), self._times_s, *clock.noise_s)
         prior = -0.5 * ((clock.offset_s / self._clock_std_s) ** 2 + (clock.drift / _DRIFT_STD) ** 2)
         clock.log_likelihood = float(forward[-1, -1]) + prior
 
@@ -343,8 +513,8 @@ def _likely(clocks: list[_Clock], within_nats: float) -> list[_Clock]:
 
 def _is_same(clock: _Clock, other: _Clock) -> bool:
     """Whether two clocks are one, found twice: most of their matches are the same."""
-    return float((clock.posterior * other.posterior).sum()) > _MOSTLY * min(
-        float(clock.posterior.sum()), float(other.posterior.sum())
+    return float((clock.matches * other.matches).sum()) > _MOSTLY * min(
+        float(clock.matches.sum()), float(other.matches.sum())
     )
 
 
@@ -367,10 +537,24 @@ def _log_sum(a: float, b: float) -> float:
 
 
 @njit
+def _log_of_switches(forward: FloatArray, backward: FloatArray) -> float:
+    """Log sum of all alignments that change from one clock's sums to those of another between two photos."""
+    photos, triggers = forward.shape[0] - 1, forward.shape[1] - 1
+    total = _IMPOSSIBLE
+    for i in range(photos + 1):
+        for j in range(triggers + 1):
+            if forward[i, j] > _IMPOSSIBLE / 2:
+                total = _log_sum(total, forward[i, j] + backward[photos - i, triggers - j])
+    return total
+
+
+@njit
 def _log_sums(
-    predicted_s: FloatArray, times_s: FloatArray, half_s: float, jitter_s: float, span_s: float
+    predicted_s: FloatArray, times_s: FloatArray, half_s: float, jitter_s: float, span_s: float, entry: FloatArray
 ) -> FloatArray:
     """Log likelihood ``(p + 1, t + 1)`` of all alignments of the first photos with the first triggers.
+
+    ``entry (p + 1, t + 1)`` has the log weights of where alignments begin.
 
     Between two photos only triggers from those that the one may match to those that the other may count: elsewhere the
     order of lost triggers and extra photos makes no difference.
@@ -380,14 +564,13 @@ def _log_sums(
     first = np.searchsorted(times_s, predicted_s - reach_s)
     stop = np.searchsorted(times_s, predicted_s + reach_s)
     sums = np.full((photos + 1, triggers + 1), _IMPOSSIBLE)
-    sums[0, 0] = 0.0
     extra, extra_at_end = math.log(_EXTRA / span_s), math.log(_EXTRA_AT_END / span_s)
     lost, lost_at_end, kept = math.log(_LOST), math.log(_LOST_AT_END), math.log(1 - _LOST)
     for i in range(photos + 1):
         begin = max(first[i - 1] - 2, 0) if i > 0 else 0
         end = min(stop[i] + 2, triggers) if i < photos else triggers
         for j in range(begin, end + 1):
-            total = sums[i, j]
+            total = entry[i, j]
             if i > 0:
                 total = _log_sum(total, sums[i - 1, j] + (extra_at_end if j % triggers == 0 else extra))
             if j > 0:
@@ -403,6 +586,7 @@ def _log_sums(
 def _posterior(
     forward: FloatArray,
     backward: FloatArray,
+    total: float,
     predicted_s: FloatArray,
     times_s: FloatArray,
     half_s: float,
@@ -411,7 +595,7 @@ def _posterior(
     """Probability ``(p, t)`` of each match, by the sums from the start and those from the end, reversed."""
     photos, triggers = len(predicted_s), len(times_s)
     posterior = np.zeros((photos, triggers))
-    kept, total = math.log(1 - _LOST), forward[photos, triggers]
+    kept = math.log(1 - _LOST)
     first = np.searchsorted(times_s, predicted_s - half_s - _REACH * jitter_s)
     stop = np.searchsorted(times_s, predicted_s + half_s + _REACH * jitter_s)
     for i in range(photos):

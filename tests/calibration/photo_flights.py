@@ -1,6 +1,6 @@
 """Simulated survey flights: triggers, and the photos that a camera made of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,3 +79,14 @@ def photo_flight(seed: int, *, resolution_s: float = 1.0) -> PhotoFlight:
     events = np.searchsorted(events_s, trigger_s + 1e-9, side="right") - 1
     offset_s -= float(np.mean(lag_s[truth]))
     return PhotoFlight(trigger_s, shown_s, whose, is_ordered, offset_s, drift, events, np.flatnonzero(is_lost))
+
+
+def with_step(flight: PhotoFlight, rng: np.random.Generator, *, whole_seconds: bool) -> PhotoFlight:
+    """A flight whose camera's clock is set by 1 to 5 s, either way, at some photo; sorted by stamp as folders are."""
+    count = len(flight.photo_s)
+    first = int(rng.integers(max(1, count // 10), max(2, count - count // 10)))
+    step_s = float(rng.uniform(1, 5) * rng.choice([-1, 1]))
+    shown_s = flight.photo_s.copy()
+    shown_s[first:] = np.floor(shown_s[first:] + (round(step_s) if whole_seconds else step_s))
+    order = np.argsort(shown_s, kind="stable")
+    return replace(flight, photo_s=shown_s[order], truth=flight.truth[order], is_ordered=flight.is_ordered[order])

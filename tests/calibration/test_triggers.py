@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.sync import match_photos
-from tests.calibration.photo_flights import UTC_S, PhotoFlight, photo_flight
+from tests.calibration.photo_flights import UTC_S, PhotoFlight, photo_flight, with_step
 from tests.nights import at_night
 
 
@@ -68,6 +68,61 @@ def test_no_photo_gets_a_wrong_trigger_where_many_are_lost(kind: str, *, every: 
         assert np.array_equal(flight.events[found.trigger[is_matched]], flight.truth[kept][is_matched]), seed
         matched += int(np.count_nonzero(is_matched))
     assert matched > 0
+
+
+@pytest.mark.parametrize("whole_seconds", [False, True])
+@pytest.mark.parametrize(("first", "stop", "most_wrong"), [(0, 10, 0.0), *at_night((10, 200, 0.005))])
+def test_a_clock_that_is_set_in_mid_flight_is_split_or_refused(
+    first: int, stop: int, most_wrong: float, *, whole_seconds: bool
+) -> None:
+    """Without a look for steps a fifth of these photos got the trigger of another one.
+
+    What is left: a step of one interval, behind which a strip of equal intervals follows, is a lost photo as well.
+    """
+    matched = photos = wrong = 0
+    for seed in range(first, stop):
+        flight = with_step(photo_flight(seed), np.random.default_rng(seed + 991), whole_seconds=whole_seconds)
+        found = match_photos(
+            flight.photo_s - UTC_S,
+            flight.trigger_s - UTC_S,
+            resolution_s=1.0,
+            is_ordered=flight.is_ordered,
+            clock_std_s=6 * 3600.0,
+        )
+        is_matched = found.trigger >= 0
+        wrong += int(np.count_nonzero(flight.events[found.trigger[is_matched]] != flight.truth[is_matched]))
+        matched, photos = matched + int(np.count_nonzero(is_matched)), photos + len(is_matched)
+    assert wrong <= most_wrong * photos
+    assert matched > 0.25 * photos
+
+
+@pytest.mark.parametrize("first", [0, *at_night(*range(20, 200, 20))])
+def test_no_photo_of_another_flight_gets_a_trigger(first: int) -> None:
+    for seed in range(first, first + 20):
+        flight, other, rng = photo_flight(seed), photo_flight(seed + 5000), np.random.default_rng(seed + 991)
+        shift_s = flight.photo_s[0] - other.photo_s[0] + rng.integers(-30, 30)
+        found = match_photos(
+            other.photo_s + shift_s - UTC_S,
+            flight.trigger_s - UTC_S,
+            resolution_s=1.0,
+            is_ordered=other.is_ordered,
+            clock_std_s=6 * 3600.0,
+        )
+        assert (found.trigger == -1).all(), seed
+
+
+def test_a_clock_that_was_set_in_a_turn_is_split_there() -> None:
+    rng = np.random.default_rng(8)
+    steps = np.where(np.arange(120) % 15 == 0, rng.uniform(8, 20, 120), 2.0 + 0.1 * rng.standard_normal(120))
+    trigger_s = np.cumsum(steps)
+    stamps = np.floor(trigger_s - 77.7 + 0.05)
+    stamps[60:] += 2.0  # one interval: as if a photo had been lost
+    found = match_photos(stamps, trigger_s, resolution_s=1.0)
+    is_matched = found.trigger >= 0
+    assert np.array_equal(found.trigger[is_matched], np.flatnonzero(is_matched))
+    assert is_matched.sum() > 100
+    assert len(found.steps) == 1
+    assert abs(found.steps[0] - 60) <= 2
 
 
 def test_equal_intervals_with_a_photo_missing_at_an_end_do_not_tell() -> None:

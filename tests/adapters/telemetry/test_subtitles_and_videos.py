@@ -153,6 +153,46 @@ def test_what_is_incomplete_or_contradicts_itself_is_said(tmp_path: Path) -> Non
     assert "FrameCnt starts again at 2.4 s" in " ".join(SubtitleLog([path]).warnings())
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "restarts", "said"),
+    [
+        ("[focal_len: 24.00]", "[focal_len: 40.00]", True, "24 mm up to 2.4 s, then rel_alt with camera angles, 40 mm"),
+        (
+            "[rel_alt: 40.0 abs_alt: 600.0]",
+            "[altitude: 600.0]",
+            True,
+            "rel_alt with camera angles up to 2.4 s, then alti",
+        ),
+        ("[gb_yaw: 10.0 gb_pitch: -60.0 gb_roll: 0.0]", "", True, "camera angles up to 2.4 s, then rel_alt"),
+        ("[rel_alt: 40.0 abs_alt: 600.0]", "BAROMETER:40.0M", False, "camera angles up to 2.4 s, then"),
+        ("[focal_len: 24.00]", "[focal_len: 40.00]", False, ""),  # a zoom
+        ("[focal_len: 24.00]", "[focal_len: 24.00]", True, ""),  # two clips of one camera
+    ],
+)
+def test_joined_clips_of_several_cameras_are_refused(
+    tmp_path: Path, first: str, second: str, said: str, *, restarts: bool
+) -> None:
+    write_video(tmp_path / "clip.mp4", 120)
+    cues = []
+    for k in range(120):
+        ms, number = int(1000 * k / 25), k % 60 + 1 if restarts else k + 1
+        height = f"[rel_alt: {height_m(k):.3f} abs_alt: 614.419]"
+        angles = "[gb_yaw: 10.0 gb_pitch: -60.0 gb_roll: 0.0]"
+        own = second if k >= 60 else first
+        texts = [each for each in (height, angles) if each[:7] not in {first[:7], second[:7]}]
+        cues.append(
+            f"{k + 1}\n{time_of(ms)} --> {time_of(ms + 33)}\nFrameCnt: {number}, DiffTime: 33ms\n"
+            f"{' '.join([own, *texts])}\n\n"
+        )
+    (tmp_path / "clip.srt").write_text("".join(cues))
+    if not said:
+        assert SubtitleLog([tmp_path / "clip.mp4"]).counts.frames == 120
+        return
+    with pytest.raises(InputError, match="clips of several cameras were joined") as caught:
+        SubtitleLog([tmp_path / "clip.mp4"])
+    assert said in str(caught.value)
+
+
 def test_parts_of_a_cut_video_share_a_zone_and_a_size(tmp_path: Path) -> None:
     first, second = tmp_path / "DJI_0001.MP4", tmp_path / "DJI_0002.MP4"
     write_video(first, 100, "30000/1001")

@@ -18,7 +18,7 @@ from aerodft.adapters.telemetry.log_file import rows_that_go_on
 from aerodft.adapters.telemetry.mavlink import FrameCounts
 from aerodft.adapters.telemetry.subtitles.cues import Cue, find_cues, read_cue
 from aerodft.adapters.telemetry.subtitles.decoding import PROTOCOL, hfov_deg
-from aerodft.adapters.telemetry.subtitles.video_fit import check_fits, interval_s, joints
+from aerodft.adapters.telemetry.subtitles.video_fit import check_fits, check_one_camera, interval_s, joints
 from aerodft.adapters.timestamps import OLDEST_NS, unix_ns_to_iso
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, os_errors_as
@@ -187,6 +187,8 @@ class _Part:
             raise InputError("wrong type of file", where=self._where, got=got, expected=TITLE)
         timed = self._timed
         self._notes = [] if self._info is None else check_fits(timed.media_ns, timed.cues, self._info, self._where)
+        if self._info is not None:
+            check_one_camera(timed.media_ns, timed.cues, self._where)
         self._notes += joints(timed.media_ns, timed.cues)
         self.has_clock = any(cue.clock_ns is not None for cue in self._timed.cues)
         self.zone_ns: int | None = None

@@ -4,7 +4,10 @@ A cue's time is that of its image, and FrameCnt is not: it may start at 218 and 
 video is the one that the drone wrote the cues for.
 """
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +17,7 @@ from aerodft.adapters.images import VideoInfo
 from aerodft.adapters.telemetry.subtitles.cues import Cue
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError
-from aerodft.model import FloatArray
+from aerodft.model import FloatArray, IntArray
 
 _SLACK_S: Final = 1.0  # cues of the slowest dialects are 1 s apart; half of it refuses whole flights of a Mavic Pro
 _CUES: Final = 1.5  # cue intervals by which cues may begin later or end earlier than the video
@@ -24,6 +27,8 @@ _CLOCK_S: Final = 0.05  # of clocks in milliseconds; samples jitter by 0.01 s
 _COARSE_CLOCK_S: Final = 1.0  # of clocks in whole seconds
 _LAGS: Final = 5  # per video, of which one may hold a step
 _STEP_S: Final = 2.0  # of the clock, or of FrameCnt, against cue times; samples stay below 0.6 s
+_SAME_FOCAL: Final = 0.01  # relative; what rounds to other digits is no other camera
+_MIN_CUES: Final = 3  # of a dialect: damaged cues look like others
 _CUT_HINT: Final = (
     "take the video as the drone wrote it, or cut the subtitles as the video was cut (their times must count from its "
     "first image)"
@@ -71,12 +76,65 @@ def interval_s(media_ns: Sequence[int]) -> float:
     return float(np.quantile(np.diff(media_ns), _CUES_ON_TIME)) / SECOND_NS if len(media_ns) > 1 else 0.0
 
 
-def joints(media_ns: Sequence[int], cues: Sequence[Cue]) -> Iterator[str]:
-    """A sentence where the drone's clock does not run as the video, or clips were joined."""
-    media_s = np.array(media_ns) / SECOND_NS
+def check_one_camera(media_ns: Sequence[int], cues: Sequence[Cue], where: Path) -> None:
+    """Refuse a video whose subtitles are of several cameras, one behind the other: a camera file is of one.
+
+    Clips meet where FrameCnt starts again, or where one dialect ends and another begins. They are of one camera where
+    cues on both sides state the same things, and the same focal length within 1 %.
+
+    Raises:
+        InputError: They are of several.
+    """
+    for k in sorted({*_restarts(cues).tolist(), *_dialect_changes(cues)}):
+        before, behind = cues[:k], cues[k:]
+        dialects = [Counter(map(_dialect, part)).most_common(1)[0][0] for part in (before, behind)]
+        focal_mm = [np.median(known) if (known := _focal_mm(part)) else math.nan for part in (before, behind)]
+        if dialects[0] != dialects[1] or abs(focal_mm[1] / focal_mm[0] - 1) > _SAME_FOCAL:
+            said = [_words(dialect, each) for dialect, each in zip(dialects, focal_mm, strict=True)]
+            raise InputError(
+                "clips of several cameras were joined",
+                where=where,
+                got=f"{said[0]} up to {media_ns[k] / SECOND_NS:.1f} s, then {said[1]}",
+                hint="import each clip as its own flight",
+            )
+
+
+def _dialect(cue: Cue) -> tuple[str, bool, bool]:
+    """What a cue states: the word of its height, and whether it has angles of the camera and a focal length."""
+    key = cue.height_key or ("altitude" if cue.altitude_m is not None else "")
+    return key, cue.gimbal_deg is not None, cue.focal_mm is not None
+
+
+def _words(dialect: tuple[str, bool, bool], focal_mm: float) -> str:
+    key, has_angles, has_focal = dialect
+    parts = (f"{key or 'no height'}", "camera angles" if has_angles else "", f"{focal_mm:g} mm" if has_focal else "")
+    return " with ".join(filter(None, (parts[0], ", ".join(filter(None, parts[1:])))))
+
+
+def _focal_mm(cues: Sequence[Cue]) -> list[float]:
+    return [each.focal_mm for each in cues if each.focal_mm is not None]
+
+
+def _dialect_changes(cues: Sequence[Cue]) -> list[int]:
+    """Cues with which a word for heights begins after the one before it has ended; cues without one change nothing."""
+    spans: dict[str, list[int]] = {}
+    for k, cue in enumerate(cues):
+        spans.setdefault(cue.height_key, []).append(k)
+    spans.pop("", None)
+    common = sorted((rows for rows in spans.values() if len(rows) >= _MIN_CUES), key=lambda rows: rows[0])
+    return [rows[0] for before, rows in pairwise(common) if before[-1] < rows[0]]
+
+
+def _restarts(cues: Sequence[Cue]) -> IntArray:
+    """Cues ``(k,)`` whose FrameCnt is below that of the one before."""
     counts = _known([cue.count for cue in cues])
     has_count = np.flatnonzero(np.isfinite(counts))
-    restarts = has_count[1:][np.diff(counts[has_count]) < 0]
+    return has_count[1:][np.diff(counts[has_count]) < 0]
+
+
+def joints(media_ns: Sequence[int], cues: Sequence[Cue]) -> Iterator[str]:
+    """A sentence where the drone's clock does not run as the video, or clips were joined."""
+    media_s, restarts = np.array(media_ns) / SECOND_NS, _restarts(cues)
     if len(restarts):
         yield f"FrameCnt starts again at {media_s[restarts[0]]:.1f} s: clips were joined, maybe of several cameras"
     clock_ns = [cue.clock_ns for cue in cues]

@@ -8,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay.recordings import Recording
+from tests.cli.test_replay_queries import ask, stepped
 
 UTC0_NS = 1_795_221_168_000_000_000
 HOME_M, MSL_M = 40.0, 600.0
@@ -111,6 +112,29 @@ def test_a_repeated_flight_measures_the_water_of_its_day(aerodft, water):
             assert spot["enu_m"][0][2] == pytest.approx(level_m)  # the station's frame does not float
             assert spot["ground_m"][0][2] == pytest.approx(0.0, abs=1e-9)
             assert spot["geo"][0]["alt_msl_m"] == pytest.approx(MSL_M + level_m, abs=1e-3)
+
+
+def test_questions_over_the_bus_are_measured_on_the_water_of_their_stamps(aerodft, water):
+    write_gauge(water.folder, 2.25, rise_m=3.0)  # 1 cm in the flight's 3 s
+    out = imported(aerodft, water, FLIGHT + LEVEL, "day")
+    with stepped(out, 8) as (session, _):
+        published = ask(session, "aerodft/test/history", {"name": "width"})
+        assert len(published) > 3
+        for newest in (published[-1], published[0]):
+            question = {"name": "width", "kind": "width", "pixels": ENDS, "stamp_ns": newest["stamp_ns"]}
+            (width,) = ask(session, "aerodft/test/measure", question)
+            level_m = 2.25 + 3.0 * (int(newest["stamp_ns"]) - UTC0_NS) / (GAP_S * 10**9)
+            assert width["status"] == "ok"
+            assert width["value"] == pytest.approx(width_m(HOME_M - level_m), abs=2e-5)
+            assert width["value"] == pytest.approx(newest["value"], abs=1e-6)
+            assert width["std"] == pytest.approx(newest["std"], rel=1e-6)
+            assert width["pose"]["level"] == newest["pose"]["level"]
+            (spot,) = ask(session, "aerodft/test/measure", {**question, "kind": "position", "pixels": [[31.5, 23.5]]})
+            assert spot["enu_m"][0][2] == pytest.approx(level_m, abs=1e-4)
+            assert spot["geo"][0]["alt_msl_m"] == pytest.approx(MSL_M + level_m, abs=1e-3)
+        late = {"name": "w", "kind": "width", "pixels": ENDS, "stamp_ns": str(UTC0_NS + 6 * 3600 * 10**9)}
+        (answer,) = ask(session, "aerodft/test/measure", late)
+        assert (answer["value"], answer["status"] != "ok") == (None, True)
 
 
 def test_the_level_widens_a_width_as_a_height_of_its_std_does(aerodft, water):

@@ -17,6 +17,7 @@ from aerodft.model import Event
 from aerodft.service import block_of
 
 VIDEO_KINDS: Final = ("an MP4 or MOV video", "an MPEG-TS video", "a Matroska or WebM video")
+_UNREADABLE: Final = (av.FFmpegError, ValueError, OverflowError, IndexError)  # PyAV raises them of damaged videos
 _LOOKED_AT: Final = 64  # packets of data at a video's beginning that tell whose they are; a track has one a second
 _MOST_BYTES: Final = 1 << 28  # of one track: 30 hours of KLV at 30 sets of 80 bytes per second
 _BLOCK_FRAMES: Final = 4096
@@ -73,7 +74,7 @@ def data_packets(path: Path, is_own: Callable[[bytes], bool], *, most: int | Non
                 found.setdefault(packet.stream.index, []).append(_packet(packet, data, zero_s))
                 if most is not None and sum(map(len, found.values())) >= most:
                     break
-    except (av.FFmpegError, ValueError, OverflowError):
+    except _UNREADABLE:
         if not owned:
             return []
     return [packet for index in sorted(owned) for packet in found[index]]

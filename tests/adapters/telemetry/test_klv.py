@@ -2,6 +2,7 @@
 
 import math
 import random
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from aerodft.adapters.telemetry import CompositeDecoder, carries_telemetry, klv,
 from aerodft.errors import InputError
 from aerodft.model import CameraTrack, GimbalTrack, HeightTrack, PositionTrack, RawBlock, Track, VehicleTrack
 from replay.recordings import Recording
+from tests.adapters.telemetry import gpmf_writer as gpmf
 from tests.adapters.telemetry import klv_writer as w
 from tests.commands import run_aerodft
 from tests.nights import at_night
@@ -218,3 +220,29 @@ def test_mutated_files_give_nothing_that_was_not_written(tmp_path: Path, first: 
         places = np.concatenate([np.degrees(each.lat_rad) for each in found.get(PositionTrack, [])] or [[]])
         assert {round(float(each), 6) for each in places} <= written_deg
         assert len(places) == 12 or said
+
+
+@pytest.mark.parametrize("name", ["clip.ts", "clip.mp4"])
+@pytest.mark.parametrize("first", [0, *at_night(*range(40, 400, 40))])
+def test_mutated_videos_are_read_or_refused(tmp_path: Path, name: str, first: int) -> None:
+    """PyAV raises more than its own errors of streams that are not there."""
+    path = tmp_path / name
+    if name == "clip.ts":
+        w.transport_stream(path, flight(20))
+    else:
+        at = datetime(2026, 5, 1, tzinfo=UTC)
+        gpmf.video(path, [gpmf.gps5(at + timedelta(seconds=k), [(47.0, 8.0, 400.0)] * 18) for k in range(3)])
+    whole = path.read_bytes()
+    for seed in range(first, first + 40):
+        draw, data = random.Random(seed), bytearray(whole)  # noqa: S311
+        for _ in range(draw.randrange(1, 30)):
+            at_byte = draw.randrange(len(data))
+            if draw.random() < 0.7:
+                data[at_byte] = draw.randrange(256)
+            else:
+                del data[at_byte : at_byte + draw.randrange(1, 400)]
+        path.write_bytes(data[: draw.randrange(1, len(data))] if seed % 5 == 0 else data)
+        try:
+            tracks_of(path)
+        except InputError:
+            continue

@@ -29,6 +29,7 @@ def a_run(*, is_live=True, probes=()):
         station="s",
         camera=default_camera(1280, 720),
         probes=probes,
+        points={},
         is_live=is_live,
         measure=lambda _: [],
         put_observation=None,

@@ -37,6 +37,7 @@ from aerodft.adapters.wire.payload import LATEST_NS, MOST_PICTURE_BYTES, JsonVal
 from aerodft.conventions import SECOND_NS
 from aerodft.geometry import LENS_MODELS
 from aerodft.model import Camera, IntArray
+from replay.foreign.ros import read_ros_fields, stamp_ns_of, text_of
 
 JSON, PROTOBUF, CDR, ROS1 = "json", "protobuf", "cdr", "ros1"
 _READABLE: Final = frozenset({JSON, PROTOBUF, CDR, ROS1})
@@ -52,6 +53,7 @@ class ChannelKind(StrEnum):
     LOCATION = "location"
 
 
+_MAVROS: Final = ("mavros_msgs", "Mavlink")
 _BY_TYPE: Final = {
     ("foxglove", "CompressedImage"): ChannelKind.IMAGES,
     ("sensor_msgs", "CompressedImage"): ChannelKind.IMAGES,
@@ -60,7 +62,7 @@ _BY_TYPE: Final = {
     ("sensor_msgs", "CameraInfo"): ChannelKind.CAMERA,
     ("foxglove", "LocationFix"): ChannelKind.LOCATION,
     ("sensor_msgs", "NavSatFix"): ChannelKind.LOCATION,
-    ("mavros_msgs", "Mavlink"): ChannelKind.MAVLINK,
+    _MAVROS: ChannelKind.MAVLINK,
 }
 _FOXGLOVE: Final = {"foxglove", "foxglove_msgs", "ros_foxglove_msgs"}
 _MAVLINK_ENCODINGS: Final = re.compile(r"(application/|x-)?mavlink([_ .-]?(v?[12](\.0)?|raw))?", re.IGNORECASE)
@@ -84,93 +86,6 @@ def kind_of(channel: Channel) -> ChannelKind | None:
         return kind if channel.encoding in _READABLE else None
     # A topic per message repeats what mavlink/out has: mavlink/1/1/ATTITUDE and its like are not telemetry.
     return ChannelKind.MAVLINK if _MAVLINK_TOPICS.fullmatch(channel.topic) else None
-
-
-_PLAIN_CDR: Final = (0, 1)
-_PLAIN_CDR2: Final = (6, 7)
-_ENCAPSULATION_BYTES: Final = 4
-_MOST_NUMBERS: Final = 1000  # of a sequence that is read as numbers: a lens has a dozen
-_MOST_TEXT_BYTES: Final = 1 << 16
-
-
-class RosFields:
-    """Reads from the front; every method raises ``ValueError`` where the message ends before the field.
-
-    Args:
-        data: The message.
-        is_ros1: ROS 1: nothing is aligned, and a header begins with a sequence number.
-    """
-
-    def __init__(self, data: bytes, *, is_ros1: bool) -> None:
-        self._data = data
-        self._is_ros1 = is_ros1
-        self._at = self._zero = 0 if is_ros1 else _ENCAPSULATION_BYTES
-        self._order = "<"
-        self._widest = 1 if is_ros1 else 8
-        if not is_ros1:
-            kind = data[1] if len(data) >= _ENCAPSULATION_BYTES else -1
-            if kind not in _PLAIN_CDR + _PLAIN_CDR2:
-                raise ValueError("no plain CDR")
-            self._order = "<" if kind % 2 else ">"
-            self._widest = 4 if kind in _PLAIN_CDR2 else 8
-
-    def number(self, code: str) -> int | float:
-        """One number, by its ``struct`` code."""
-        (value,) = self._numbers(code, 1)
-        return value
-
-    def integer(self, code: str = "I") -> int:
-        """One integer."""
-        return int(self.number(code))
-
-    def floats(self, count: int | None = None) -> tuple[float, ...]:
-        """``count`` doubles; None for a sequence, which states its own length."""
-        count = self.integer() if count is None else count
-        if count > _MOST_NUMBERS:
-            raise ValueError(f"a sequence of {count} numbers")
-        return self._numbers("d", count)
-
-    def raw(self, item_bytes: int = 1) -> bytes:
-        """A sequence of numbers as its bytes."""
-        count = self.integer()
-        if count:  # what is empty is not aligned
-            self._align(item_bytes)
-        return self._take(count * item_bytes)
-
-    def text(self) -> str:
-        """A string."""
-        size = self.integer()
-        if size > _MOST_TEXT_BYTES:
-            raise ValueError(f"a text of {size} bytes")
-        return self._take(size).rstrip(b"\0").decode(errors="replace")
-
-    def time_ns(self) -> int:
-        """Seconds and nanoseconds."""
-        return self.integer("I" if self._is_ros1 else "i") * SECOND_NS + self.integer()
-
-    def header_ns(self) -> int:
-        """The stamp of a ``std_msgs/Header``, which is passed."""
-        if self._is_ros1:
-            self.integer()
-        stamp_ns = self.time_ns()
-        self.text()
-        return stamp_ns
-
-    def _numbers(self, code: str, count: int) -> tuple[float, ...]:
-        size = struct.calcsize(f"={code}")
-        if count:
-            self._align(size)
-        return struct.unpack(f"{self._order}{count}{code}", self._take(size * count))
-
-    def _align(self, size: int) -> None:
-        step = min(size, self._widest)
-        self._at += -(self._at - self._zero) % step
-
-    def _take(self, size: int) -> bytes:
-        start, self._at = self._at, self._at + size
-        if self._at > len(self._data):
-            raise ValueError("it ends within a field")
-        return self._data[start : self._at]
 
 
 SECONDS: Final = ("sec", "secs", "seconds")
@@ -214,12 +129,8 @@ def read_encoded_image(channel: Channel, data: bytes) -> EncodedImage:
         return _of_json(data)
     if channel.encoding not in {CDR, ROS1}:
         raise ValueError(f"encoding {channel.encoding!r} is not read")
-    fields = RosFields(data, is_ros1=channel.encoding == ROS1)
-    if type_of(channel.schema)[0] == "sensor_msgs":
-        stamp_ns, name = fields.header_ns(), fields.text()
-        return _encoded_image(stamp_ns, fields.raw(), name)
-    stamp_ns, _ = fields.time_ns(), fields.text()
-    return _encoded_image(stamp_ns, fields.raw(), fields.text())
+    fields = read_ros_fields(type_of(channel.schema), data, is_ros1=channel.encoding == ROS1)
+    return _encoded_image(stamp_ns_of(fields), fields.data.tobytes(), text_of(fields.format))
 
 
 def _of_protobuf(channel: Channel, data: bytes) -> EncodedImage:
@@ -314,14 +225,8 @@ def _values(channel: Channel, data: bytes) -> tuple[Any, ...]:
         item = load_bounded_json(data)
         matrix = item.get("K") or item.get("k") or []
         return item["width"], item["height"], item.get("distortion_model", ""), item.get("D") or item.get("d"), matrix
-    fields = RosFields(data, is_ros1=channel.encoding == ROS1)
-    if type_of(channel.schema)[0] == "sensor_msgs":
-        fields.header_ns()
-        height_px, width_px = fields.integer(), fields.integer()
-    else:
-        fields.time_ns(), fields.text()
-        width_px, height_px = fields.integer(), fields.integer()
-    return width_px, height_px, fields.text(), fields.floats(), fields.floats(9)
+    fields = read_ros_fields(type_of(channel.schema), data, is_ros1=channel.encoding == ROS1)
+    return fields.width, fields.height, text_of(fields.distortion_model), fields.d.tolist(), fields.k.tolist()
 
 
 def _camera(
@@ -420,6 +325,7 @@ def _constant(name: str) -> int:
 
 _V1_HEAD: Final = struct.Struct("<BBBBBB")
 _V2_HEAD: Final = struct.Struct("<BBBBBBB")
+_FIRST_IMPOSSIBLE_ID: Final = 1 << 24  # MAVLink 2 has three bytes for them
 _GOOD: Final = 1  # mavros: the frame's checksum was right
 _DEPTH: Final = 3
 _BYTE: Final = 255
@@ -437,7 +343,7 @@ class FrameReader:
 
     def __init__(self, channel: Channel) -> None:
         self._framer = StreamFramer()
-        self._is_mavros = type_of(channel.schema) == ("mavros_msgs", "Mavlink")
+        self._is_mavros = type_of(channel.schema) == _MAVROS
         self._is_ros1 = channel.encoding == ROS1
         self._is_json = channel.encoding == JSON
         self._packer = JsonPacker()
@@ -477,7 +383,7 @@ class FrameReader:
             return b""
         try:
             if self._is_mavros:
-                return _of_mavros(RosFields(data, is_ros1=self._is_ros1))
+                return _of_mavros(read_ros_fields(_MAVROS, data, is_ros1=self._is_ros1))
             if self._is_json:
                 return self._of_json(data)
         except (ValueError, struct.error, KeyError, TypeError):
@@ -506,24 +412,21 @@ def _bytes_in(item: JsonValue, depth: int) -> Iterator[bytes]:
             yield from _bytes_in(each, depth - 1)
 
 
-def _of_mavros(fields: RosFields) -> bytes:
-    """A frame from the parts of ``mavros_msgs/Mavlink``.
+def _of_mavros(fields: Any) -> bytes:  # noqa: ANN401 - the fields of a ROS message
+    """Join a frame from the parts of ``mavros_msgs/Mavlink``.
 
     Raises:
         ValueError: It is none, or its sender's check failed.
     """
-    fields.header_ns()
-    if fields.integer("B") != _GOOD:
+    if fields.framing_status != _GOOD:
         raise ValueError("not valid when it was received")
-    magic, length, incompatible, compatible, sequence, system, component = (fields.integer("B") for _ in range(7))
-    message_id, checksum = fields.integer(), fields.integer("H")
-    payload = fields.raw(8)[:length]
-    signature = fields.raw()
-    if magic == V1:
-        head = _V1_HEAD.pack(V1, length, sequence, system, component, message_id & 0xFF)
-        return head + payload + checksum.to_bytes(2, "little")
-    if magic != V2:
+    addresses = fields.seq, fields.sysid, fields.compid
+    payload, checksum = fields.payload64.tobytes()[: fields.len], fields.checksum.to_bytes(2, "little")
+    if fields.magic == V1:
+        head = _V1_HEAD.pack(V1, fields.len, *addresses, fields.msgid & 0xFF)
+        return b"".join((head, payload, checksum))
+    if fields.magic != V2 or fields.msgid >= _FIRST_IMPOSSIBLE_ID:
         raise ValueError("no MAVLink frame")
-    head = _V2_HEAD.pack(V2, length, incompatible, compatible, sequence, system, component)
-    tail = signature[:SIGNATURE] if incompatible & SIGNED else b""
-    return head + message_id.to_bytes(3, "little") + payload + checksum.to_bytes(2, "little") + tail
+    head = _V2_HEAD.pack(V2, fields.len, fields.incompat_flags, fields.compat_flags, *addresses)
+    signature = fields.signature.tobytes()[:SIGNATURE] if fields.incompat_flags & SIGNED else b""
+    return b"".join((head, fields.msgid.to_bytes(3, "little"), payload, checksum, signature))

@@ -96,6 +96,12 @@ def test_a_frame_is_the_bytes_that_were_sent_whatever_it_is_wrapped_in(way: str)
     assert reader.unreadable == 0
 
 
+def test_a_message_id_of_four_bytes_is_no_frame() -> None:
+    reader = FrameReader(channel("ros1", "mavros_msgs/Mavlink"))
+    assert reader.frames(bytes.fromhex(ROS1_MAVLINK.replace("1e000000", "1e000001"))) == []
+    assert reader.unreadable == 1
+
+
 def test_frames_that_are_cut_over_messages_are_put_together() -> None:
     reader = FrameReader(channel("raw"))
     assert reader.frames(FRAME + FRAME[:11]) == [FRAME]
@@ -136,9 +142,29 @@ def test_fields_with_names_flags_arrays_and_nothing_are_packed_as_pymavlink_does
     assert reader.unreadable == 1
 
 
+def in_big_endian(cdr: str) -> str:
+    """ROS2_CAMERA as a machine of the other byte order writes it: stamp, name, size, model, doubles."""
+    data, out, at = bytes.fromhex(cdr), bytearray(b"\0\0\0\0"), 4
+    for count, size in ((3, 4), (4, 1), (3, 4), (12, 1), (1, 4), (4, 1), (len(data), 8)):
+        for place in range(at, min(at + count * size, len(data)), size):
+            out += data[place : place + size][::-1]
+        at += count * size
+    return out.hex()
+
+
+# CDR 2 aligns doubles to four bytes: those of ROS2_CAMERA begin four earlier.
+CDR2_CAMERA = "0007" + ROS2_CAMERA[4:].replace("05000000000000 00", "05000000").replace(" ", "")
+
+
 @pytest.mark.parametrize(
     ("encoding", "schema", "data"),
-    [("cdr", "sensor_msgs/msg/CameraInfo", ROS2_CAMERA), ("ros1", "sensor_msgs/CameraInfo", ROS1_CAMERA)],
+    [
+        ("cdr", "sensor_msgs/msg/CameraInfo", ROS2_CAMERA),
+        ("cdr", "sensor_msgs/msg/CameraInfo", in_big_endian(ROS2_CAMERA)),
+        ("cdr", "sensor_msgs/msg/CameraInfo", CDR2_CAMERA),
+        ("ros1", "sensor_msgs/CameraInfo", ROS1_CAMERA),
+    ],
+    ids=["ros2", "big endian", "cdr 2", "ros1"],
 )
 def test_a_camera_has_its_size_focal_lengths_and_lens(encoding: str, schema: str, data: str) -> None:
     camera = read_camera(channel(encoding, schema), bytes.fromhex(data))
@@ -176,7 +202,7 @@ def claiming(field: str) -> tuple[Channel, bytes]:
     match field:
         case "frame":
             text = header + (2 << 20).to_bytes(4, "little") + bytes(2 << 20)
-            return channel("cdr", "sensor_msgs/msg/CompressedImage"), text
+            return channel("cdr", "sensor_msgs/msg/CompressedImage"), text + bytes(8)
         case "format":
             message = CompressedImage(format="x" * (2 << 20), data=b"\xff\xd8\xff")
             return channel("protobuf", "foxglove.CompressedImage"), message.SerializeToString()
@@ -190,7 +216,7 @@ def claiming(field: str) -> tuple[Channel, bytes]:
 
 @pytest.mark.parametrize(
     ("field", "said"),
-    [("frame", "text of"), ("format", "more than an image"), ("name", "200 letters"), ("lens", "262144 numbers")],
+    [("frame", "text of"), ("format", "more than an image"), ("name", "200 letters"), ("lens", "length 262144")],
 )
 def test_texts_and_numbers_of_megabytes_are_not_made_into_any(field: str, said: str) -> None:
     made, data = claiming(field)

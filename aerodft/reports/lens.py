@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +17,7 @@ from aerodft.adapters.files import output_folder
 from aerodft.geometry import LENS_MODELS
 from aerodft.model import Camera, FloatArray
 from aerodft.reports.calibration import decimals
-from aerodft.reports.page import bullets, heading, page, paragraph, picture, table
+from aerodft.reports.rendering import image_source, render_html
 from aerodft.reports.style import BLUE, RED, styled
 from aerodft.version import SOFTWARE
 from calibration.lens import LensChoice, LensFit, covered_cells, distortion_px, intrinsics_of, missing, ray_std_px
@@ -150,22 +149,23 @@ def write_lens_page(fit: LensFit, folder: Path) -> list[Path]:
 
 
 def _page(fit: LensFit, figures: dict[str, Path]) -> str:
-    solution, (width, height) = fit.solution, fit.size_px
-    title = f"Lens calibration: {solution.camera.name}"
-    head = (
-        f"{len(solution.views)} views of {fit.images} images of {width} x {height} px, {fit.board}:"
-        f" {len(solution.off_px)} corners, {solution.rms_px:.3f} px rms."
-        f" {SOFTWARE}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
+    solution = fit.solution
+    return render_html(
+        "lens",
+        name=solution.camera.name,
+        view_count=len(solution.views),
+        image_count=fit.images,
+        size_px=fit.size_px,
+        board=fit.board,
+        corner_count=len(solution.off_px),
+        rms_px=solution.rms_px,
+        software=SOFTWARE,
+        written_at=f"{datetime.now(UTC):%Y-%m-%d %H:%M}",
+        missing=missing(solution),
+        parameters=parameter_rows(solution.camera),
+        notes=lens_notes(fit),
+        figures=[(image_source(path.read_bytes(), "png"), _CAPTIONS[name]) for name, path in figures.items()],
     )
-    lacking = [f"<p><strong>Missing: {escape(sentence)}.</strong></p>" for sentence in missing(solution)]
-    parts = [
-        heading(title, head),
-        *(lacking or [paragraph("Nothing is missing: corners all over the image, tilted and near boards.")]),
-        table(("parameter", "value", "std"), parameter_rows(solution.camera)),
-        bullets(lens_notes(fit)),
-        *(picture(path.read_bytes(), "png", _CAPTIONS[name]) for name, path in figures.items()),
-    ]
-    return page(title, parts)
 
 
 def _image_axes(fit: LensFit, title: str) -> tuple[Figure, Axes]:

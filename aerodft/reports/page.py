@@ -1,18 +1,17 @@
 """One page about a recording or a river for whoever was not there: HTML that needs no other file and no network."""
 
-import base64
 import hashlib
 import io
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from aerodft.adapters.files import read_whole
@@ -23,6 +22,7 @@ from aerodft.model import FloatArray, GeoOrigin, ImageArray, Status
 from aerodft.reports import style
 from aerodft.reports.recording_plot import amounts, draw_recording, typical
 from aerodft.reports.recording_series import RecordingSeries, Series
+from aerodft.reports.rendering import image_source, render_html
 from aerodft.reports.river_folder import RiverFolder
 from aerodft.version import SOFTWARE
 from replay.export import digits_of, time_utc, written_unit
@@ -35,29 +35,6 @@ _JPEG_QUALITY: Final = 88
 _NAMESPACES: Final = re.compile(r'\s+xmlns(:\w+)?="[^"]*"')
 _METADATA: Final = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 _ENDS: Final = 2
-
-_STYLE: Final = """
-:root { color-scheme: light }
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
-h1 { font-size: 1.7rem; margin-bottom: 0 } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc }
-.lead { font-size: 1.15rem } .small, figcaption { color: #555; font-size: .85rem }
-figure { margin: 1rem 0 } figure svg, figure img { max-width: 100%; height: auto; display: block }
-table { border-collapse: collapse; width: 100%; font-size: .85rem; font-variant-numeric: tabular-nums }
-th, td { text-align: left; padding: .2rem .6rem .2rem 0; border-bottom: 1px solid #ddd; vertical-align: top }
-td { overflow-wrap: break-word }
-td.n, th.n { text-align: right; white-space: nowrap } td.hash { font-family: monospace; overflow-wrap: anywhere }
-@media screen and (max-width: 50rem) { table { display: block; overflow-x: auto } }
-@page { size: A4; margin: 15mm }
-@media print { body { margin: 0; max-width: none; font-size: 10pt } thead { display: table-header-group }
-  h2 { break-after: avoid } figure, tr { break-inside: avoid } figure svg { max-height: 24cm }
-  figure img { max-height: 15.5cm; width: auto; margin: auto } }
-"""
-_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-_COVERS: Final = (
-    "An interval holds the true value in 95 of 100 cases, as far as what is stated below is true. It does not cover a"
-    " wrong height of the water or the ground, ground that is not as configured, or a camera file of another camera or"
-    " mode."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,34 +72,34 @@ def recording_page(found: RecordingSeries, probes: Sequence[Series], facts: Reco
         InputError: One of its files cannot be read.
     """
     start, end = (style.second_utc(stamp_ns) for stamp_ns in (facts.start_ns, facts.end_ns))
-    posed = found.poses.answered
-    quantities = "1 quantity" if len(found.probes) == 1 else f"{len(found.probes)} quantities"
-    lead = f"{quantities} in {found.images} images; for {posed} of these the camera's pose is known."
-    parts = [
-        heading(f"Measurements of {facts.station or facts.path.name}", f"{start} to {end} UTC"),
-        f'<p class="lead">{lead}</p>',
-        *(f"<p><strong>{escape(each)}</strong></p>" for each in facts.lacks),
-        _section("What was measured", _summary(found.probes.values()), paragraph(_COVERS)),
-    ]
-    if facts.best is not None:
-        index, pixels = facts.best
-        bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
-        data = bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
-        words = f"Image {index}, in which most was measured; behind each value its 95 % interval."
-        parts.append(_section("The image", picture(data, "jpeg", words)))
-    drawn = _recording_map(found, list(found.probes.values()))
-    if drawn is not None:
-        parts.append(_section("The map", _drawing(drawn, _place_words(found))))
-    over_time = draw_recording(found, probes, facts.station)
-    words = f"Bands are 95 % intervals; {len(probes)} of {len(found.probes)} quantities are drawn."
-    parts += [
-        _section("Over time", _drawing(over_time, words)),
-        _values(found.probes.values()),
-        _section("What happened", _events(found)) if found.events else "",
-        _section("What was stated and assumed", *_settings(facts.settings), _remarks(found)),
-        _section("Provenance", _provenance(facts.path, found)),
-    ]
-    return page(f"Measurements of {facts.station}", parts)
+    values, is_thinned = _values(found.probes.values())
+    track = _recording_map(found, list(found.probes.values()))
+    return render_html(
+        "recording",
+        station=facts.station,
+        name=facts.path.name,
+        start=start,
+        end=end,
+        probe_count=len(found.probes),
+        image_count=found.images,
+        pose_count=found.poses.answered,
+        lacks=facts.lacks,
+        summary=_summary(found.probes.values()),
+        image=None if facts.best is None else {"index": facts.best[0], "source": _jpeg_source(facts.best[1])},
+        map=None if track is None else _drawing(track),
+        origin_deg=found.origin_deg,
+        over_time=_drawing(draw_recording(found, probes, facts.station)),
+        drawn_count=len(probes),
+        values=values,
+        thinned_to=_MOST_ROWS if is_thinned else None,
+        events=[(style.second_utc(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]],
+        stated=[(key, value) for key, value, is_default in facts.settings if not is_default],
+        assumed=[(key, value) for key, value, is_default in facts.settings if is_default],
+        remarks=found.remarks.most_common(_MOST_ROWS),
+        softwares=found.softwares.most_common(),
+        calibrations=sorted(filter(None, found.calibrations)),
+        **_provenance(facts.path),
+    )
 
 
 def river_page(river: RiverFolder) -> str:
@@ -131,105 +108,52 @@ def river_page(river: RiverFolder) -> str:
     Raises:
         InputError: One of its files cannot be read.
     """
-    document, width = river.document, river.document["width_m"]
+    document, plate = river.document, river.path / "plate.png"
     used = [each for each in document["transects"] if each["status"] == Status.OK]
-    if width is None:
-        lead = f"No width was measured: {document['status']}."
-    else:
-        low, high = width["ci95"]
-        digits = digits_of((high - low) / 2)
-        lead = (
-            f"The river is {width['median']:.{digits}f} m wide in the median, {low:.{digits}f} to {high:.{digits}f} m"
-            f" (95 %); {width['min']:.{digits}f} to {width['max']:.{digits}f} m along {len(used)} of"
-            f" {len(document['transects'])} transects."
-        )
-    images = document.get("images")
-    seen = "" if images is None else f" {images.get('used', 0)} of {images['looked_at']} images show it."
-    sure = f"Confidence in the water's outline: {100 * document['confidence']:.0f} %.{seen}"
-    notes = document["reasons"] or ["Nothing more than its inputs' stated uncertainties was said of this answer."]
-    parts = [
-        heading("Width of a river", river.path.name),
-        f'<p class="lead">{escape(lead)}</p>',
-        paragraph(f"{sure} {_COVERS}"),
-    ]
-    plate = river.path / "plate.png"
-    if plate.is_file():
-        words = "Banks and transects in the image and from above, and the widths along the river."
-        parts.append(_section("The plate", picture(_read(plate), "png", words)))
-    parts.append(_section("The map", _drawing(_river_map(river), _river_place(river))))
-    if used:
-        words = f"The band is the {style.BAND} of each width."
-        parts.append(_section("Along the river", _drawing(_profile(document["transects"]), words)))
-    parts += [
-        _section("Transects", _transects(document["transects"])),
-        _section("What was assumed and what to know", bullets(notes)),
-        _section("Provenance", _files(river.path), _made_by()),
-    ]
-    return page(f"Width of a river: {river.path.name}", parts)
-
-
-def page(title: str, parts: Iterable[str]) -> str:
-    """A whole page that needs no other file, of parts of HTML; empty ones are left out."""
-    head = (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>"
+    place = _local_m(river)[1]
+    return render_html(
+        "river",
+        name=river.path.name,
+        status=document["status"],
+        width=None if document["width_m"] is None else _width(document["width_m"]),
+        used_count=len(used),
+        confidence=document["confidence"],
+        images=document.get("images"),
+        plate=image_source(_read(plate), "png") if plate.is_file() else None,
+        map=_drawing(_river_map(river)),
+        origin_deg=place,
+        profile=_drawing(_profile(document["transects"])) if used else None,
+        transects=_transects(document["transects"]),
+        reasons=document["reasons"],
+        **_provenance(river.path),
     )
-    return "\n".join([head, *filter(None, parts), "</body></html>\n"])
 
 
-def heading(title: str, below: str) -> str:
-    """The page's title, and what stands small below it."""
-    return f'<h1>{escape(title)}</h1><p class="small">{escape(below)}</p>'
+class Drawing(NamedTuple):
+    """A figure as SVG in a page: its tag without the last bracket, and what follows that."""
 
-
-def _section(title: str, *parts: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{''.join(parts)}</section>"
-
-
-def paragraph(text: str) -> str:
-    """A text of its own."""
-    return f"<p>{escape(text)}</p>"
-
-
-def bullets(sentences: Iterable[str]) -> str:
-    """A list of sentences."""
-    return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in sentences)}</ul>"
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: int = 1, last_words: int = 0) -> str:
-    """A table whose first columns, and some of the last, are words, the others numbers."""
-    looks = [""] * words + [' class="n"'] * (len(head) - words - last_words) + [""] * last_words
-
-    def line(tag: str, cells: Sequence[str]) -> str:
-        return "".join(f"<{tag}{look}>{escape(cell)}</{tag}>" for look, cell in zip(looks, cells, strict=True))
-
-    body = "".join(f"<tr>{line('td', cells)}</tr>" for cells in rows)
-    return f"<table><thead><tr>{line('th', head)}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def picture(data: bytes, kind: str, words: str) -> str:
-    """An image file's bytes, ``png`` or ``jpeg``, with words below."""
-    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-    return f'<figure><img src="{source}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
+    tag: Markup
+    rest: Markup
 
 
 @style.styled()
-def _drawing(figure: Figure, words: str) -> str:
-    """A figure as SVG in the page: without what names addresses, which HTML does not need."""
+def _drawing(figure: Figure) -> Drawing:
+    """A figure as SVG, without what names addresses, which HTML does not need."""
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None}, bbox_inches="tight")
     text = file.getvalue()
-    head, rest = text[text.index("<svg") :].split(">", 1)
-    label = f' role="img" aria-label="{escape(words)}"'
-    drawn = f"{_NAMESPACES.sub('', head)}{label}>{_METADATA.sub('', rest)}"
-    return f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
+    tag, rest = text[text.index("<svg") :].split(">", 1)
+    return Drawing(Markup(_NAMESPACES.sub("", tag)), Markup(_METADATA.sub("", rest)))  # noqa: S704 - matplotlib escapes
 
 
-def _summary(probes: Iterable[Series]) -> str:
+def _jpeg_source(rgb: ImageArray) -> str:
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    return image_source(bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]), "jpeg")
+
+
+def _summary(probes: Iterable[Series]) -> list[tuple[str, ...]]:
     """One row for each probe, of a place one for east and one for north: what it came to, in the median."""
-    rows = []
+    rows = list[tuple[str, ...]]()
     for each in probes:
         others = {name: each.statuses.count(name) for name in sorted({*each.statuses} - {Status.OK})}
         why = ", ".join(f"{count} {name}" for name, count in others.items())
@@ -242,13 +166,12 @@ def _summary(probes: Iterable[Series]) -> str:
             unit += f" {axis} of the origin" if axis else ""
             answered = f"{each.answered} of {len(each.stamps_ns)}"
             rows.append((each.name, each.kind, answered, *shown, span, unit, why))
-    head = ("quantity", "kind", "answered", "median", "± (95 %)", "least to largest", "unit", "without a value")
-    return table(head, rows, words=2, last_words=2)
+    return rows
 
 
-def _values(probes: Iterable[Series]) -> str:
-    """The section of the values of each probe over time, evenly thinned; nothing where there are none but places."""
-    rows, thinned = [], False
+def _values(probes: Iterable[Series]) -> tuple[list[tuple[str, ...]], bool]:
+    """Rows of the values of each probe over time, none of places; whether they are thinned, which is done evenly."""
+    rows, thinned = list[tuple[str, ...]](), False
     for each in probes:
         chosen = np.flatnonzero(np.isfinite(each.numbers("value")))
         thinned = thinned or len(chosen) > _MOST_ROWS
@@ -257,55 +180,22 @@ def _values(probes: Iterable[Series]) -> str:
             digits = digits_of((high - low) / 2)
             numbers = (f"{value:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}", written_unit(each.unit))
             rows.append((each.name, time_utc(each.stamps_ns[row])[:-9].replace("T", " "), *numbers))
-    if not rows:
-        return ""
-    note = f"At most {_MOST_ROWS} of each quantity, evenly spread; aerodft export writes all." if thinned else ""
-    head = ("quantity", "UTC", "value", "95 % interval", "unit")
-    return _section("Values", paragraph(note) * bool(note) + table(head, rows, words=2, last_words=1))
+    return rows, thinned
 
 
-def _events(found: RecordingSeries) -> str:
-    rows = [(style.second_utc(each.stamp_ns), each.kind, each.text) for each in found.events[: 5 * _MOST_ROWS]]
-    return table(("UTC", "of", "what"), rows, words=3)
+def _provenance(path: Path) -> dict[str, Any]:
+    """Every file with its size and its SHA-256, and who writes the page when.
 
-
-def _settings(settings: Sequence[tuple[str, str, bool]]) -> Iterator[str]:
-    """Tables of stated and of default settings."""
-    for title, is_default in (("Stated in the station file", False), ("Assumed: defaults of the software", True)):
-        rows = [(key, value) for key, value, own in settings if own is is_default]
-        if rows:
-            yield f"<h3>{title}</h3>{table(('key, with its unit', 'value'), rows)}"
-
-
-def _remarks(found: RecordingSeries) -> str:
-    if not found.remarks:
-        return ""
-    said = [f"{text} ({count} values)" for text, count in found.remarks.most_common(_MOST_ROWS)]
-    return f"<h3>What values say of themselves</h3>{bullets(said)}"
-
-
-def _provenance(path: Path, found: RecordingSeries) -> str:
-    made = ", ".join(f"{name} ({count} measurements)" for name, count in found.softwares.most_common())
-    calibrations = [name for name in found.calibrations if name]
-    lines = [f"Measured by {made}."] if made else []
-    lines += [f"Calibrations: {', '.join(sorted(calibrations))}."] if calibrations else []
-    return bullets(lines) * bool(lines) + _files(path) + _made_by()
-
-
-def _made_by() -> str:
-    return paragraph(f"Page written by {SOFTWARE} at {datetime.now(UTC).isoformat(timespec='seconds')}.")
-
-
-def _files(path: Path) -> str:
-    """Every file with its size and its SHA-256."""
-    rows = []
+    Raises:
+        InputError: A file cannot be read.
+    """
+    files = []
     for each in sorted(path.iterdir()) if path.is_dir() else [path]:
         if each.is_file():
             with os_errors_as("the file cannot be read", where=each), each.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
-                rows.append((each.name, digest, f"{each.stat().st_size:,}"))
-    shown = table(("file", "SHA-256", "bytes"), rows, words=2)
-    return re.sub(r"<td>([0-9a-f]{64})</td>", r'<td class="hash">\1</td>', shown)
+                files.append({"name": each.name, "sha256": digest, "size_bytes": each.stat().st_size})
+    return {"files": files, "software": SOFTWARE, "written_at": datetime.now(UTC).isoformat(timespec="seconds")}
 
 
 def _read(path: Path) -> bytes:
@@ -354,13 +244,6 @@ def _recording_map(found: RecordingSeries, probes: Sequence[Series]) -> Figure |
     style.as_map(axes, everything)
     axes.legend(loc="upper left")
     return figure
-
-
-def _place_words(found: RecordingSeries) -> str:
-    if found.origin_deg is None:
-        return "Metres from an origin whose place on Earth nobody said."
-    lat_deg, lon_deg = found.origin_deg
-    return f"Metres east and north of {lat_deg:.6f}°, {lon_deg:.6f}° (WGS84); the camera's track is grey."
 
 
 _Shape = tuple[str, Mapping[str, Any], list[FloatArray]]
@@ -413,14 +296,6 @@ def _river_map(river: RiverFolder) -> Figure:
     return figure
 
 
-def _river_place(river: RiverFolder) -> str:
-    place = _local_m(river)[1]
-    sides = "Left and right are as one looks downstream where the flow was stated, else guessed."
-    if place is None:
-        return f"Metres from the camera's foot, whose place on Earth nobody said. {sides}"
-    return f"Metres east and north of {place[0]:.6f}°, {place[1]:.6f}° (WGS84). {sides}"
-
-
 @style.styled()
 def _profile(transects: Sequence[Mapping[str, Any]]) -> Figure:
     """Widths along the river with their 95 % intervals, with gaps where a transect has none."""
@@ -429,8 +304,16 @@ def _profile(transects: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def _transects(transects: Sequence[Mapping[str, Any]]) -> str:
-    rows = []
+def _width(width: Mapping[str, Any]) -> dict[str, str]:
+    """Width of a river and its interval's ends, with as many digits as are known."""
+    low, high = width["ci95"]
+    numbers = {"median": width["median"], "low": low, "high": high, "min": width["min"], "max": width["max"]}
+    return {name: f"{value:.{digits_of((high - low) / 2)}f}" for name, value in numbers.items()}
+
+
+def _transects(transects: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """One row for each transect: status, station, bound, width, interval, wetted width."""
+    rows = list[tuple[str, ...]]()
     for each in transects:
         if each["ci95"] is None:
             rows.append((each["status"], f"{each['station_m']:.1f}", "", "", "", ""))
@@ -440,5 +323,4 @@ def _transects(transects: Sequence[Mapping[str, Any]]) -> str:
         numbers = (f"{each['width_m']:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}")
         bound = "at least" if each["bound"] else ""
         rows.append((each["status"], f"{each['station_m']:.1f}", bound, *numbers, f"{each['wetted_m']:.{digits}f}"))
-    head = ("status", "along the river (m)", "bound", "width (m)", "95 % interval (m)", "wetted (m)")
-    return table(head, rows)
+    return rows

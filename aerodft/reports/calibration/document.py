@@ -4,8 +4,7 @@ import csv
 import io
 import logging
 import math
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +22,8 @@ from aerodft.reports.calibration.ground_grid import axes_of, ground_grid
 from aerodft.reports.calibration.marks import Row, rows_of
 from aerodft.reports.calibration.picture import Picture, draw_picture
 from aerodft.reports.calibration.residual_plots import draw_residuals
+from aerodft.reports.rendering import render_markdown
+from aerodft.reports.style import NORMAL_95
 from aerodft.version import SOFTWARE
 from calibration.flight import ImagesResult
 from calibration.pose import (
@@ -241,20 +242,9 @@ _COLUMNS: Final = (
 """Columns of the CSV; ``u_px``, ``v_px`` is the pixel of the observation that is off most, ``off_`` from it to where it
 should be; empty where there is none."""
 
-_LAST_COLUMN: Final = (
-    "The last column is the error on the ground of a calibration that has not seen the observation: so well would the"
-    " next one be measured."
-)
 _POSE = ("east", "north", "height", "tilt", "roll", "heading", "elevation")
 _TOO_GOOD, _TINY = 0.99, 1e-6
 _DEGREE_DIGITS = 8
-_ESCAPED = re.compile(r"([\\`*_{}\[\]<>#|~$&!()])")
-
-_SIGNS = (
-    "Biases are added to what telemetry says: height, east and north in metres, tilt, pan and roll as rotations about"
-    " the camera's x, y and z axes, heading clockwise about the vertical. The time offset is added to the images'"
-    " stamps."
-)
 
 
 def write_calibration_page(result: Result | ImagesResult, evidence: EvidenceFile, folder: Path) -> Path:
@@ -274,18 +264,16 @@ def write_calibration_page(result: Result | ImagesResult, evidence: EvidenceFile
         InputError: The folder cannot be written to.
     """
     rows, page = rows_of(result), folder / _REPORT
-    about = calibration_document(result, evidence, None)
+    values = _page_values(result, evidence, rows)
     with output_folder(folder, "the report"):
         if isinstance(result, ImagesResult):
-            parts = _images_page(result, evidence, about)
+            text = render_markdown("images", **values)
         else:
             notes = _draw_image(result, evidence, rows, folder / _IMAGE)
-            parts = _camera_page(result, evidence, about, notes)
+            text = render_markdown("camera", **values, **_camera_values(result, evidence), image_notes=notes)
         draw_residuals(rows, result, folder / _RESIDUALS)
         (folder / _TABLE).write_text(_residual_table(rows), encoding="utf-8", newline="")
-        outliers = f"Left out: {', '.join(map(_plain, about['outliers'])) or 'nothing'}."
-        residuals = ("## What is left of each observation", _LAST_COLUMN, _observation_table(rows), outliers)
-        page.write_text("\n\n".join([*parts, *residuals]) + "\n", encoding="utf-8")
+        page.write_text(text, encoding="utf-8")
     return page
 
 
@@ -327,60 +315,47 @@ def _image_of(evidence: EvidenceFile, camera: Camera) -> tuple[ImageArray | None
     return image, ""
 
 
-def _images_page(result: ImagesResult, evidence: EvidenceFile, about: dict[str, Any]) -> list[str]:
-    camera, images = result.solution.state.base.camera, about["images"]
-    head = ("image", "height (m)", "tilt (deg)", "roll (deg)", "heading (deg)", "from telemetry (sigma)")
-    keys = ("height_agl_m", "tilt_deg", "roll_deg", "heading_deg", "from_telemetry_sigma")
-    what, share = _combination(result.weakest.combination), 100 * result.weakest.std_share / LIMIT
-    weakest = f"Everything that was asked for is determined; {what} worst, to {share:.2g} % of what would be refused."
-    return [
-        f"# Telemetry and {_plain(camera.name)}: {len(images)} images",
-        f"{_source(evidence)}.",
-        f"Model: {about['model']}. Coordinates: {_plain(evidence.frame.crs)}.",
-        "## What was found",
-        _parameter_table(about),
-        _SIGNS,
-        *_correlation_table(about),
-        "## How well it fits",
-        _bullets([*_fit_sentences(result), weakest, *_note_sentences(about)]),
-        f"![Residuals]({_RESIDUALS})",
-        "## The images",
-        _table(head, [(_plain(image["name"]), *(f"{image[key]:.2f}" for key in keys)) for image in images]),
-    ]
+def _page_values(result: Result | ImagesResult, evidence: EvidenceFile, rows: Sequence[Row]) -> dict[str, Any]:
+    """Values that the page of every calibration shows."""
+    is_of_images = isinstance(result, ImagesResult)
+    about = calibration_document(result, evidence, None)
+    share = result.weakest.std_share / LIMIT if is_of_images else result.weakest.std_share
+    return {
+        "camera": (
+            result.solution.state.base if isinstance(result, ImagesResult) else result.solution.state
+        ).camera.name,
+        "images": about.get("images"),
+        "source": {"name": evidence.path.name, "sha256": evidence.sha256},
+        "written_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": SOFTWARE,
+        "model": about["model"],
+        "crs": about["crs"],
+        "parameters": _parameter_rows(about),
+        "correlations": list(zip(about["order"], about["correlations"], strict=True)),
+        "fit": _fit_sentences(result),
+        "weakest_names": list(result.weakest.combination),
+        "weakest_percent": f"{100 * share:.2g}",
+        "sentences": about["notes"],
+        "residuals_file": _RESIDUALS,
+        "observations": _observation_rows(rows),
+        "outliers": about["outliers"],
+    }
 
 
-def _camera_page(result: Result, evidence: EvidenceFile, about: dict[str, Any], notes: Sequence[str]) -> list[str]:
-    state = result.solution.state
-    model = "the paper's equations (dft)" if state.model is ProjectionModel.DFT else "pinhole"
-    return [
-        f"# Calibration of {_plain(state.camera.name)}",
-        f"{_source(evidence)}, model: {model}, coordinates: {_plain(evidence.frame.crs)}.",
-        f"![The image with observations and the ground grid]({_IMAGE})",
-        *map(_plain, notes),
-        "## What was found",
-        _parameter_table(about),
-        _place(about),
-        *_correlation_table(about),
-        f"Taken as known: {'; '.join(_known(result, evidence))}.",
-        "## How well it fits",
-        _bullets([*_fit_sentences(result), _weakest_sentence(result), *_note_sentences(about)]),
-        f"![Residuals]({_RESIDUALS})",
-    ]
-
-
-def _source(evidence: EvidenceFile) -> str:
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    return f"From {_plain(evidence.path.name)} (sha256 {evidence.sha256}), {now}, {SOFTWARE}"
-
-
-def _note_sentences(about: dict[str, Any]) -> list[str]:
-    return [f"{_plain(note.removesuffix('.'))}." for note in about["notes"]]
-
-
-def _combination(names: Iterable[str]) -> str:
-    """Words for the combination of unknowns that is known worst."""
-    *others, last = map(_plain, names)
-    return f"the combination of {', '.join(others)} and {last}" if others else last
+def _camera_values(result: Result, evidence: EvidenceFile) -> dict[str, Any]:
+    """Values that the page of one camera shows besides."""
+    about, state = calibration_document(result, evidence, None), result.solution.state
+    digits = _DEGREE_DIGITS if takes_degrees(about["crs"]) else 3
+    first, second, height = about["position"]
+    return {
+        "is_dft": state.model is ProjectionModel.DFT,
+        "image_file": _IMAGE,
+        "place": (f"{first:.{digits}f}", f"{second:.{digits}f}", f"{height:.3f}"),
+        "lat_deg": about["lat_deg"],
+        "lon_deg": about["lon_deg"],
+        "known": _known(result, evidence),
+        "limit_percent": f"{100 * LIMIT:.0f}",
+    }
 
 
 def _residual_table(rows: Sequence[Row]) -> str:
@@ -401,72 +376,40 @@ def _number(value: float | None) -> str:
     return "" if value is None or not math.isfinite(value) else f"{value:.6g}"
 
 
-def _plain(text: str) -> str:
-    """A text that Markdown shows as it is, on one line."""
-    line = "".join(each if each.isprintable() else " " for each in text)
-    return _ESCAPED.sub(r"\\\1", line)
-
-
-def _bullets(sentences: Sequence[str]) -> str:
-    """Sentences as a Markdown list."""
-    return "\n".join(f"- {sentence}" for sentence in sentences)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1) -> str:
-    """A table whose first columns are words, the others numbers."""
-    rule = ["---"] * words + ["---:"] * (len(head) - words)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
-
-
-def _parameter_table(about: dict[str, Any]) -> str:
-    """Table of the fitted parameters, from a result's JSON."""
+def _parameter_rows(about: dict[str, Any]) -> list[dict[str, str]]:
+    """Each fitted parameter with its std and interval, which are empty where they are unknown."""
     rows = []
     for key, each in about["parameters"].items():
         value, std = each["value"], each["std"]
         digits = decimals(std or 0.0)
-        shown = (f"{value:.{digits}f}", "unknown" if std is None else f"{std:.{digits}f}")
-        low, high = ("", "") if std is None else (f"{value + sign * 1.96 * std:.{digits}f}" for sign in (-1, 1))
-        rows.append((_plain(key), *shown, f"{low} to {high}" if std is not None else ""))
-    return _table(("unknown", "value", "std", "95 % interval"), rows)
+        row = {"key": key, "value": f"{value:.{digits}f}", "std": "", "low": "", "high": ""}
+        if std is not None:
+            low, high = (f"{value + sign * NORMAL_95 * std:.{digits}f}" for sign in (-1, 1))
+            row |= {"std": f"{std:.{digits}f}", "low": low, "high": high}
+        rows.append(row)
+    return rows
 
 
-def _place(about: dict[str, Any]) -> str:
-    digits = _DEGREE_DIGITS if takes_degrees(about["crs"]) else 3
-    first, second, height = about["position"]
-    on_map = "" if about["lat_deg"] is None else f" (WGS84: {about['lat_deg']:.7f}, {about['lon_deg']:.7f})"
-    place = f"{first:.{digits}f}, {second:.{digits}f}, {height:.3f}"
-    return f"The camera is at {place} in the coordinates of the file{on_map}."
-
-
-def _correlation_table(about: dict[str, Any]) -> tuple[str, ...]:
-    """Table of the unknowns' correlations; nothing for a single one."""
-    names = about["order"]
-    if len(names) == 1:
-        return ()
-    rows = [
-        [_plain(name), *("" if value is None else f"{value:.2f}" for value in row)]
-        for name, row in zip(names, about["correlations"], strict=True)
-    ]
-    return (_table(["correlation", *map(_plain, names)], rows),)
-
-
-def _known(result: Result, evidence: EvidenceFile) -> list[str]:
+def _known(result: Result, evidence: EvidenceFile) -> list[dict[str, Any]]:
     """Everything that was not solved for, with its value, and its std where the camera file has one."""
     state = result.solution.state
     lens = ["fx", "fy", "cx", "cy", *coefficient_names(state.camera)]
     stds = dict(zip(lens, np.sqrt(np.diag(result.solution.joint)[INTRINSICS]).tolist(), strict=True))
     solved = {*result.names, *(("fx", "fy") if "focal" in result.names else ())}
     others = [name for name in [*_POSE, *lens] if name not in solved]
-    words = []
-    for name, (key, value) in zip(others, values_of(state, others, evidence.frame).items(), strict=True):
-        std = f" ± {stds[name]:.3g}" if stds.get(name) else ""
-        why = ", as stated" if name in evidence.fixed else ""
-        words.append(f"{_plain(key)} {value:.10g}{std}{why}")
-    return words
+    return [
+        {
+            "key": key,
+            "value": f"{value:.10g}",
+            "std": f"{stds[name]:.3g}" if stds.get(name) else "",
+            "is_stated": name in evidence.fixed,
+        }
+        for name, (key, value) in zip(others, values_of(state, others, evidence.frame).items(), strict=True)
+    ]
 
 
 def _fit_sentences(result: Result | ImagesResult) -> list[str]:
-    """Sentences on how well a calibration fits."""
+    """Sentences in Markdown on how well a calibration fits; no word in them is from a file."""
     solution, sentences = result.solution, []
     if result.rms_px is not None:
         sentences.append(f"The landmarks are {result.rms_px:.2f} px off (root mean square), outliers apart.")
@@ -488,22 +431,17 @@ def _fit_sentences(result: Result | ImagesResult) -> list[str]:
     return [*sentences, f"{head} {verdict}"]
 
 
-def _weakest_sentence(result: Result) -> str:
-    what, share = _combination(result.weakest.combination), 100 * result.weakest.std_share
-    return (
-        f"Everything that was asked for is determined. Known worst is {what}: to {share:.2g} % of its"
-        f" size (an angle: of a radian), where more than {100 * LIMIT:.0f} % would count as not determined."
-    )
-
-
-def _observation_table(rows: Sequence[Row]) -> str:
-    """Table of each observation's residuals."""
-    head = ("observation", "kind", "px", "sigma", "on the ground (m)", "not having seen it (m)")
-    cells = []
-    for row in rows:
-        ground = (row.left.ground_m, row.left.loo_ground_m)
-        name = _plain(row.mark.name) + (" (left out)" if row.left.is_outlier else "")
-        px = f"{row.left.px:.2f}" if math.isfinite(row.left.px) else "out of sight"
-        numbers = (px, f"{row.left.sigma:.2f}", *("" if each is None else f"{each:.3f}" for each in ground))
-        cells.append((name, _plain(row.mark.kind), *numbers))
-    return _table(head, cells, words=2)
+def _observation_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Each observation's residuals."""
+    return [
+        {
+            "name": row.mark.name,
+            "is_outlier": row.left.is_outlier,
+            "kind": row.mark.kind,
+            "px": f"{row.left.px:.2f}" if math.isfinite(row.left.px) else "out of sight",
+            "sigma": f"{row.left.sigma:.2f}",
+            "ground_m": "" if row.left.ground_m is None else f"{row.left.ground_m:.3f}",
+            "loo_ground_m": "" if row.left.loo_ground_m is None else f"{row.left.loo_ground_m:.3f}",
+        }
+        for row in rows
+    ]

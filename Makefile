@@ -11,7 +11,7 @@ INSTALLED := $(VENV)/.installed
 # package anew.
 FOR_TESTS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
-.PHONY: demo test docs nightly fresh compiled lint types imports unit coverage bench bench-peer schema format clean
+.PHONY: demo test docs nightly fresh compiled lint types imports script unit coverage bench bench-peer schema format clean
 
 demo: fresh
 	$(BIN)/aerodft demo --output demo
@@ -22,7 +22,7 @@ docs: $(INSTALLED)
 	@echo 'open build/site/index.html; to search, serve it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory build/site 8000'
 
 # What is wrong in seconds is said at once; types take one core half a minute, beside the first tests.
-test: lint imports
+test: lint imports script
 	@$(MAKE) --no-print-directory -j 2 types unit
 
 # uv where it is there (seconds instead of a minute), else pip.
@@ -46,6 +46,17 @@ types: $(INSTALLED)
 
 imports: $(INSTALLED)
 	$(BIN)/lint-imports
+
+# Types and lint of the page's script, where Node is there and its tools can be had.
+SCRIPT := build/script
+script:
+	@mkdir -p $(SCRIPT) && cp -p tests/script/* $(SCRIPT)
+	@if ! command -v npm >/dev/null 2>&1; then echo "no Node: the page's script is not checked"; \
+	elif ! { [ $(SCRIPT)/node_modules/.package-lock.json -nt $(SCRIPT)/package.json ] || \
+		(cd $(SCRIPT) && npm install --silent --no-package-lock --no-audit --no-fund); }; then \
+		echo "its tools cannot be installed: the page's script is not checked"; \
+	else $(SCRIPT)/node_modules/.bin/tsc -p $(SCRIPT) && \
+		$(SCRIPT)/node_modules/.bin/eslint -c $(SCRIPT)/eslint.config.js aerodft/web/static; fi
 
 PYTEST := $(FOR_TESTS) $(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder --benchmark-disable -q
 

@@ -1,3 +1,4 @@
+// @ts-check
 // The connection to the program that measures. Of several questions of one topic only the newest is asked.
 
 const MOST_BYTES = 64_000; // the program hears no longer message

@@ -1,6 +1,7 @@
+// @ts-check
 // The page: an image to look at and to click, what was measured in it, and what is known of the camera, put together.
 
-import { fillList, find } from "./elements.js";
+import { element, fillList, find, targetOf, toolButtons } from "./elements.js";
 import { Link } from "./link.js";
 import { History } from "./measuring/history.js";
 import { KINDS, Marks, learnKinds } from "./measuring/marks.js";
@@ -15,8 +16,9 @@ import { Health } from "./tools/health.js";
 import { Landmarks } from "./tools/landmarks.js";
 import { GroundMap } from "./tools/map.js";
 import { RiverLayer } from "./tools/river.js";
+import { DRAWN, MEASURES, PRESSED, titleText } from "./tools.js";
 
-const units = () => find("units").value;
+const units = () => /** @type {Units} */ (find("units").value);
 const view = await (await fetch("view.json")).json();
 let image = 0; // number of the image that is shown
 
@@ -46,26 +48,24 @@ const timeline = new Timeline(view, plots, { show, onNews: (news) => health.take
 
 // ---- the tool in hand
 
-const OTHER_TOOLS = {
-  landmark: { tool: landmarks, key: "m", help: "Mark what you know of the view, and type where or how long it is." },
-  water: { tool: river, help: "Draw over what is water." },
-  land: { tool: river, help: "Draw over what is land." },
-};
+const PARTS = { landmark: landmarks, water: river, land: river };
 const others = learnKinds(view.kinds);
 let kind = "width";
 
+const buttonOf = (name) => toolButtons().find((each) => each.dataset.kind === name);
+
 function choose(wanted) {
   const isOther = others.includes(wanted);
-  if ((isOther ? find("others") : document.querySelector(`button[data-kind=${wanted}]`)).disabled) return;
+  if ((isOther ? find("others") : buttonOf(wanted)).disabled) return;
   find("others").value = isOther ? wanted : "";
   kind = wanted;
-  const { tool = marks, help } = KINDS[kind] || OTHER_TOOLS[kind];
+  const tool = PARTS[kind] ?? marks;
   pointer.tool = tool;
   if (tool === marks) marks.choose(kind);
   if (tool === river) river.side = kind;
   if (tool === landmarks) timeline.pause(); // what is marked is of one image
-  for (const button of document.querySelectorAll("button[data-kind]")) button.setAttribute("aria-pressed", String(button.dataset.kind === kind));
-  find("help").textContent = handText(help);
+  for (const button of toolButtons()) button.setAttribute("aria-pressed", String(button.dataset.kind === kind));
+  find("help").textContent = handText((DRAWN[kind] ?? KINDS[kind]).help);
   draw();
 }
 
@@ -108,7 +108,7 @@ function drawNow() {
   panel.draw(units(), overlay.probes);
   find("undo").disabled = !history.past.length;
   find("end").hidden = !marks.canEnd;
-  for (const each of document.querySelectorAll("button[data-kind]")) if (KINDS[each.dataset.kind]) each.disabled = !hasPose;
+  for (const each of toolButtons()) if (KINDS[each.dataset.kind]) each.disabled = !hasPose;
   find("others").disabled = !hasPose;
   find("river").disabled = find("grid").disabled = !hasPose;
   find("landmarks").hidden = !isCalibrating;
@@ -126,7 +126,12 @@ function drawNow() {
 
 let loading = 0;
 
-async function show(wanted, { hasPicture, seen }) { // an image with what is known of it, unless another was wanted meanwhile
+/**
+ * Show an image with what is known of it, unless another was wanted meanwhile.
+ * @param {number} wanted
+ * @param {{ hasPicture: boolean, seen?: object }} what
+ */
+async function show(wanted, { hasPicture, seen }) {
   loading += 1;
   const turn = loading, isNew = wanted !== image || !picture.bitmap;
   find("loading").textContent = "Loading the image …";
@@ -194,38 +199,58 @@ function end() {
 }
 
 const middle = () => [picture.canvas.clientWidth / 2, picture.canvas.clientHeight / 2];
+const PRESS = {
+  grid: showGrid, river: showRiver, plot: showPlots, whole: () => picture.fit(),
+  before: () => timeline.step(-1), play: () => timeline.play(), after: () => timeline.step(1),
+};
 const KEYS = {
-  r: showRiver, g: showGrid, t: () => { if (!find("plot").hidden) showPlots(); },
+  Escape: () => choose(kind),
   "+": () => picture.zoom(1.25, ...(pointer.at ? picture.screenAt(pointer.at) : middle())),
   "-": () => picture.zoom(0.8, ...(pointer.at ? picture.screenAt(pointer.at) : middle())),
-  0: () => picture.fit(), ",": () => timeline.step(-1), ".": () => timeline.step(1), Escape: () => choose(kind),
   Delete: () => { if (marks.current) { history.keep(); marks.remove(marks.current); } },
 };
-for (const [name, { key }] of Object.entries({ ...KINDS, landmark: OTHER_TOOLS.landmark })) if (key) KEYS[key] = () => choose(name);
+
+function dress(button, words) {
+  button.textContent = words.label;
+  button.title = titleText(words);
+  if (!/[a-z]/i.test(words.label)) button.ariaLabel = words.title; // a sign says nothing aloud
+}
+
+for (const name of Object.keys(MEASURES)) {
+  const button = element("button", "", { ariaPressed: "false" });
+  button.dataset.kind = name;
+  find("others").before(button, " ");
+}
+for (const [name, words] of Object.entries({ ...MEASURES, ...DRAWN })) {
+  dress(buttonOf(name), words);
+  if (words.key) KEYS[words.key] = () => choose(name);
+}
+for (const [id, words] of Object.entries(PRESSED)) {
+  const button = /** @type {HTMLButtonElement} */ (find(id));
+  dress(button, words);
+  button.onclick = PRESS[id];
+  KEYS[words.key] = () => { if (!button.hidden && !button.disabled) PRESS[id](); };
+}
 
 document.onkeydown = (event) => {
-  const { key, target } = event, isCommand = event.ctrlKey || event.metaKey, isAtImage = target === picture.canvas;
+  const { key } = event, target = targetOf(event), isCommand = event.ctrlKey || event.metaKey, isAtImage = target === picture.canvas;
   if ((target.tagName === "INPUT" && target.type !== "range") || (target.tagName === "TEXTAREA" && !target.readOnly)) return;
   if (isCommand && key === "z") undo();
   else if (key === "Enter" && isCommand) end();
   else if (isCommand || event.altKey) return;
   else if (isAtImage && pointer.key(event)) draw();
-  else if (key === " " && target.tagName !== "BUTTON" && target.tagName !== "SUMMARY") timeline.play();
+  else if (key === " " && (target.tagName === "BUTTON" || target.tagName === "SUMMARY")) return;
   else if (KEYS[key]) KEYS[key]();
   else return;
   event.preventDefault();
 };
 
-document.onclick = (event) => { if (event.target.dataset.kind) choose(event.target.dataset.kind); };
+document.onclick = (event) => { if (targetOf(event).dataset.kind) choose(targetOf(event).dataset.kind); };
 picture.canvas.ondblclick = end;
 find("others").append(...others.map((name) => new Option(name)));
 find("others").onchange = () => choose(find("others").value);
-find("river").onclick = showRiver;
-find("grid").onclick = showGrid;
-find("plot").onclick = showPlots;
 find("undo").onclick = undo;
 find("end").onclick = end;
-find("whole").onclick = () => picture.fit();
 find("above").ontoggle = lookAround;
 find("units").onchange = () => { plots.draw(units()); follow(); };
 find("forget").onclick = () => { history.keep(); river.forget(); river.look(); draw(); };
@@ -237,7 +262,7 @@ document.title = `${view.title} - aerodft`;
 find("title").textContent = view.title;
 find("saving").hidden = !view.can_save;
 find("well").hidden = !view.is_live && !view.is_recording;
-document.querySelector("[data-kind=landmark]").hidden = !view.can_calibrate;
+buttonOf("landmark").hidden = !view.can_calibrate;
 map.template = view.tiles;
 choose("width");
 if (view.is_live) timeline.follow();

@@ -1,3 +1,4 @@
+// @ts-check
 // What people did, step by step, so that they can take it back. A part has a state that can be read and set.
 
 const MOST_STEPS = 200;

@@ -1,23 +1,22 @@
+// @ts-check
 // What people measure: marks in the image, the one that is being made, and their numbers.
 
+import { MEASURES } from "../tools.js";
 import { endsOf, heightsOf, labelText, quality, samplingText, valueText } from "./words.js";
 
-export const KINDS = { // the key, and what to do; how many points, and whether they are closed, is the program's to say
-  width: { key: "w", help: "Click two banks." },
-  distance: { key: "d", help: "Click two points on the ground." },
-  length: { key: "l", help: "Click along the path; a double-click ends it." },
-  area: { key: "a", help: "Click around the area; a double-click ends it." },
-  height: { key: "h", help: "Click the base, on the ground, then the top." },
-  position: { key: "p", help: "Click a point on the ground." },
-};
+/** @type {Record<string, { help: string, least: number, most: number, closed: boolean }>} */
+export const KINDS = {};
 
-export function learnKinds(known) { // all that the program measures; returns the names of those without a button
-  const others = Object.keys(known).filter((name) => !KINDS[name]);
+/**
+ * Learn all that the program measures; returns the names of kinds without a button.
+ * @param {Record<string, { least: number, most: number, closed: boolean }>} known
+ */
+export function learnKinds(known) {
   for (const [name, { least, most, closed }] of Object.entries(known)) {
     const help = most > least ? `Click ${least} to ${most} points; a double-click ends it.` : `Click ${least} ${least > 1 ? "points" : "point"}.`;
-    KINDS[name] = { help, ...KINDS[name], least, most, closed };
+    KINDS[name] = { help: MEASURES[name]?.help ?? help, least, most, closed };
   }
-  return others;
+  return Object.keys(known).filter((name) => !MEASURES[name]);
 }
 
 export const isClosed = (name) => Boolean(KINDS[name]?.closed);

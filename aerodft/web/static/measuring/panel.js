@@ -1,10 +1,12 @@
+// @ts-check
 // The list of what is measured, and of the selected one where its uncertainty comes from, and how it is taken along.
 
-import { element, fillList, find } from "../elements.js";
+import { element, fillList, find, targetOf } from "../elements.js";
 import { COLOURS, probeOf } from "./marks.js";
 import { copyText, plain, quality, QUALITY_WORDS, stdText, valueText } from "./words.js";
 
 const LEAST_SHARE = 0.01, HEIGHTS = { heights: "elevation_m", "heights-std": "elevation_std_m" };
+const inputOf = (id) => /** @type {HTMLInputElement} */ (find(id));
 
 export class Panel {
   constructor(marks, history, link) {
@@ -12,9 +14,9 @@ export class Panel {
     this.history = history;
     this.link = link;
     this.rows = new Map(); // mark: its row, made once, so that nothing moves under a finger
-    find("copies").onclick = (event) => this.copy(event.target.dataset.copy);
-    find("saving").onclick = (event) => this.save(event.target.dataset.save);
-    for (const [id, key] of Object.entries(HEIGHTS)) find(id).onchange = ({ target }) => this.raise(key, target.value);
+    find("copies").onclick = (event) => this.copy(targetOf(event).dataset.copy);
+    find("saving").onclick = (event) => this.save(targetOf(event).dataset.save);
+    for (const [id, key] of Object.entries(HEIGHTS)) inputOf(id).onchange = () => this.raise(key, inputOf(id).value);
   }
 
   draw(units, probes) {
@@ -71,7 +73,7 @@ export class Panel {
     const found = mark?.found;
     find("details").hidden = !found;
     if (!found) return;
-    for (const [id, key] of Object.entries(HEIGHTS)) if (document.activeElement !== find(id)) find(id).value = mark.heights?.[key] || "";
+    for (const [id, key] of Object.entries(HEIGHTS)) if (document.activeElement !== inputOf(id)) inputOf(id).value = mark.heights?.[key] || "";
     const parts = (found.budget || []).map((part, at) => ({ ...part, colour: COLOURS[at % COLOURS.length] }));
     find("budget").replaceChildren(...parts.map(({ share, colour }) => {
       const bar = element("span");

@@ -1,9 +1,16 @@
+// @ts-check
 // Measurements as words: the numbers are those that the program sent, with two digits of their interval.
 
 const FOOT_M = 0.3048, SIGNS = { m2: "m²", deg: "°" };
 
 // ---- numbers with their unit
 
+/**
+ * @param {number} value
+ * @param {string} unit
+ * @param {Units} units
+ * @returns {[number, string]}
+ */
 export function converted(value, unit, units) { // value and sign of the unit that people chose
   if (units === "ft" && unit === "m") return [value / FOOT_M, "ft"];
   if (units === "ft" && unit === "m2") return [value / FOOT_M ** 2, "ft²"];
@@ -15,11 +22,21 @@ function rounded(value, interval) { // with two digits of its interval
   return value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 }
 
+/**
+ * @param {number} metres
+ * @param {Units} units
+ * @param {number} interval Of which two digits are shown.
+ */
 export function lengthText(metres, units, interval = Math.abs(metres) || 1) {
   const [value, sign] = converted(metres, "m", units);
   return `${rounded(value, converted(interval, "m", units)[0])} ${sign}`;
 }
 
+/**
+ * @param {number} std
+ * @param {string} unit
+ * @param {Units} units
+ */
 export function stdText(std, unit, units) {
   const [value, sign] = converted(std, unit, units);
   return `${Number(value.toPrecision(2))} ${sign}`;
@@ -27,6 +44,10 @@ export function stdText(std, unit, units) {
 
 // ---- measurements
 
+/**
+ * @param {Measurement} measurement
+ * @param {Units} units
+ */
 export function valueText(measurement, units) {
   if (measurement.status !== "ok") return refusalText(measurement);
   if (measurement.value === null) return placeText(measurement, units);
@@ -37,21 +58,35 @@ export function valueText(measurement, units) {
   return `${text(value)} ${sign} [${text(low)} … ${text(high)}] 95 %`;
 }
 
+/**
+ * @param {Measurement} measurement
+ * @param {Units} units
+ */
 function placeText({ ground_m: [[x, y]], ellipse95: ellipse }, units) {
   const spread = ellipse?.semi_major_m, text = (metres) => lengthText(metres, units, spread);
   const side = x < 0 ? `left ${text(-x)}` : `right ${text(x)}`;
   return `${side}, ahead ${text(y)}${spread ? ` ± ${text(spread)} (95 %)` : ""}`;
 }
 
+/**
+ * @param {{ status: string, reasons: string[] }} refused
+ */
 export function refusalText({ status, reasons }) {
   return [status.toUpperCase(), reasons.map(plain).join("; ")].filter(Boolean).join(": ");
 }
 
+/**
+ * @param {Measurement} measurement
+ * @param {Units} units
+ */
 export function labelText(measurement, units) { // short enough to stand in the image
   if (measurement.status !== "ok") return `${measurement.name} ${measurement.status.toUpperCase()}`;
   return measurement.value === null ? measurement.name : `${measurement.name} ${valueText(measurement, units).replace("] 95 %", "]")}`;
 }
 
+/**
+ * @param {Measurement} measurement
+ */
 export function quality({ status, value, std, ellipse95, ground_m: ground }) {
   if (status !== "ok") return "refused";
   const share = value === null ? (ellipse95?.semi_major_m ?? 0) / 1.96 / Math.hypot(...ground[0]) : std / Math.abs(value);
@@ -60,14 +95,22 @@ export function quality({ status, value, std, ellipse95, ground_m: ground }) {
 
 export const QUALITY_WORDS = { good: "Its std is below 2 %", fair: "Its std is 2 to 10 %", poor: "Its std is above 10 %", refused: "No number" };
 
+/**
+ * @param {Reach} river
+ * @param {Units} units
+ */
 export function reachText(river, units) {
   if (!river.width_m) return refusalText(river);
   const { median, ci95, transects } = river.width_m;
-  return `${valueText({ status: "ok", value: median, ci95, unit: "m" }, units)}, the median of ${transects} transects.`;
+  return `${valueText({ status: "ok", reasons: [], value: median, ci95, unit: "m" }, units)}, the median of ${transects} transects.`;
 }
 
 // ---- what is known of an image
 
+/**
+ * @param {Pose | null} pose
+ * @param {Units} units
+ */
 export function poseText(pose, units) {
   if (!pose) return "The camera's pose is not known yet: mark what you know of the view, or open it with --height and --tilt if they are known.";
   if (pose.status !== "ok") return refusalText(pose);
@@ -79,6 +122,10 @@ export function poseText(pose, units) {
     + ` tilt ${degrees(pose.tilt_deg, pose.std.tilt_deg)}, heading ${((Math.round(10 * pose.heading_deg) / 10) % 360).toFixed(1)}°${level}${age}; ± is one standard deviation.`;
 }
 
+/**
+ * @param {[number, number] | null} sampling Metres that a pixel is wide and deep.
+ * @param {Units} units
+ */
 export function samplingText(sampling, units) {
   if (!sampling) return "";
   const [across, down] = sampling.map((metres) => (metres < 0.1 && units === "m"
@@ -86,18 +133,29 @@ export function samplingText(sampling, units) {
   return `a pixel is ${across} wide, ${down} deep`;
 }
 
+/**
+ * @param {{ at_m: number, axis: string }} line
+ * @param {Units} units
+ */
 export function gridText({ at_m: at, axis }, units) {
   const [ahead, behind] = axis === "right" ? ["right", "left"] : ["ahead", "behind"];
   const [value, sign] = converted(Math.abs(at), "m", units);
   return at === 0 ? `0 ${sign}` : `${Number(value.toPrecision(3))} ${sign} ${at > 0 ? ahead : behind}`;
 }
 
+/**
+ * @param {string} stampNs
+ */
 export const clock = (stampNs) => `${new Date(Number(BigInt(stampNs) / 1000000n)).toISOString().slice(11, 19)} UTC`;
 
+/**
+ * @param {string} stampNs
+ */
 export const day = (stampNs) => new Date(Number(BigInt(stampNs) / 1000000n)).toISOString().replace("T", " ").replace("Z", " UTC");
 
 // ---- the program's sentences in the page's words: they name parameters and keys that nobody sees here
 
+/** @type {[RegExp, any][]} A text, or a function that makes one. */
 const PAGE_WORDS = [
   [/what you know of the camera under \[camera\]/g, "a height, a length, a vertical or the horizon"],
   [/take it with stds scaled up by `accept_misfit`/g, "take it with wider intervals, below"],
@@ -109,8 +167,14 @@ const PAGE_WORDS = [
   [/`([a-z_]+)`/g, (_, name) => name.replace(/_(m|px|deg|s|ns|hz)$/, "").replaceAll("_", " ")],
 ];
 
+/**
+ * @param {string} sentence
+ */
 export const plain = (sentence) => PAGE_WORDS.reduce((text, [from, to]) => text.replace(from, to), sentence);
 
+/**
+ * @param {string} text
+ */
 export const handText = (text) => (matchMedia("(pointer: coarse)").matches // fingers tap
   ? text.replaceAll("click", "tap").replaceAll("Click", "Tap") : text);
 
@@ -119,11 +183,20 @@ export const handText = (text) => (matchMedia("(pointer: coarse)").matches // fi
 const typedWords = (text = "") => text.split(/[\s;]+/).filter(Boolean).map((word) => word.replace(/,$/, ""));
 const isPointName = (word = "") => word.startsWith("@"); // of a surveyed point, which has the height
 
-export const endsOf = ({ points, heights = {} }) => { // pixels; "u,v@NAME" where a surveyed point's name is typed for a height
+/**
+ * Pixels of a mark; "u,v@NAME" where a surveyed point's name is typed for a height.
+ * @param {Mark} mark
+ * @returns {(Pixel | string)[]}
+ */
+export const endsOf = ({ points, heights = {} }) => {
   const words = typedWords(heights.elevation_m);
   return points.map(([u, v], at) => (isPointName(words[at]) ? `${u},${v}${words[at]}` : [u, v]));
 };
 
+/**
+ * @param {{ heights?: Record<string, string> }} mark
+ * @returns {Record<string, number | number[]>}
+ */
 export function heightsOf({ heights = {} }) { // one number, or one for each point without a name; null for what is no number
   const numbers = (text) => typedWords(text).filter((word) => !isPointName(word)).map((word) => Number(word.replace(",", ".")));
   return Object.fromEntries(Object.entries(heights).map(([key, text]) => [key, numbers(text)])
@@ -132,6 +205,11 @@ export function heightsOf({ heights = {} }) { // one number, or one for each poi
 
 // ---- what is taken along
 
+/**
+ * @param {string} form
+ * @param {Mark} mark
+ * @param {Units} units
+ */
 export function copyText(form, mark, units) {
   const { name, kind, found } = mark;
   if (form === "json") {

@@ -1,3 +1,4 @@
+// @ts-check
 // What helps to read the image: the horizon, a grid of metres on the ground, and the values of the station's probes.
 
 import { isClosed } from "../measuring/marks.js";

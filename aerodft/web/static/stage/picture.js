@@ -1,3 +1,4 @@
+// @ts-check
 // The image on a canvas, zoomed and moved. Pixel (0, 0) is the middle of the top-left pixel, as everywhere in aerodft.
 //
 // A shape is { points: [[u, v]], colour, style, closed, label, tag }. Its style is "mark" (a line and its points, as people
@@ -15,6 +16,7 @@ export class Picture {
     this.scale = 1;
     this.left = 0;
     this.top = 0;
+    /** @type {Shape[]} */
     this.shapes = [];
     new ResizeObserver(() => this.resized()).observe(canvas);
   }
@@ -103,6 +105,7 @@ export class Picture {
     for (const { at, tag, colour } of drawn) if (tag) this.drawTag(at[0], tag, colour, taken);
   }
 
+  /** @param {Shape & { at: Pixel[], rings: Pixel[][] }} shape With its points and rings on the screen. */
   drawShape({ at, rings, colour, style = "mark", closed }) {
     if (style === "fill") this.fill(rings, colour);
     else if (style === "thin") this.stroke(at, colour, { width: 1, alpha: 0.6, closed });
@@ -118,9 +121,9 @@ export class Picture {
 
   fill(rings, colour) {
     const { pen } = this, path = new Path2D();
-    for (const [[x, y], ...rest] of rings) {
-      path.moveTo(x, y);
-      for (const point of rest) path.lineTo(...point);
+    for (const [[x0, y0], ...rest] of rings) {
+      path.moveTo(x0, y0);
+      for (const [x, y] of rest) path.lineTo(x, y);
       path.closePath();
     }
     pen.fillStyle = colour;
@@ -150,7 +153,8 @@ export class Picture {
     pen.stroke();
   }
 
-  drawHead([[x0, y0], [x, y]]) { // of an arrow that is longer than its head
+  /** @param {Pixel[]} at Both ends of an arrow; its head is drawn where the arrow is longer. */
+  drawHead([[x0, y0], [x, y]]) {
     const { pen } = this, long = Math.hypot(x - x0, y - y0), [dx, dy] = [(x - x0) / long, (y - y0) / long].map((each) => each * HEAD_PX);
     if (long < HEAD_PX) return;
     trace(pen, [[x - dx - dy / 2, y - dy + dx / 2], [x, y], [x - dx + dy / 2, y - dy - dx / 2]]);

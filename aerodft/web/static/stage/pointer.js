@@ -1,3 +1,4 @@
+// @ts-check
 // Pointer, fingers and keys on the image: set points, drag them, draw strokes, move and zoom.
 //
 // The tool in hand has items whose points can be dragged, and takes pixels: place(pixel), moved(), or as strokes

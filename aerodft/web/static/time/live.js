@@ -1,3 +1,4 @@
+// @ts-check
 // The newest image of a station that measures. While one is drawn the next is waited for, and no more pile up.
 
 const AGAIN_MS = 1000;

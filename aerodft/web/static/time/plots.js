@@ -1,9 +1,11 @@
+// @ts-check
 // Values over time, each with its 95 % band; a click or a drag shows the image of that time.
 
 import { converted } from "../measuring/words.js";
 
 const ROW_PX = 84, MOST_LEFT_PX = 190, RIGHT_PX = 12, HEAD_PX = 38, FOOT_PX = 22, TICK_PX = 90, MOST_LIVE = 3000, MOST_DRAWN = 4000;
 const BAND = "#56b4e966", BAD = "#d55e00", EVENT = "#cc79a7", OTHER_SOURCES = ["#e69f00", "#009e73", "#cc79a7", "#d55e00"];
+/** @type {[string, string, string, string | null, (pose: Pose) => (number | null)[]][]} */
 const KNOWN = [ // of the pose: name, unit, and its keys in the series of a recording and in what is seen live
   ["height", "m", "height_m", "height_std_m", (pose) => [pose.height_agl_m, pose.std.height_agl_m]],
   ["tilt", "deg", "tilt_deg", "tilt_std_deg", (pose) => [pose.tilt_deg, pose.std.tilt_deg]],
@@ -14,9 +16,10 @@ const edge = (value, std, sign) => (value === null || std === null ? null : valu
 export class Plots {
   constructor(canvas) {
     this.canvas = canvas;
+    /** @type {(seconds: number) => void} */
     this.onTime = () => {};
     this.isShown = false;
-    this.units = "m";
+    this.units = /** @type {Units} */ ("m");
     this.now = 0;
     this.rows = []; // { name, unit, seconds, value, low, high, status, source }
     this.events = [];

@@ -1,3 +1,4 @@
+// @ts-check
 // Which image is shown, and when: seek, step and play a recording; follow a live station, or stop while it goes on.
 
 import { find } from "../elements.js";
@@ -6,7 +7,11 @@ import { Live } from "./live.js";
 
 export class Timeline {
   constructor(view, plots, { show, onNews, onLink }) {
-    Object.assign(this, { view, plots, show, onNews, onLink });
+    this.view = view;
+    this.plots = plots;
+    this.show = show;
+    this.onNews = onNews;
+    this.onLink = onLink;
     this.target = 0; // the image that is on its way, or shown
     this.playing = null; // a timer, or true of a live station
     this.startSeconds = null; // of a live station: when its first news came
@@ -16,9 +21,6 @@ export class Timeline {
     for (const id of ["before", "after", "seek", "looping", "pace"]) find(id).hidden = isLive;
     find("seek").max = String(images.length - 1);
     find("seek").oninput = () => this.seek(Number(find("seek").value));
-    find("before").onclick = () => this.step(-1);
-    find("after").onclick = () => this.step(1);
-    find("play").onclick = () => this.play();
     plots.onTime = (seconds) => this.seek(this.nearest(seconds));
   }
 

@@ -1,3 +1,4 @@
+// @ts-check
 // Whether the station is well: alerts that stay until somebody has seen them, what it says of itself, and what doctor says.
 
 import { element } from "../elements.js";
@@ -7,7 +8,10 @@ const DOCTOR_AGAIN_MS = 10_000;
 
 export class Health {
   constructor({ alerts, list, doctor, details }) {
-    Object.assign(this, { box: alerts, list, doctor, details });
+    this.box = alerts;
+    this.list = list;
+    this.doctor = doctor;
+    this.details = details;
     this.alerts = new Map(); // key and since: text, whether it lasts
     this.dismissed = new Set();
     details.ontoggle = () => { if (details.open) this.ask(); };

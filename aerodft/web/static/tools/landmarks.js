@@ -1,3 +1,4 @@
+// @ts-check
 // What is known of a fixed camera's view: landmarks, lengths, heights, verticals, the horizon; and the pose that follows.
 
 import { element, find } from "../elements.js";
@@ -18,7 +19,11 @@ const typed = (text) => text.trim().replace(",", ".");
 
 export class Landmarks {
   constructor(view, link, history, changed, used) {
-    Object.assign(this, { view, link, history, changed, used });
+    this.view = view;
+    this.link = link;
+    this.history = history;
+    this.changed = changed;
+    this.used = used;
     this.items = []; // { kind, name, points: [pixel], values: as typed, stds: { "± m": as typed } }
     this.draft = []; // points of the one that is being made
     this.waiting = []; // of a list: landmarks that are not clicked yet
@@ -33,8 +38,8 @@ export class Landmarks {
     this.followTyping(find("plane"), () => {});
     find("focal").onchange = find("accept").onchange = () => this.solve();
     find("evidence").onchange = () => { this.draft = []; this.changed(); };
-    find("list-file").onchange = async (event) => {
-      find("list").value = await event.target.files[0].text();
+    find("list-file").onchange = async () => {
+      find("list").value = await find("list-file").files[0].text();
       this.take(find("list").value);
     };
   }
@@ -66,8 +71,13 @@ export class Landmarks {
     const item = this.add(kind, next?.name || `${kind}-${this.made}`, this.draft, next?.values || words.map((word) => (word === "up" ? "0" : "")));
     this.draft = [];
     this.list();
-    if (!next && words.length) find("places").querySelector(`[data-item="${this.items.indexOf(item)}"] td:nth-child(2) input`)?.focus();
+    if (!next && words.length) this.inputAfterName(item)?.focus();
     this.solve();
+  }
+
+  /** @returns {HTMLInputElement | null} */
+  inputAfterName(item) {
+    return find("places").querySelector(`[data-item="${this.items.indexOf(item)}"] td:nth-child(2) input`);
   }
 
   add(kind, name, points, values) {
@@ -159,7 +169,8 @@ export class Landmarks {
     return values.every(isNumber) && Object.values(stds).every((text) => text === "" || isNumber(text));
   }
 
-  evidence() { // as a file of evidence has it; null where nothing is known yet
+  /** @returns {any} As a file of evidence has it; null where nothing is known yet. */
+  evidence() {
     const known = this.items.filter((item) => this.isKnown(item)), tables = {};
     for (const { kind, name, points, values, stds } of known) {
       const numbers = values.map(Number), [first, second] = points;

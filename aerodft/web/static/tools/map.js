@@ -1,3 +1,4 @@
+// @ts-check
 // The view from above, north up, in metres of the station: what the image shows of the ground, the camera's way, the
 // river's banks and what is measured; on a grid, and on the tiles of a server where one is configured.
 
@@ -41,7 +42,12 @@ export class GroundMap {
     pen.fillText("N ↑", side - 34, 18);
   }
 
-  drawCamera([x, y], headingDeg) { // an arrow in its direction
+  /**
+   * An arrow in the camera's direction.
+   * @param {number[]} place
+   * @param {number} headingDeg
+   */
+  drawCamera([x, y], headingDeg) {
     const turn = (headingDeg * Math.PI) / 180, [cos, sin] = [Math.cos(turn), Math.sin(turn)];
     const arrow = [[-6, 8], [0, -10], [6, 8]].map(([dx, dy]) => [x + dx * cos - dy * sin, y + dx * sin + dy * cos]);
     this.line(arrow, { fill: CAMERA, stroke: "#fff", width: 1, closed: true });
@@ -108,6 +114,10 @@ export class GroundMap {
     return this.tiles.get(address);
   }
 
+  /**
+   * @param {number[][]} points
+   * @param {{ fill?: string, stroke: string, closed?: boolean, width?: number, dots?: boolean, halo?: boolean }} look
+   */
   line(points, { fill, stroke, closed, width = 1.5, dots, halo }) {
     const { pen } = this;
     if (!points.length) return;

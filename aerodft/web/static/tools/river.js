@@ -1,3 +1,4 @@
+// @ts-check
 // The river in the image: its water, banks and transects, and the strokes that say what is water and what is land.
 
 import { lengthText, reachText } from "../measuring/words.js";

@@ -3,14 +3,16 @@
 import os
 import subprocess
 import sys
-import venv
-from pathlib import Path
+import zipfile
 
 import pytest
 
+from tests.environments import ROOT, build_wheel, make_environment
+
 pytestmark = [pytest.mark.nightly, pytest.mark.timeout(1200)]
 
-ROOT = Path(__file__).parents[2]
+PACKAGES = ("aerodft/", "calibration/", "replay/")
+NOT_SHIPPED = {"aerodft/web/types.d.ts"}  # for who works on the page
 PYTHON = """
 import aerodft as ad
 camera = ad.load_camera("mine/camera.toml")
@@ -20,29 +22,38 @@ print(ad.measure(camera, pose, ad.Distance([(600, 700), (1300, 700)])).status)
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
-    subprocess.run([*pip, "wheel", "--no-deps", "-w", folder, ROOT], check=True)
-    (wheel,) = folder.glob("aerodft-*.whl")
-    venv.create(folder / "env", with_pip=True)
-    own = [folder / "env/bin/python", "-m", "pip", "--disable-pip-version-check", "-q"]
-    subprocess.run([*own, "install", "-c", ROOT / "constraints.txt", wheel], check=True)
-    return folder / "env/bin"
+def wheel(tmp_path_factory):
+    return build_wheel(tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel):
+    folder = wheel.parent / "env"
+    return make_environment(folder, sys.executable, "--constraint", ROOT / "constraints.txt", wheel).parent
+
+
+def test_every_file_of_the_packages_is_in_the_wheel(wheel):
+    words = ["git", "ls-files", *PACKAGES]
+    tracked = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\n")
+    there = {each for each in tracked if each and (ROOT / each).is_file()}
+    packed = {each for each in zipfile.ZipFile(wheel).namelist() if each.startswith(PACKAGES)}
+    assert packed == there - NOT_SHIPPED
 
 
 def test_a_flight_from_the_wheel_alone(installed, tmp_path):
-    """What README asks of a log, far from the repository; the camera comes from the library in the wheel."""
+    """What README asks of a log, far from the repository; camera and page's templates come from the wheel."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     log = ROOT / "samples/copter.tlog"
     commands = (
         [installed / "aerodft", "init", log, "--camera", "Mini 4 Pro", "-o", "mine"],
         [installed / "aerodft", "import", log, "--config", "mine/station.toml", "-o", "recording"],
         [installed / "aerodft", "export", "recording", "--format", "csv", "-o", "measurements.csv"],
+        [installed / "aerodft", "report", "recording", "-o", "report.html"],
     )
     for command in commands:
         subprocess.run(command, cwd=tmp_path, env=clean, check=True)
     assert len((tmp_path / "measurements.csv").read_text().splitlines()) > 500
+    assert "<h2>Provenance</h2>" in (tmp_path / "report.html").read_text(encoding="utf-8")
     told = subprocess.run(
         [installed / "python", "-c", PYTHON], cwd=tmp_path, env=clean, check=True, capture_output=True
     )

@@ -41,8 +41,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+# Helpers of tests are checked too: all of tests but the tests, benchmarks and fixtures.
 types: $(INSTALLED)
 	$(BIN)/mypy
+	$(BIN)/mypy --explicit-package-bases $$(find tests -name '*.py' | grep -Ev '/(test_|bench_|peer_|conftest|__init__)')
 
 imports: $(INSTALLED)
 	$(BIN)/lint-imports

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -87,11 +88,11 @@ def write_photo(
 ) -> Path:
     """A JPEG or TIFF, by its ending, of these pixels (RGB), else of grey ones."""
     image = Image.new("RGB", size_px, (90, 110, 90)) if pixels is None else Image.fromarray(pixels)
-    more = {} if xmp is None else {"xmp": xmp}
-    if path.suffix.lower() in {".tif", ".tiff"}:
-        image.save(path, exif=info, **({} if xmp is None else {"tiffinfo": {700: xmp}}))
-    else:
-        image.save(path, exif=info, quality=80, **more)
+    is_tiff = path.suffix.lower() in {".tif", ".tiff"}
+    more: dict[str, Any] = {} if is_tiff else {"quality": 80}
+    if xmp is not None:
+        more |= {"tiffinfo": {700: xmp}} if is_tiff else {"xmp": xmp}
+    image.save(path, exif=info, **more)
     return path
 
 
@@ -120,7 +121,7 @@ def dji(
     return {f"drone-dji:{name}": value for name, value in {**own, **more}.items()}
 
 
-def dji_photo(path: Path, *, size_px: tuple[int, int] = (64, 48), **tags: str | float) -> Path:
+def dji_photo(path: Path, *, size_px: tuple[int, int] = (64, 48), **tags: Any) -> Path:
     """A photograph of a DJI drone with a 24 mm lens; ``tags`` as for ``dji``."""
     info = exif(make="DJI", model="FC0000", focal_35mm_mm=24)
     return write_photo(path, packet(dji(**tags)), info, size_px=size_px)

@@ -75,7 +75,7 @@ def picture(camera, board, rotvec, move, *, blur_px=0.6, noise=2.0, seed=0):
     to_texels = np.array([[scale, 0.0, offset], [0.0, scale, offset], [0.0, 0.0, 1.0]]) @ np.linalg.inv(from_board)
     at = cv2.perspectiveTransform(_rays(camera), to_texels).reshape(camera.height * FINE, camera.width * FINE, 2)
     # OpenCV's coordinates end at 32767, and a picture of a board is smaller by far.
-    at = cv2.max(cv2.min(at, (30_000.0,) * 4), (-100.0,) * 4)
+    at = np.clip(at, -100.0, 30_000.0)
     fine = cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=120).astype(np.float32)
     coarse = cv2.resize(fine, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     grey = 25.0 + 0.8 * cv2.GaussianBlur(coarse, (0, 0), blur_px)
@@ -88,7 +88,7 @@ def poses(camera, board, count, *, seed=0, turn_rad=0.6, whole=True):
     rng = np.random.default_rng(seed)
     points = board.points_m(np.arange(board.corners))
     middle, length = points.mean(axis=0), np.ptp(points[:, 0])
-    found = []
+    found: list = []
     while len(found) < count:
         rotvec = rng.uniform(-turn_rad, turn_rad, 3)
         depth = camera.focal[0] * length / (camera.width * rng.uniform(0.3, 0.75))

@@ -3,6 +3,7 @@
 import math
 from dataclasses import fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from calibration.pose.residuals import ConditionResidual, Distances
 from calibration.pose.residuals import condition_of as condition_alone
 from tests.truth.calibration_scenes import ImpossibleError, World
 
-KINDS = {
+KINDS: dict[str, tuple[Any, tuple[float, float]]] = {
     "landmark": (World.landmark, (0.0, 70.0)),
     "landmark of unknown east": (partial(World.landmark, unknown=0), (0.0, 70.0)),
     "landmark of unknown north": (partial(World.landmark, unknown=1), (0.0, 70.0)),
@@ -60,7 +61,8 @@ def condition_of(evidence):
         return condition_alone(evidence)
 
     def condition(state):
-        off, shared, variance = Distances({0: evidence}).residuals(state)
+        alone: dict[int, Any] = {0: evidence}
+        off, shared, variance = Distances(alone).residuals(state)
         return ConditionResidual(off, shared, np.diag(variance), evidence.std_px)
 
     return condition
@@ -131,7 +133,7 @@ def off_by(evidence, steps_px, steps_std):
 
 def with_stds(evidence, above_m):
     """The evidence with stds stated: half a pixel, and a thousandth of the camera's height."""
-    stds = {"std_px": 0.5}
+    stds: dict[str, Any] = {"std_px": 0.5}
     if hasattr(evidence, "std_m"):
         stds["std_m"] = (1e-3 * above_m,) * 3 if isinstance(evidence, Landmark) else 1e-3 * above_m
     return replace(evidence, **stds)

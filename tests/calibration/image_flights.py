@@ -90,7 +90,7 @@ class Flight:
     def _seen(self, image, position_m, attitude, rng):
         """Landmarks anywhere in the image, as OpenCV sees them."""
         lens = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1.0]])
-        found = []
+        found: list = []
         while len(found) < self.landmarks:
             wanted = rng.uniform([60, 60], [CAMERA.width_px - 60, CAMERA.height_px - 60])
             ray = attitude.apply([*((wanted - lens[:2, 2]) / [CAMERA.fx_px, CAMERA.fy_px]), 1.0])

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -128,10 +129,10 @@ class Desk:
         path.write_text(text)
         return path
 
-    def tlog(self, name: str = "flight.tlog", **flight: object) -> Path:
+    def tlog(self, name: str = "flight.tlog", **flight: Any) -> Path:
         return write_tlog(self.folder / name, **flight)
 
-    def video(self, name: str = "flight.mp4", **video: object) -> Path:
+    def video(self, name: str = "flight.mp4", **video: Any) -> Path:
         return write_video(self.folder / name, **video)
 
     def observations(self, *lines: object, name: str = "seen.jsonl") -> Path:

@@ -65,7 +65,8 @@ class Flight:
     @contextmanager
     def served(self, recording: Path) -> Iterator[tuple[subprocess.Popen[bytes], Callable[[], None]]]:
         """The service, and what ends the telemetry that comes to it."""
-        line = [sys.executable, *self.program, "serve", self.folder / "station.toml", "-o", recording, "--json"]
+        words = ("serve", self.folder / "station.toml", "-o", recording, "--json")
+        line = [sys.executable, *map(str, (*self.program, *words))]
         out = (self.folder / "summary.json").open("wb")
         with out, (self.folder / "said").open("wb") as said, subprocess.Popen(line, stderr=said, stdout=out) as process:
             stop = threading.Event()

@@ -7,6 +7,7 @@ import shutil
 import struct
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ def record(folder: Path) -> None:
         frames = [noise.bytes(30) for _ in range(3)]
         pixels = noise.integers(0, 255, (48, 64, 3), dtype=np.uint8)
         image = Image(
-            index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=lambda p=pixels: p
+            index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=partial(np.copy, pixels)
         )
         seen = Observation(name="w", stamp_ns=now_ns, arrival_ns=now_ns + 1, pixels=((1.0, 2.0),))
         block = block_of(WireProtocol.MAVLINK, "a", [now_ns - 3, now_ns - 2, now_ns - 1], frames)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aerodft.adapters.recording.write import McapRecorder, RecorderSettings, RecordingTotals, recorder, segmented_writer
-from aerodft.model import Camera, Image, WireProtocol
+from aerodft.model import Camera, Event, Image, WireProtocol
 from aerodft.service import block_of
 from replay.recordings import Recording
 from tests.batches import one_tick, take
@@ -39,7 +39,7 @@ def record(folder: Path, *, lossless: bool = True) -> Iterator[RecordingTotals |
         arrivals_ns = [(step + 1) * 1000 + k for k in range(FRAMES)]
         now_ns = arrivals_ns[-1] + 100
         shot = Image(index=step, stamp_ns=now_ns, arrival_ns=now_ns, width_px=64, height_px=48, pixels=lambda: PIXELS)
-        events = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames), shot]
+        events: list[Event] = [block_of(WireProtocol.MAVLINK, "a", arrivals_ns, frames), shot]
         take(made, one_tick(now_ns, events))
         yield None
     made.close()

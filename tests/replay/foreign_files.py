@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from aerodft.adapters.telemetry import TlogSource
+from aerodft.model import RawBlock
 
 LINK, PICTURES, CAMERA = "/drone/link", "/camera/image/compressed", "/camera/calibration"
 Frames = Sequence[tuple[int, bytes]]
@@ -21,9 +22,10 @@ Packets = Sequence[tuple[int, bytes]]
 
 def frames_of(log: Path) -> list[tuple[int, bytes]]:
     """Arrival and bytes of every frame of a .tlog."""
+    blocks = [block for block in TlogSource(log).events() if isinstance(block, RawBlock)]
     return [
         (int(at_ns), block.data[start : start + size])
-        for block in TlogSource(log).events()
+        for block in blocks
         for at_ns, start, size in zip(block.arrival_ns, block.offset, block.length, strict=True)
     ]
 

@@ -18,6 +18,7 @@ class Answer:
     words: str
 
     def value(self, name):
+        assert self.document is not None
         return self.document["parameters"][name]["value"]
 
 
@@ -53,7 +54,7 @@ def aerodft(*arguments) -> Answer:
 
 def tables(evidence) -> dict:
     """Observations as a file of evidence has them; of each kind a list."""
-    found = {}
+    found: dict[str, list] = {}
     for each in evidence:
         kind, table = _TABLES[type(each)](each)
         found.setdefault(kind, []).append({"name": each.name, "std_px": each.std_px, **table})

@@ -137,9 +137,11 @@ class World:
         point = self.spot(self.rng.uniform(0.0, most_above) * self.above_m)
         std = self._std_m(self.above_m) * np.array([1.0, 1.0, 0.5])
         said = (point + std * self.rng.normal(size=3)).tolist()
-        position = tuple(None if axis == unknown else value for axis, value in enumerate(said))
+        east, north, up = (None if axis == unknown else value for axis, value in enumerate(said))
         (pixel,) = self.pixels(point)
-        return Landmark(name=name, pixel=pixel, position_m=position, std_px=self.said_px, std_m=tuple(std.tolist()))
+        return Landmark(
+            name=name, pixel=pixel, position_m=(east, north, up), std_px=self.said_px, std_m=tuple(std.tolist())
+        )
 
     @property
     def said_px(self):

@@ -97,6 +97,7 @@ class Taken:
 def flown(clocks, seconds, *, by=StampClock.UTC, rate_hz=10.0, image_hz=4.0, rest=0.37, wait_s=2.0):
     """The poses of a flight's images, and the clocks' health as a decoder and a map of their own say when asked."""
     events = [*_frames(clocks, seconds, rate_hz), *_images(clocks, seconds, by, image_hz, rest)]
+    assert SETTINGS.telemetry is not None
     telemetry = replace(SETTINGS.telemetry, wait_ns=round(wait_s * SECOND))
     pipeline = Pipeline(replace(SETTINGS, telemetry=telemetry), MavlinkDecoder())
     steps = list(MergedFeed([_List(events)], 50 * MS).batches())

@@ -130,7 +130,8 @@ class Tally:
             low, high = BINS_DEG[cell : cell + 2]
             for _ in range(count):
                 scene = random_scene(rng, math.radians(rng.uniform(low, high)))
-                tally.add(*Said.of(rng, scene, level), (high - low) / count)
+                said, elevation_m = Said.of(rng, scene, level)
+                tally.add(said, elevation_m, (high - low) / count)
         return tally
 
     def add(self, said, elevation_m, weight):

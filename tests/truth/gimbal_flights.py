@@ -6,6 +6,7 @@ reports are against the horizon or against the vehicle, late, noisy, and rounded
 
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -124,7 +125,8 @@ def made(plan):
         looking = wanted
         packed = level.inv() * wanted
     else:
-        order, pitch_at = ("ZYX", 1) if plan.axes is MountAxes.TILT_OUTER else ("ZXY", 2)
+        order: Literal["ZYX", "ZXY"] = "ZYX" if plan.axes is MountAxes.TILT_OUTER else "ZXY"
+        pitch_at = order.index("Y")
         joints = (vehicle.inv() * wanted).as_euler(order, degrees=True)
         joints[:, pitch_at] = np.clip(joints[:, pitch_at], *plan.limits_deg)
         looking = vehicle * Rotation.from_euler(order, joints, degrees=True)

@@ -150,7 +150,8 @@ def drawn_scene(seed):
 def _drawn_lens(rng, size):
     model, distortion = LENSES[list(LENSES)[int(rng.integers(len(LENSES)))]]
     low, high = (0.45, 0.45) if model == "fisheye" else (0.7, 0.9) if distortion[0] < -0.1 else (0.7, 2.0)
-    return Lens(*size, round(size[0] * rng.uniform(low, high), 1), model, distortion)
+    width_px, height_px = size
+    return Lens(width_px, height_px, round(width_px * rng.uniform(low, high), 1), model, distortion)
 
 
 def _drawn_places(rng, lens, camera, relief, count):
@@ -158,7 +159,7 @@ def _drawn_places(rng, lens, camera, relief, count):
     size = np.array([lens.width_px, lens.height_px])
     ahead = np.array([math.sin(math.radians(heading)), math.cos(math.radians(heading))])
     middle = eye[:2] + ahead * eye[2] * math.tan(math.radians(min(tilt, 76)))
-    places = []
+    places: list = []
     while len(places) < count:
         place = np.array([*(middle + rng.normal(size=2) * eye[2] * 3), rng.uniform(0, relief) if relief else 0.0])
         seen = lens.pixels(((place - eye) @ axes)[None])[0]

@@ -92,7 +92,7 @@ class Stated:
         requests = [self.request(*probe) for probe in probes]
         own = [{"elevation_m": tuple(each), "elevation_std_m": tuple(std)} for each, std in heights]
         requests = [replace(each, probe=replace(each.probe, **keys)) for each, keys in zip(requests, own, strict=True)]
-        return measure(Setup(camera=self.camera), self.sample, requests)
+        return measure(Setup(camera=self.camera), self.sample, tuple(requests))
 
     def answers(self, probes):
         """What the engine answers to probes, ``(kind, pixels)`` each."""
@@ -110,8 +110,8 @@ class Stated:
         lean = np.stack([std.tilt_rad * normal[0], std.pan_rad * normal[1], std.roll_rad * normal[2]], axis=-1)
         turn = Rotation.from_rotvec(std.heading_rad * normal[3][:, None] * [0.0, 0.0, 1.0])
         axes = Rotation.from_matrix(camera_axes(self.tilt_rad, self.roll_rad, self.heading_rad))
-        off_m = [std.horizontal_m, std.horizontal_m, std.height_agl_m] * normal[4:7].T
-        position, camera = off_m + [0.0, 0.0, self.height_m], self.camera
+        off_m = np.array([std.horizontal_m, std.horizontal_m, std.height_agl_m]) * normal[4:7].T
+        position, camera = off_m + np.array([0.0, 0.0, self.height_m]), self.camera
         focal = 1 + camera.std.focal_px / camera.fx_px * normal[8]
         centre = np.array([camera.cx_px, camera.cy_px]) + camera.std.principal_point_px * normal[9:11].T
         return World(

@@ -130,8 +130,8 @@ class PaintedRiver:
 
     def _sampled(self, number, east_m, north_m, share):
         pixel_m = share * self.width_m / 150
-        at = [np.mod(each / pixel_m, TEXTURE_PX).astype(np.float32) for each in (east_m, north_m)]
-        return cv2.remap(self.noise[number], *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        east, north = (np.mod(each / pixel_m, TEXTURE_PX).astype(np.float32) for each in (east_m, north_m))
+        return cv2.remap(self.noise[number], east, north, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
     def crossing_m(self, middle_en_m, unit):
         """From bank to bank along a line through the water; NaN where its middle is on land."""
@@ -183,7 +183,10 @@ class PhotographedRiver(PaintedRiver):
         """A square of a photograph, mirrored at its borders, about a pixel for each of the image."""
         name, left, top = square
         pixels = cv2.imread(str(Path(__file__).parent / "pictures" / name))
+        assert pixels is not None
         tile = pixels[top : top + SQUARE_PX, left : left + SQUARE_PX].astype(np.float32)
         tile = np.vstack([np.hstack([tile, tile[:, ::-1]]), np.hstack([tile[::-1], tile[::-1, ::-1]])])
-        at = [np.mod(each * 270 / self.width_m, 2 * SQUARE_PX).astype(np.float32) for each in (east_m, north_m)]
-        return cv2.remap(tile, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        east, north = (
+            np.mod(each * 270 / self.width_m, 2 * SQUARE_PX).astype(np.float32) for each in (east_m, north_m)
+        )
+        return cv2.remap(tile, east, north, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)

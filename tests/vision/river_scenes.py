@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from aerodft.vision.river import RiverQuestion, WaterPlane
 from aerodft.vision.river.centreline import centreline
 from aerodft.vision.river.find import oriented, river_across
 
-SHAPES = {
+SHAPES: dict[str, dict[str, Any]] = {
     "straight": {"meander_m": 0.0, "width_swing_m": 0.0},
     "curved": {"meander_m": 8.0, "meander_wavelength_m": 140.0},
     "braided": {
@@ -98,5 +99,6 @@ def seen_again(image, camera, pose, found):
     """The river measured with another pose, from its centreline on: what is water in an image no pose decides."""
     plane = WaterPlane(camera, pose)
     line = centreline(plane, found.copy, found.water)
+    assert line is not None
     told = RiverQuestion(spacing_m=6.0)
     return river_across(image, Setup(camera=camera), pose, told, found, oriented(plane, line, None))

@@ -24,7 +24,9 @@ STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 1e-8)
 
 def scene():
     """``(540, 960, 3)``: what the camera sees before anything happens."""
-    return cv2.resize(cv2.imread(str(BRIDGE)), (CAMERA.width_px, CAMERA.height_px), interpolation=cv2.INTER_AREA)
+    picture = cv2.imread(str(BRIDGE))
+    assert picture is not None
+    return cv2.resize(picture, (CAMERA.width_px, CAMERA.height_px), interpolation=cv2.INTER_AREA)
 
 
 def after_turn(picture, rotvec, camera=CAMERA):
@@ -40,7 +42,7 @@ def after_turn(picture, rotvec, camera=CAMERA):
     back = -np.asarray(rotvec, dtype=np.float64)
     source = cv2.projectPoints(rays, back, np.zeros(3), intrinsics, distortion)[0]
     source = source.reshape(camera.height_px, camera.width_px, 2).astype(np.float32)
-    return cv2.remap(picture, source, None, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
+    return cv2.remap(picture, source, np.empty(0, np.float32), cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT_101)
 
 
 def as_taken(picture, rng, *, gain=1.0, offset=0.0, noise=3.0, quality=85):

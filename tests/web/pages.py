@@ -37,15 +37,17 @@ def opened_service(*arguments):
 def _opened(*words):
     command = [sys.executable, "-m", "aerodft", *map(str, words)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        lines, reader = [], None
+        said = process.stderr
+        assert said is not None
+        lines, reader = list[str](), None
         try:
-            for line in process.stderr:
+            for line in said:
                 lines.append(line)
                 if found := re.search(r"open (http://\S+)", line):
                     break
             else:
                 raise AssertionError("".join(lines))
-            reader = threading.Thread(target=lambda: lines.extend(process.stderr))  # else it would wait to say more
+            reader = threading.Thread(target=lambda: lines.extend(said))  # else it would wait to say more
             reader.start()
             yield found[1]
         finally:

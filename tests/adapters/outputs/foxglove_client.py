@@ -28,7 +28,7 @@ class Viewer:
     def __init__(self, port):
         self._port = port
         self.channels, self.messages = {}, []
-        self._ready, self._stop = threading.Event(), None
+        self._ready, self._stop = threading.Event(), asyncio.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._look()))
 
     def __enter__(self):
@@ -51,10 +51,10 @@ class Viewer:
             time.sleep(0.001)
 
     async def _look(self):
-        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        self._loop = asyncio.get_running_loop()
         link = await websocket_connect(f"ws://127.0.0.1:{self._port}", subprotocols=["foxglove.sdk.v1"])
         ending = asyncio.ensure_future(self._stop.wait())
-        topics = {}
+        topics: dict[int, str] = {}
         while not ending.done():
             reading = asyncio.ensure_future(link.read_message())
             await asyncio.wait({reading, ending}, return_when=asyncio.FIRST_COMPLETED)

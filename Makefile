@@ -55,7 +55,7 @@ script:
 	@mkdir -p $(SCRIPT) && cp -p tests/script/* $(SCRIPT)
 	@if ! command -v npm >/dev/null 2>&1; then echo "no Node: the page's script is not checked"; \
 	elif ! { [ $(SCRIPT)/node_modules/.package-lock.json -nt $(SCRIPT)/package.json ] || \
-		(cd $(SCRIPT) && npm install --silent --no-package-lock --no-audit --no-fund); }; then \
+		(cd $(SCRIPT) && timeout 60 npm install --silent --no-package-lock --no-audit --no-fund --fetch-retries=0); }; then \
 		echo "its tools cannot be installed: the page's script is not checked"; \
 	else $(SCRIPT)/node_modules/.bin/tsc -p $(SCRIPT) && \
 		$(SCRIPT)/node_modules/.bin/eslint -c $(SCRIPT)/eslint.config.js aerodft/web/static; fi

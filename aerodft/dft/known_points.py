@@ -63,7 +63,7 @@ def at_own_heights(
     """
     pixels = tuple(end.pixel if isinstance(end, KnownPoint) else end for end in ends)
     if None in pixels:
-        raise UsageError("a surveyed point", got=Reason("its pixel is not known"), expected="a point with `pixel`")
+        raise UsageError("a surveyed point", got=Reason("its pixel is not known"), expected="one whose pixel is known")
     on_ground = ends[: PROBE_KINDS[kind].on_ground(len(ends))]
     surveyed = [end for end in on_ground if isinstance(end, KnownPoint)]
     if surveyed:
@@ -77,7 +77,9 @@ def _filled(ends: Sequence[End], unnamed: Elevations, surveyed: Sequence[float])
     count = len(ends) - len(surveyed)
     if isinstance(unnamed, tuple) and len(unnamed) != count:
         got = f"{counted(len(unnamed), 'elevation')} beside {counted(len(surveyed), 'surveyed point')}"
-        raise UsageError("the elevations", got=got, expected=f"one elevation, or {count}: of the ends without a name")
+        few = {0: "none: each end has a height of its own", 1: "one elevation, of the end without a name"}
+        expected = few.get(count, f"one elevation, or {count}, of the ends without a name")
+        raise UsageError("the elevations", got=got, expected=expected)
     of_pixels, of_points = iter(unnamed if isinstance(unnamed, tuple) else [unnamed] * count), iter(surveyed)
     return tuple(next(of_points if isinstance(end, KnownPoint) else of_pixels) for end in ends)
 

@@ -240,7 +240,11 @@ def test_surveyed_points_are_measured_at_their_own_heights(folder, by_python):
         (["@A", "@C"], {}, "got @C, expected one of A, B"),
         (["@A", "1,2,3"], {}, "1,2,3"),
         (["@A", "1,nan@B"], {}, "'nan', expected a finite number"),
-        (["@A", [900, 900]], {"elevation_m": [0.1, 0.2]}, "got 2 elevations beside 1 surveyed point, expected one ele"),
+        (
+            ["@A", [900, 900]],
+            {"elevation_m": [0.1, 0.2]},
+            "got 2 elevations beside 1 surveyed point, expected one",
+        ),
         (["@A"], {}, "got 1 pixel, expected 2"),
     ],
 )

@@ -95,7 +95,7 @@ def test_every_option_exists(options):
     assert sorted(each for each in named if each[1] not in known) == []
 
 
-OF_PYTHON = {"load_camera", "on_top_of", "pixels"}
+OF_PYTHON = {"load_camera", "on_top_of", "pixels", "points_m"}
 """Names that sentences of ``aerodft.app.measure`` say to callers of functions alone: --probe states these."""
 
 

@@ -110,7 +110,7 @@ def test_a_calibration_knows_the_points_that_it_was_made_from(surveyed):
     ("probe", "said"),
     [
         ("distance @p1 @p2", "got @p2, expected one of p1, p3, p5"),
-        ("distance @p1 900,800 elevation=1,2", "expected elevation=Z for the other points"),
+        ("distance @p1 900,800 elevation=1,2", "expected one elevation, of the end without a name"),
         ("distance 900,800 950,800 elevation=p1,2", "or the name of one height"),
         (
             "distance 900,800 950,800 elevation=1,2,3",

@@ -20,7 +20,7 @@ from aerodft.adapters.telemetry.data_tracks import DataTrackLog, Packet, Stamped
 from aerodft.adapters.telemetry.log_file import HEAD_BYTES
 from aerodft.adapters.telemetry.mavlink import FollowedIds
 from aerodft.adapters.telemetry.tracks import MAX_UNIX_NS, MIN_UNIX_NS
-from aerodft.errors import InputError, os_errors_as
+from aerodft.errors import InputError, counted, os_errors_as
 from aerodft.geometry import from_yaw_pitch_roll, matrix, multiply
 from aerodft.model import (
     BoolArray,
@@ -133,7 +133,7 @@ def open_source(path: Path) -> DataTrackLog:
         has_centre |= _CENTRE in values
         frames.append(StampedFrame(round(unix_ns), packet.media_ns, local_set))
     if not frames:
-        got = "; ".join(f"{count} sets: {fault}" for fault, count in faults.items()) or looks_like(path)
+        got = "; ".join(f"{counted(count, 'set')}: {fault}" for fault, count in faults.items()) or looks_like(path)
         raise InputError("no intact KLV local set", where=path, got=got, expected=TITLE)
     notes = [f"{count} of {len(frames) + faults.total()} KLV sets left out: {fault}" for fault, count in faults.items()]
     if has_centre:

@@ -11,8 +11,8 @@ from aerodft.adapters.config.station import StationConfig, Topics, load_station
 from aerodft.adapters.telemetry import LogSource, PhotographLog, SubtitleLog, followed_by, opened_signing
 from aerodft.adapters.telemetry.mavlink import FollowedIds, FrameCounts, MavlinkLink, is_link, parse_address
 from aerodft.app.assembly import build_calibrator, open_telemetry_log
+from aerodft.app.matching import over_cues
 from aerodft.app.measure import camera_of_photograph
-from aerodft.app.subtitled import over_cues
 from aerodft.conventions import SECOND_NS
 from aerodft.diagnosis import (
     DiagnosisReport,

@@ -35,8 +35,15 @@ from aerodft.adapters.timestamps import offset_text, parse_offset, unix_ns_to_is
 from aerodft.adapters.wire.requests import load_observations
 from aerodft.app import Progress, assembly, no_progress
 from aerodft.app.align import DEFAULT_MAX_OFFSET_S, MAX_OFFSET_LIMIT_S, aligned_station
-from aerodft.app.subtitled import subtitled_flight, with_carrying_video, with_own_videos, with_tilt
-from aerodft.app.triggered import RestampedPhotos, TriggeredPhotos, triggered_photos
+from aerodft.app.matching import (
+    RestampedPhotos,
+    TriggeredPhotos,
+    subtitled_flight,
+    triggered_photos,
+    with_carrying_video,
+    with_own_videos,
+    with_tilt,
+)
 from aerodft.conventions import SECOND_NS
 from aerodft.errors import InputError, NoAnswerError, UsageError, named_in
 from aerodft.model import Camera, GimbalSource, HeightSource, Image

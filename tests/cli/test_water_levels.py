@@ -182,6 +182,17 @@ def test_a_recording_is_computed_anew_to_the_byte_without_its_gauge(aerodft, wat
     assert list(Recording(again).measurements()) == list(Recording(out).measurements())
 
 
+def test_heights_of_landmarks_do_not_count_from_water_that_rises(aerodft, water):
+    write_gauge(water.folder, 1.0, rise_m=0.1)
+    folder = imported(aerodft, water, FLIGHT + LEVEL, "rising")
+    landmarks = water.folder / "landmarks.csv"
+    landmarks.write_text("name,u,v,x,y,z\nleft,8,23.5,0,0,0.5\nright,50,23.5,9,0,0.7\n")
+    options = ("--recording", folder, "--at", "1", "--landmarks", landmarks, "--probe", "distance @left @right")
+    refused = aerodft("measure", *options)
+    assert refused.code == 2
+    assert "no surveyed point has a height above the measured plane, expected level ground at a" in refused.err
+
+
 def test_another_gauge_takes_the_place_of_the_recorded_readings(aerodft, water):
     write_gauge(water.folder, 1.0)
     out = imported(aerodft, water, FLIGHT + LEVEL, "flight")

@@ -246,7 +246,7 @@ def measure_image(
         _write_depth(setup, sample, mapped.depth_map, mapped.image, mapped.step, as_json=as_json)
         return
     points = setup.points
-    if asked.landmarks is not None and setup.ground is None:
+    if asked.landmarks is not None and setup.ground is None and sample.level is None:
         points = {**points, **known_points(asked.landmarks, scene.calibration)}
     requests = parse_probes(asked.probes, scene.stds, scene.elevation, points)
     from aerodft.cli.scenes.measured import show_measurements, show_models

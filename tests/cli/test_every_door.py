@@ -265,6 +265,12 @@ def test_a_surveyed_point_that_nobody_knows_is_refused_at_each_door(folder, pixe
         assert said in str(refused.value), door
 
 
+@pytest.mark.parametrize("pixels", [None, 5, ["@A", "@B"], [KnownPoint(**POINTS["A"]), None], [(1, 2), (3, math.nan)]])
+def test_what_are_no_ends_is_misuse_in_python(pixels):
+    with pytest.raises(ad.UsageError, match=r"a width: .*expected pixels \(u, v\) of finite numbers"):
+        ad.Width(pixels)
+
+
 def test_heights_of_surveyed_points_count_over_level_ground_alone(folder):
     points = {name: KnownPoint(**each) for name, each in POINTS.items()}
     camera, pose = ad.load_camera(folder / "camera.toml"), ad.CameraPose(**POSE)

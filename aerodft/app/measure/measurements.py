@@ -74,12 +74,9 @@ def _ends(told: Ends, what: str) -> list[End]:
     """
     if isinstance(told, KnownPoint):
         return [told]
-    surveyed = () if isinstance(told, np.ndarray) else [each for each in told if isinstance(each, KnownPoint)]
-    if surveyed:
-        return [end for each in told for end in _ends(each, what)]  # type: ignore[arg-type]  # a point, or a pixel
+    if isinstance(told, list | tuple) and any(isinstance(each, KnownPoint) for each in told):
+        return [end for each in told for end in _ends(each, what)]
     pixels = _pixels(told, what)  # type: ignore[arg-type]  # no surveyed points
-    if not np.all(np.abs(pixels) <= LARGEST):
-        raise UsageError(what, got=repr(told), expected=_PAIRS)
     return [(u, v) for u, v in pixels.reshape(-1, 2).tolist()]
 
 
@@ -136,6 +133,8 @@ class ImageProbe:
         elevation_m = _elevations("elevation_m", self.elevation_m, -LARGEST, "m above the ground, finite")
         stds_m = _elevations("elevation_std_m", self.elevation_std_m, 0.0, "a standard deviation of at least 0")
         pairs, elevation_m, stds_m = at_own_heights(self.kind, ends, elevation_m, stds_m)
+        if not np.all(np.abs(pairs) <= LARGEST):
+            raise UsageError(f"a {self.kind}", got=repr(self.pixels), expected=_PAIRS)
         kind = PROBE_KINDS[self.kind]
         if not kind.takes_pixels(len(pairs)):
             wanted = f"{kind.pixels_wanted} for {self.kind}"
